@@ -1,1 +1,1 @@
-"""drivers"""
+"""What is connected: ports, devices, the virtual machine, files."""

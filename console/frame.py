@@ -1,0 +1,72 @@
+"""What the control worker tells its consoles, up to 20 times a second: one JSON object a line.
+
+The same frame is made from a log by replay, so that the screens know one thing only.
+"""
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from control.log_row import LogRow
+from control.orders import Alarm, Severity
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceView:
+    """One device as the Devices screen lists it."""
+
+    name: str                 # "gnss", "heads", "board"
+    port: str
+    protocol: str
+    connected: bool
+    age_s: float | None       # since the last accepted message
+    rate_hz: float
+    accepted: int
+    rejected: int
+    last_raw: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    seq: int
+    at_s: float                                   # the worker's monotonic clock
+    row: LogRow
+    alarms: tuple[Alarm, ...] = ()
+    dropped_heads: tuple[int, ...] = ()           # 1-based
+    metres_left_m: float | None = None            # until the hopper is empty at the present rate
+    area_ha: float = 0.0                          # worked so far
+    applied_kg: float = 0.0
+    gnss_age_s: float | None = None
+    gnss_hz: float | None = None
+    usable_speed_mps: float | None = None         # highest speed whose lead the heads still cover
+    look_ahead: bool = True
+    flow_trim_on: bool = True
+    job: str = ""
+    machine: str = ""
+    crop: str = ""
+    log_path: str = ""
+    simulated: bool = False
+    place_m: tuple[float, float] | None = None    # outlet, east and north of the field's origin
+    devices: tuple[DeviceView, ...] = ()
+    notes: tuple[str, ...] = field(default=())    # e.g. "lag_out_of_range"
+
+
+def to_json(frame: Frame) -> bytes:
+    return json.dumps(asdict(frame) | {"row": frame.row._asdict(), "alarms": [a._asdict() for a in frame.alarms]},
+                      separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+def from_json(message: dict[str, Any]) -> Frame:
+    """Unknown keys are ignored, so that an older console can look at a newer worker."""
+    known = {k: v for k, v in message.items() if k in Frame.__dataclass_fields__}
+    known["row"] = LogRow(**{k: v for k, v in message["row"].items() if k in LogRow._fields})
+    known["alarms"] = tuple(
+        Alarm(**(a | {"severity": Severity(a["severity"]), "details": tuple((k, v) for k, v in a["details"])}))
+        for a in message.get("alarms", ()))
+    known["devices"] = tuple(DeviceView(**d) for d in message.get("devices", ()))
+    for name in ("dropped_heads", "notes"):
+        known[name] = tuple(message.get(name, ()))
+    if known.get("place_m") is not None:
+        known["place_m"] = tuple(known["place_m"])
+    return Frame(**known)

@@ -1,0 +1,53 @@
+"""One row of a run log: the public column contract, in its published order. `None`: not known.
+
+Row k holds the measurements as sampled at `time_s`, and the commands computed from them, in force until row k+1.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class LogRow(NamedTuple):
+    time_s: float
+    utc: str | None = None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    fix_quality: int | None = None
+    satellites: int | None = None
+    hdop: float | None = None
+    heading_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+    speed_mps: float | None = None
+    wheel_speed_mps: float | None = None
+    speed_used_mps: float | None = None
+    ndvi_1: float | None = None
+    ndvi_2: float | None = None
+    ndvi_3: float | None = None
+    ndvi_4: float | None = None
+    ndvi_5: float | None = None
+    ndvi_6: float | None = None
+    ndvi: float | None = None
+    target_rate_kg_ha: float | None = None
+    nudge_percent: float | None = None
+    shaft_rpm_cmd: float | None = None
+    shaft_rpm: float | None = None
+    opening_mm_cmd: float | None = None
+    opening_mm: float | None = None
+    hopper_kg: float | None = None
+    flow_trim: float | None = None
+    supply_v: float | None = None
+    applied_rate_kg_ha: float | None = None
+    lag_s: float | None = None
+    lag_m: float | None = None
+    state: str | None = None
+    strategy: str | None = None
+    target_source: str | None = None
+    work_switch: int | None = None
+    alarms: str | None = None        # ids separated by ;
+    events: str | None = None        # separated by ;
+
+
+COLUMNS: tuple[str, ...] = LogRow._fields
+TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events"})
+WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})

@@ -1,0 +1,79 @@
+"""The words shared by operator, loop and log: states, strategies, sources of the target, orders."""
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class State(StrEnum):
+    OFF = "off"
+    READY = "ready"
+    WORKING = "working"
+    HELD = "held"
+    CALIBRATING = "calibrating"
+    FAULT = "fault"
+
+
+class Strategy(StrEnum):
+    OPENING_FIRST = "opening_first"
+    SPEED_FIRST = "speed_first"
+    BALANCED = "balanced"
+
+
+class TargetSource(StrEnum):
+    CANOPY = "canopy"
+    MAP = "map"
+    POINT = "point"
+    MANUAL = "manual"
+    FALLBACK = "fallback"
+    NONE = "none"
+
+
+class Severity(StrEnum):
+    AMBER = "amber"      # work goes on
+    RED = "red"          # flow stopped or about to be; must be acknowledged
+
+
+class Do(StrEnum):
+    """What an operator may order. The value that goes with it stands in the comment."""
+
+    READY = "ready"                  # off -> ready; held or fault -> ready
+    START = "start"                  # ready or held -> working
+    HOLD = "hold"                    # working -> held
+    STOP = "stop"                    # any -> off
+    CALIBRATE = "calibrate"          # ready -> calibrating; value: seconds at most
+    RELEASE = "release"              # hold-to-run button released: calibrating -> ready
+    STRATEGY = "strategy"            # value: a Strategy
+    SOURCE = "source"                # value: a TargetSource
+    NUDGE = "nudge"                  # value: percent on top of the target, -30 to 30
+    MANUAL_RATE = "manual_rate"      # value: kg/ha
+    ACKNOWLEDGE = "acknowledge"      # value: alarm id, or "" for all
+    MARK = "mark"                    # value: free text, kept in the log's events
+    REFILL = "refill"                # value: kg filled in
+    ALLOW_REVERSE = "allow_reverse"  # value: True / False
+    ALLOW_OUTSIDE = "allow_outside"  # value: True / False
+    GO_ON_UNLOGGED = "go_on_unlogged"  # value: True / False
+    FLOW_TRIM = "flow_trim"          # value: True / False: the scale may correct the flow model
+    LOOK_AHEAD = "look_ahead"        # value: True / False
+
+
+class Order(NamedTuple):
+    do: Do
+    value: str | float | bool | None = None
+
+
+class Answer(NamedTuple):
+    """`why` is a message id with its details, translated by the console; empty when accepted."""
+
+    accepted: bool
+    why: str = ""
+
+
+class Alarm(NamedTuple):
+    """A live alarm. Text and what to do are found under the id in `control.safety.ALARMS`."""
+
+    id: str
+    severity: Severity
+    since_s: float
+    acknowledged: bool = False
+    details: tuple[tuple[str, str | float], ...] = ()    # values that the text names
