@@ -1,0 +1,1 @@
+"""THE machine model: stages, effects, landing, the papers' lag models."""

@@ -1,0 +1,83 @@
+"""The few pieces with memory or shape that stages share. Scalars in, scalars out; they compile as they stand."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+Table = tuple[float, float, float, float, float, float, float, float]
+TABLE_X: Table = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
+FLAT: Table = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+LINE_SIZE = 1024        # changes of a signal kept: 2.5 s at 400 changes a second
+
+
+class DelayLine(NamedTuple):
+    """A held (piecewise constant) signal's changes, oldest overwritten. The arrays are written in place."""
+
+    times_s: Array
+    values: Array
+    newest: int
+    in_force: int       # the change in force at the time last asked for
+
+
+def line_start(value: float, time_s: float = -1e9) -> DelayLine:
+    """A line that has held `value` since `time_s`."""
+    return DelayLine(np.full(LINE_SIZE, time_s), np.full(LINE_SIZE, value), 0, 0)
+
+
+def line_put(line: DelayLine, time_s: float, value: float) -> DelayLine:
+    """The signal holds `value` from `time_s` on. Times must not run backwards."""
+    if value == line.values[line.newest]:
+        return line
+    newest = (line.newest + 1) % LINE_SIZE
+    line.times_s[newest] = time_s
+    line.values[newest] = value
+    return DelayLine(line.times_s, line.values, newest, line.in_force)
+
+
+def line_mean(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
+    """Mean of the held signal over [from_s, to_s], and the line with its reading mark moved up to `from_s`.
+
+    The mean, not a sample: it varies smoothly with the delay, so that a dead time has a slope.
+    Windows must be asked for in order of time.
+    """
+    at = line.in_force
+    while at != line.newest:
+        after = (at + 1) % LINE_SIZE
+        if line.times_s[after] > from_s:
+            break
+        at = after
+    reading = at
+    total = 0.0
+    begin = from_s
+    while at != line.newest:
+        after = (at + 1) % LINE_SIZE
+        if line.times_s[after] >= to_s:
+            break
+        total += line.values[at] * (line.times_s[after] - begin)
+        begin = line.times_s[after]
+        at = after
+    if begin == from_s:
+        mean = line.values[at]
+    else:
+        mean = (total + line.values[at] * (to_s - begin)) / (to_s - from_s)
+    return DelayLine(line.times_s, line.values, line.newest, reading), float(mean)
+
+
+def table_at(x: Table, y: Table, at: float) -> float:
+    """Straight lines through (x, y), held beyond the ends. Neutral: y all zero."""
+    i = 0
+    while i < len(x) - 2 and at > x[i + 1]:
+        i += 1
+    share = min(1.0, max(0.0, (at - x[i]) / (x[i + 1] - x[i])))
+    return y[i] + share * (y[i + 1] - y[i])
+
+
+def stepped(value: float, step: float) -> float:
+    """`value` to the nearest multiple of `step`; unchanged where `step` is 0."""
+    if step <= 0.0:
+        return value
+    return float(np.floor(value / step + 0.5)) * step

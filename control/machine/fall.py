@@ -1,0 +1,116 @@
+"""From the roller to the ground: drop time, its effects, and the papers' lag models."""
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from .effect import Effect
+from .elements import FLAT, TABLE_X, Table, table_at
+
+EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
+
+
+class Fall(NamedTuple):
+    intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
+    slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
+    valid_from_rpm: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    valid_to_rpm: Annotated[float, Field(ge=0, le=1000)] = 70.0
+    offset_s: Annotated[float, Field(ge=-2, le=3), Effect(
+        "lag.offset", "s", "Constant extra lag",
+        "A longer tube or a later detection adds the same time at every speed.",
+        "lag paper, table 4: field against detected", ("lag",),
+        "Enter the measured lag; shorten the tube.",
+        "Lag test at several shaft speeds, with distances and times.")] = 0.0
+    rebound_s: Annotated[float, Field(ge=-2, le=3), Effect(
+        "lag.rebound", "s above the straight line at 100 r/min", "Lag rises again at high shaft speed",
+        "Granules thrown faster strike the tube more often on their way down.",
+        "lag paper, figure 9 and section 2.4.3", ("lag",),
+        "Work at 70 r/min or below.",
+        "Lag test above 70 r/min.")] = 0.0
+    first_fill_s: Annotated[float, Field(ge=-1, le=5), Effect(
+        "lag.first_fill", "s", "Start from an empty tube takes longer than a change while running",
+        "An empty tube and roller must fill before anything lands.",
+        "the correction experiment starts from zero rate", ("lag",),
+        "Start earlier at the beginning of a pass.",
+        "Lag test from standstill and between two rates.")] = 0.0
+    asymmetry_s: Annotated[float, Field(ge=-3, le=3), Effect(
+        "lag.asymmetry", "s, down - up", "Falling changes lag more than rising ones",
+        "A tube runs empty more slowly than it fills.",
+        "transitions of rate changes, published 4-7 s", ("lag",),
+        "Correct rising and falling changes separately.",
+        "Lag test of equal steps up and down.")] = 0.0
+    clock_step_s: Annotated[float, Field(ge=0, le=2), Effect(
+        "lag.coarse_clock", "s", "Measured times come in steps",
+        "The detector's loop looks only every so often.",
+        "polling detectors", ("lag",),
+        "Use interrupts or a faster loop in the detector.",
+        "Many repeats at one shaft speed.", probes=(0.05, 0.1, 0.2))] = 0.0
+    speed_scale_percent: Annotated[float, Field(ge=-50, le=50), Effect(
+        "lag.speed_scale", "%, true over written speed - 1", "Distances and times disagree by a factor",
+        "The test was driven at another speed than was written down.",
+        "lag paper, tables 1 and 4", ("lag with distances and times",),
+        "Measure the speed over the test length.",
+        "The same lag test at two measured speeds.")] = 0.0
+    lever_arm_m: Annotated[float, Field(ge=-20, le=20), Effect(
+        "place.lever_arm", "m", "Lands short or long by a constant distance",
+        "The antenna or the outlet is not where the machine file says.",
+        "mounting measures", ("place at two speeds or more",),
+        "Measure antenna to outlet with a tape.",
+        "The same step at two ground speeds.")] = 0.0
+    latency_s: Annotated[float, Field(ge=-3, le=5), Effect(
+        "place.latency", "s", "Lands late by a constant time",
+        "Position, computing and bus take time that no model knows.",
+        "GNSS and bus latency", ("place at two speeds or more",),
+        "Enter the measured latency as lag.",
+        "The same step at two ground speeds.")] = 0.0
+    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
+    table_s: Table = FLAT
+
+
+class FallInput(NamedTuple):
+    shaft_rpm: float            # at release
+    flow_kg_s: float
+    change: float = 0.0         # +1: released after a rise of the rate, -1: after a fall, 0: neither
+    table_at: float = 0.0
+
+
+class FallState(NamedTuple):
+    time_s: float
+    no_flow_s: float            # how long nothing has been released
+    filling_s: float            # how long since flow came back to an empty tube; large: long ago
+
+
+def fall_start(time_s: float = 0.0) -> FallState:
+    return FallState(time_s, 2.0 * EMPTY_TUBE_S, 1e9)
+
+
+def drop_s(p: Fall, shaft_rpm: float) -> float:
+    """Time from leaving the roller to the ground, s, without the effects of what came before (lag paper eq 6)."""
+    over = max(0.0, shaft_rpm - p.valid_to_rpm) / max(1.0, 100.0 - p.valid_to_rpm)
+    straight = p.intercept_s + p.slope_s_per_rpm * shaft_rpm
+    return max(0.0, straight + p.offset_s + p.rebound_s * over)
+
+
+def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
+    """Seconds after its release at which what is released in this step reaches the ground."""
+    flowing = u.flow_kg_s > 0.0
+    filling = s.filling_s + dt_s
+    if flowing and s.no_flow_s >= EMPTY_TUBE_S:
+        filling = 0.0
+    quiet = 0.0 if flowing else s.no_flow_s + dt_s
+    drop = drop_s(p, u.shaft_rpm) + p.latency_s + 0.5 * p.asymmetry_s * -u.change
+    drop += p.first_fill_s * max(0.0, 1.0 - filling / EMPTY_TUBE_S)
+    drop += table_at(p.table_x, p.table_s, u.table_at)
+    return FallState(s.time_s + dt_s, quiet, filling), max(0.0, drop)
+
+
+def lag_paper_s(shaft_rpm: float) -> float:
+    """Whole lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
+    return -8.3e-3 * shaft_rpm + 2.2118
+
+
+def point_lag_s(turn_deg: float, shaft_rpm: float, fall_m: float, vision_s: float = 1.5, link_s: float = 0.8,
+                gravity: float = 9.80665) -> float:
+    """Whole lag of one dose, s (point paper eq 1-5, with the factor 6 that eq 3 lacks in print)."""
+    return float(vision_s + link_s + turn_deg / (6.0 * shaft_rpm) + (2.0 * fall_m / gravity) ** 0.5)

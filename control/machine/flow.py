@@ -1,0 +1,161 @@
+"""Flow of all outlets together, kg/s, from true shaft speed and opening; the hopper empties with it."""
+from __future__ import annotations
+
+from math import floor, pi, sin
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from .effect import Effect
+from .elements import FLAT, TABLE_X, Table, table_at
+
+SPELL_S = 12.0          # length of the time slots in which a bridge stands or not
+
+
+class Flow(NamedTuple):
+    grams_per_rev_mm: Annotated[float, Field(gt=0, le=1000)] = 5.5
+    flutes: Annotated[float, Field(ge=1, le=100)] = 6.0
+    outlets: Annotated[float, Field(ge=1, le=100)] = 6.0
+    full_kg: Annotated[float, Field(gt=0, le=20000)] = 300.0
+    gain_percent: Annotated[float, Field(ge=-60, le=100), Effect(
+        "flow.gain", "%", "Kilograms per revolution off by a factor",
+        "Another bulk density or product fills the flutes with another mass.",
+        "product and density: 5-50 %", ("run", "catch", "weigh"),
+        "Do a catch test with this product.",
+        "A static weigh tells it from the scale, two openings from an offset.")] = 0.0
+    zero_offset_g_rev: Annotated[float, Field(ge=-60, le=60), Effect(
+        "flow.zero_offset", "g per revolution", "Material flows at zero opening, or needs some opening to start",
+        "The rollers carry material past a closed gate, or the gate must open a little before any passes.",
+        "an offset near 8 g per revolution is published", ("run", "catch"),
+        "Catch test at two openings; renew the gate's brush or seal.",
+        "Two openings at one shaft speed.")] = 0.0
+    fill_falloff_percent: Annotated[float, Field(ge=-10, le=60), Effect(
+        "flow.fill_falloff", "% lost at 100 r/min", "Flutes fill less at high shaft speed",
+        "A flute that passes quickly under the hopper has no time to fill.",
+        "3-15 % above 60 r/min are published", ("run", "catch"),
+        "Work at a larger opening and a lower shaft speed.",
+        "A staircase of shaft speeds at one opening.")] = 0.0
+    hopper_head_percent: Annotated[float, Field(ge=0, le=40), Effect(
+        "flow.hopper_head", "% lost from full to empty", "Flows less as the hopper empties",
+        "Less material above the rollers presses less into the flutes.",
+        "1-3 % are published", ("run",),
+        "Refill earlier, or let the scale correct the flow.",
+        "A refill half-way: the head jumps back, time does not.")] = 0.0
+    moisture_percent_per_h: Annotated[float, Field(ge=-30, le=30), Effect(
+        "flow.moisture_drift", "% per hour", "Flow changes with elapsed time",
+        "Caking or humid air change how the granules flow as the day goes on.",
+        "hygroscopic urea", ("run",),
+        "Cover the hopper; catch test at noon.",
+        "A refill half-way: the drift goes on, the hopper's head does not.")] = 0.0
+    batch_percent: Annotated[float, Field(ge=-60, le=100), Effect(
+        "flow.batch", "%", "Flow steps at a refill",
+        "The lot that was filled in has another density or grain size.",
+        "product lots", ("run",),
+        "Catch test after every change of lot.",
+        "Two refills from different lots.")] = 0.0
+    blocked_percent: Annotated[float, Field(ge=0, le=100), Effect(
+        "flow.blocked_outlet", "% lost", "One or more outlets close at some time",
+        "A clod or wet material closes a tube, and that outlet's share is missing.",
+        "one of six outlets: 16.7 %", ("run",),
+        "Look at the outlets, clear the tube.",
+        "Catch test by outlet.", probes=(100.0 / 6.0,))] = 0.0
+    uneven_percent: Annotated[float, Field(ge=-100, le=100), Effect(
+        "flow.outlet_uneven", "%", "One outlet gives more or less than its share",
+        "A worn roller or a bent tube changes one outlet alone.",
+        "outlet uniformity tests", ("catch",),
+        "Set or change that outlet's roller.",
+        "Catch test by outlet.", member_field="uneven_outlet")] = 0.0
+    uneven_outlet: Annotated[float, Field(ge=0, le=100)] = 0.0
+    bridging_percent: Annotated[float, Field(ge=0, le=90), Effect(
+        "flow.bridging", "% of time", "Flow stops for spells while the shaft turns",
+        "Damp material arches over the rollers until a bump breaks the arch.",
+        "field experience with damp urea", ("run",),
+        "Switch the agitator on; break lumps when filling.",
+        "Watch the scale while the shaft turns at one speed.", probes=(10.0,))] = 0.0
+    leak_kg_h: Annotated[float, Field(ge=0, le=500), Effect(
+        "flow.leak", "kg/h", "Material flows with the shaft stopped",
+        "A worn gate or roller lets material trickle when nothing should.",
+        "worn seals", ("run",),
+        "Renew the gate's seal or brush.",
+        "Stand still with the shaft stopped and watch the scale.", probes=(1.0,))] = 0.0
+    slope_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
+        "flow.slope", "% more per degree nose up", "Flow changes with pitch",
+        "On a slope the material leans towards or away from the rollers.",
+        "0.3-1 % per degree are published", ("run",),
+        "Nothing to mend: the model compensates it.",
+        "Out and back on a slope.")] = 0.0
+    pulsation_percent: Annotated[float, Field(ge=0, le=100), Effect(
+        "flow.pulsation", "% amplitude", "Flow is periodic in the shaft angle",
+        "Each flute empties as a lump; at low speed the lumps lie apart on the ground.",
+        "six flutes at 20 r/min pulse at 2 Hz", ("fast catch",),
+        "Work at a higher shaft speed and a smaller opening; helical rollers.",
+        "A fast catch (at least 20 samples a second) at a low shaft speed.")] = 0.0
+    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
+    table_percent: Table = FLAT
+
+
+class FlowInput(NamedTuple):
+    shaft_rpm: float
+    opening_mm: float
+    pitch_deg: float = 0.0
+    refill_kg: float = 0.0      # filled in at the beginning of this step
+    table_at: float = 0.0
+
+
+class FlowState(NamedTuple):
+    time_s: float
+    hopper_kg: float
+    angle_rev: float
+    refills: float
+
+
+class FlowOutput(NamedTuple):
+    flow_kg_s: float            # true; nothing measures it but the scale
+    hopper_kg: float
+
+
+def flow_start(hopper_kg: float, time_s: float = 0.0) -> FlowState:
+    return FlowState(time_s, hopper_kg, 0.0, 0.0)
+
+
+def bridged(time_s: float, percent_of_time: float) -> bool:
+    """Whether an arch stands at `time_s`: slots of SPELL_S, closed by a fixed irregular pattern."""
+    if percent_of_time <= 0.0:
+        return False
+    slot = floor(time_s / SPELL_S)
+    irregular = sin(slot * 12.9898) * 43758.5453
+    return (irregular - floor(irregular)) * 100.0 < percent_of_time
+
+
+def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
+    """Mass per revolution in steady state, level, hopper full, g: the part of the model that has an inverse."""
+    speed = shaft_rpm / 100.0
+    lost = p.fill_falloff_percent * speed * speed * speed
+    mass = p.grams_per_rev_mm * opening_mm * (1.0 + p.gain_percent / 100.0) + p.zero_offset_g_rev
+    return max(0.0, mass) * (1.0 - lost / 100.0)
+
+
+def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
+    """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is conserved.
+
+    Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s.
+    """
+    hopper = min(p.full_kg, s.hopper_kg + u.refill_kg)
+    refills = s.refills + (1.0 if u.refill_kg > 0.0 else 0.0)
+    lost = p.hopper_head_percent * (1.0 - hopper / p.full_kg) + p.blocked_percent
+    more = p.moisture_percent_per_h * s.time_s / 3600.0 + p.slope_percent_per_deg * u.pitch_deg
+    more += table_at(p.table_x, p.table_percent, u.table_at)
+    if refills > 0.0:
+        more += p.batch_percent
+    if p.uneven_outlet > 0.0:
+        more += p.uneven_percent / p.outlets
+    flow = grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
+    flow *= (1.0 - lost / 100.0) * (1.0 + more / 100.0)
+    flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
+    if bridged(s.time_s, p.bridging_percent):
+        flow = 0.0
+    flow = max(0.0, flow) + p.leak_kg_h / 3600.0
+    flow = min(flow, hopper / dt_s)
+    hopper -= flow * dt_s
+    angle = s.angle_rev + u.shaft_rpm / 60.0 * dt_s
+    return FlowState(s.time_s + dt_s, hopper, angle - floor(angle), refills), FlowOutput(flow, hopper)

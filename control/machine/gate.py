@@ -1,0 +1,90 @@
+"""Metering opening: command mm -> true mm and displacement reading. Dead time, slew, play, lost steps."""
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from .effect import Effect
+from .elements import FLAT, TABLE_X, DelayLine, Table, line_mean, line_put, line_start, table_at
+
+
+class Gate(NamedTuple):
+    dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.10
+    slew_mm_s: Annotated[float, Field(gt=0, le=500)] = 20.0
+    full_mm: Annotated[float, Field(gt=0, le=500)] = 60.0
+    offset_mm: Annotated[float, Field(ge=-20, le=20), Effect(
+        "gate.offset", "mm, reading - true", "Opening's read-back differs from the true opening by a constant",
+        "A shifted displacement sensor reports a wrong opening, and the flow follows the true one.",
+        "sensor mounting; usual 0.2-3 mm", ("run",),
+        "Close the gate against its stop and set the sensor's zero.",
+        "Home the gate, then weigh at two openings.")] = 0.0
+    home_error_mm: Annotated[float, Field(ge=-20, le=20), Effect(
+        "gate.home_error", "mm, true - command", "Opening truly stands off its command by a constant",
+        "The stepper was homed in the wrong place, and every position is off by the same amount.",
+        "home switch; usual 0.2-3 mm", ("run",),
+        "Home the gate again; check the home switch.",
+        "Compare the command with the displacement sensor at two openings.")] = 0.0
+    backlash_mm: Annotated[float, Field(ge=0, le=15), Effect(
+        "gate.backlash", "mm", "Play between opening and closing moves",
+        "Worn screw and nut turn without moving the gate when the direction changes.",
+        "lead screw wear; usual 0.2-2 mm", ("run",),
+        "Renew the nut or preload it with a spring.",
+        "Approach the same openings from below and from above.", probes=(0.2, 0.5, 1.0, 2.0, 4.0))] = 0.0
+    lost_mm_per_100mm: Annotated[float, Field(ge=-5, le=5), Effect(
+        "gate.lost_steps", "mm per 100 mm", "Opening falls behind with the distance moved",
+        "A stepper that skips steps under load stands a little more closed after every move.",
+        "stepper under load; found by comparing with the displacement sensor", ("run",),
+        "Lower the stepper's speed, raise its current, clean the slide; home more often.",
+        "Move often at one mean opening, then home.", probes=(0.05,))] = 0.0
+    slow_mm_s: Annotated[float, Field(ge=-20, le=19.5), Effect(
+        "gate.slow", "mm/s lost", "Gate slews slower than nominal",
+        "A sticky slide or a lowered pulse rate makes every move take longer.",
+        "slide friction", ("run",),
+        "Clean and grease the slide; check the pulse rate.",
+        "Large steps of the opening both ways.", probes=(0.5,))] = 0.0
+    stuck: Annotated[float, Field(ge=0, le=1), Effect(
+        "gate.stuck", "s", "Gate stops moving at some time",
+        "A jammed slide or a dead driver leaves the gate where it is.",
+        "field experience", ("run",),
+        "Switch off, free the slide, check driver and cable.",
+        "None needed: command moves, read-back does not.", probes=(1.0,), onset_only=True)] = 0.0
+    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
+    table_mm: Table = FLAT
+
+
+class GateInput(NamedTuple):
+    command_mm: float
+    table_at: float = 0.0
+
+
+class GateState(NamedTuple):
+    time_s: float
+    driven_mm: float            # where the stepper believes it is
+    carried_mm: float           # the gate behind the play
+    travelled_mm: float
+    line: DelayLine
+
+
+class GateOutput(NamedTuple):
+    opening_mm: float           # true
+    measured_mm: float
+
+
+def gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
+    """Standing at `opening_mm`, commanded so for ever."""
+    return GateState(time_s, opening_mm, opening_mm, 0.0, line_start(opening_mm))
+
+
+def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
+    """One step of `dt_s` with the command held; the outputs are those at its end."""
+    line = line_put(s.line, s.time_s, u.command_mm)
+    line, wanted = line_mean(line, s.time_s - p.dead_time_s, s.time_s - p.dead_time_s + dt_s)
+    most = max(0.0, p.slew_mm_s - p.slow_mm_s) * dt_s * (1.0 - p.stuck)
+    driven = s.driven_mm + min(most, max(-most, wanted - s.driven_mm))
+    half = 0.5 * p.backlash_mm
+    carried = min(driven + half, max(driven - half, s.carried_mm))
+    travelled = s.travelled_mm + abs(driven - s.driven_mm)
+    true = carried + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
+    true = min(p.full_mm, max(0.0, true + table_at(p.table_x, p.table_mm, u.table_at)))
+    return GateState(s.time_s + dt_s, driven, carried, travelled, line), GateOutput(true, true + p.offset_mm)

@@ -1,0 +1,167 @@
+"""One machine: its stages, measures, limits, noise and tolerances, as the machine file says."""
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from .effect import Entry, catalogue
+from .fall import Fall
+from .flow import Flow
+from .gate import Gate
+from .heads import Heads
+from .scale import Scale
+from .shaft import Shaft
+from .speed import Speed
+
+STAGES: dict[str, Any] = {"shaft": Shaft, "gate": Gate, "flow": Flow, "scale": Scale, "speed": Speed,
+                          "heads": Heads, "fall": Fall}
+CATALOGUE: dict[str, Entry] = catalogue(STAGES)
+
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+Spread = Annotated[float, Field(ge=0, le=1e3)]
+
+
+class Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Geometry(Part):
+    """Along-track places are relative to the outlets, forward positive."""
+
+    working_width_m: Positive = 2.4
+    outlets: Annotated[int, Field(ge=1, le=100)] = 6
+    heads: Annotated[int, Field(ge=1, le=6)] = 6
+    antenna_m: Annotated[float, Field(ge=-30, le=30)] = 2.0
+    heads_m: Annotated[float, Field(ge=-30, le=30)] = 6.5
+    head_height_m: Positive = 0.8
+    outlet_height_m: Positive = 0.5
+
+
+class Limits(Part):
+    """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest there is none."""
+
+    shaft_low_rpm: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    shaft_high_rpm: Positive = 100.0
+    shaft_resolution_rpm: Positive = 0.1
+    opening_low_mm: Annotated[float, Field(ge=0, le=500)] = 5.0
+    opening_high_mm: Positive = 60.0
+    opening_resolution_mm: Positive = 0.1
+    hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
+
+
+class SetPoints(Part):
+    shaft_rpm: Positive = 70.0          # opening first
+    opening_mm: Positive = 25.0         # speed first
+
+
+class Noise(Part):
+    """One standard deviation of what each sensor adds."""
+
+    shaft_rpm: Spread = 0.3
+    opening_mm: Spread = 0.1
+    gnss_mps: Spread = 0.03
+    wheel_mps: Spread = 0.02
+    ndvi: Spread = 0.01
+    scale_kg: Spread = 0.15
+    scale_correlation_s: Positive = 1.0
+    gnss_m: Spread = 0.02
+    supply_v: Spread = 0.05
+    pitch_deg: Spread = 0.1
+
+
+class Tolerance(Part):
+    """One standard deviation of what the nominal values may be off: the priors of diagnosis."""
+
+    flow_percent: Positive = 0.1
+    wheel_percent: Positive = 0.05
+    shaft_percent: Positive = 0.05
+    dead_time_s: Positive = 0.010
+    time_constant_s: Positive = 0.015
+    gate_slew_percent: Positive = 3.0
+    opening_mm: Positive = 0.01
+    head_percent: Positive = 0.1
+
+
+class Adopted(Part):
+    """Where an effect in this file comes from, and where it may be believed."""
+
+    id: str
+    size: float
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    member: int | None = None
+    data: str = ""
+    sha256: str = ""
+    date: str = ""
+    valid: dict[str, tuple[float, float]] = {}
+
+
+class Machine(Part):
+    """The machine file. Effects are stage parameters with a neutral default; `adopted` says where they come from."""
+
+    format: Literal["topdress-machine/1"] = "topdress-machine/1"
+    id: str = "huanghai"
+    title: str = ""
+    geometry: Geometry = Geometry()
+    shaft: Shaft = Shaft()
+    gate: Gate = Gate()
+    flow: Flow = Flow()
+    scale: Scale = Scale()
+    speed: Speed = Speed()
+    heads: Heads = Heads()
+    fall: Fall = Fall()
+    limits: Limits = Limits()
+    set_points: SetPoints = SetPoints()
+    noise: Noise = Noise()
+    tolerance: Tolerance = Tolerance()
+    tables_over: dict[str, str] = {}            # stage -> recorded variable of its nameless extension
+    adopted: tuple[Adopted, ...] = ()
+
+    @model_validator(mode="after")
+    def _agree(self) -> Machine:
+        if self.limits.shaft_low_rpm >= self.limits.shaft_high_rpm:
+            raise ValueError("limits.shaft_low_rpm must be below limits.shaft_high_rpm")
+        if self.limits.opening_low_mm >= self.limits.opening_high_mm:
+            raise ValueError("limits.opening_low_mm must be below limits.opening_high_mm")
+        return self
+
+
+def with_effect(machine: Machine, effect_id: str, size: float, member: int | None = None) -> Machine:
+    """The machine with one effect at `size` (its catalogue unit; 1 for those whose size is an onset).
+
+    Raises KeyError for an id that is not catalogued, ValueError for a size or member out of bounds.
+    """
+    entry = CATALOGUE[effect_id]
+    value = 1.0 if entry.effect.onset_only else entry.neutral + size
+    if not entry.low <= value <= entry.high:
+        raise ValueError(f"{effect_id}: size {size:g}: allowed {entry.low:g} to {entry.high:g} {entry.effect.unit}")
+    changes: dict[str, float] = {entry.field: value}
+    if entry.effect.member_field:
+        most = machine.geometry.heads if entry.stage == "heads" else machine.geometry.outlets
+        if member is None or not 1 <= member <= most:
+            raise ValueError(f"{effect_id}: member {member}: say which with #1 to #{most}")
+        changes[entry.effect.member_field] = float(member)
+    stage = getattr(machine, entry.stage)._replace(**changes)
+    return machine.model_copy(update={entry.stage: stage})
+
+
+def effect_sizes(machine: Machine) -> dict[str, float]:
+    """Effects of the machine that are not neutral, by id."""
+    found = {}
+    for effect_id, entry in CATALOGUE.items():
+        value = getattr(getattr(machine, entry.stage), entry.field)
+        if value != entry.neutral:
+            found[effect_id] = value
+    return found
+
+
+def plain(machine: Machine) -> dict[str, Any]:
+    """The machine as a mapping of plain values, as a machine file holds it; `Machine.model_validate` reads it back."""
+    found = machine.model_dump(mode="json")
+    for name in STAGES:
+        stage = getattr(machine, name)
+        found[name] = {field: list(value) if isinstance(value, tuple) else value
+                       for field, value in stage._asdict().items()}
+    return found

@@ -1,0 +1,67 @@
+"""A stage over a whole log. The same function runs interpreted here and compiled in `compiled`."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import ceil
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+MOST_STEP_S = 0.0125        # model step: a quarter of a control tick of 0.05 s
+LEAST_STEPS = 4             # model steps a row, at least
+
+Run = Callable[..., npt.NDArray[np.float64]]
+
+
+def over_log(step: Callable[..., Any]) -> Run:
+    """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`.
+
+    sets : parameter sets in the order in which they come into force; set j+1 from row switch_rows[j] on, so that
+    any effect may begin mid-run. state, first : state and output at time_s[0]. rows : record array of the stage's
+    inputs, row k in force from time_s[k] to time_s[k+1]. The output of row k is that at time_s[k]: what was
+    commanded in row k cannot show in it. Rows may come at any step; each is cut into at least LEAST_STEPS.
+    """
+    def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
+        count = len(rows)
+        out = np.empty((count, len(first)))
+        output = first
+        current = 0
+        for row in range(count):
+            for column in range(len(first)):
+                out[row, column] = output[column]
+            while current < len(switch_rows) and row >= switch_rows[current]:
+                current += 1
+            if row + 1 < count:
+                dt_s = time_s[row + 1] - time_s[row]
+                steps = max(LEAST_STEPS, int(ceil(dt_s / most_step_s - 1e-9)))
+                for _ in range(steps):
+                    state, output = step(sets[current], state, rows[row], dt_s / steps)
+        return out
+    return run
+
+
+def input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
+    """Record array of a stage's inputs: given columns, the others at their defaults (shape (count,))."""
+    rows = np.zeros(count, [(name, np.float64) for name in kind._fields]).view(np.recarray)
+    for name in kind._fields:
+        rows[name] = columns.get(name, kind._field_defaults.get(name, 0.0))
+    return rows
+
+
+def mapped(reads: Callable[..., float]) -> Run:
+    """`run(params, rows) -> (rows,)` for stages without memory."""
+    def run(params, rows):  # type: ignore[no-untyped-def]
+        out = np.empty(len(rows))
+        for row in range(len(rows)):
+            out[row] = reads(params, rows[row])
+        return out
+    return run
+
+
+def no_switch() -> npt.NDArray[np.int64]:
+    return np.empty(0, dtype=np.int64)
+
+
+def one_set(params: Any) -> tuple[Sequence[Any], npt.NDArray[np.int64]]:
+    return (params,), no_switch()

@@ -1,0 +1,46 @@
+"""Hopper scale: true kg -> reading. The tare is taken full at the start; noise and rounding come after."""
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from .effect import Effect
+from .elements import FLAT, TABLE_X, Table, table_at
+
+
+class Scale(NamedTuple):
+    resolution_kg: Annotated[float, Field(gt=0, le=10)] = 0.05
+    gain_percent: Annotated[float, Field(ge=-30, le=30), Effect(
+        "scale.gain", "%", "Scale reads off by a factor",
+        "A wrong calibration weight or a cell under side load scales every reading.",
+        "load cell calibration; usual 0.5-5 %", ("static weigh", "run beside a known fill"),
+        "Calibrate the scale with a known weight.",
+        "A static weigh of a known fill.")] = 0.0
+    drift_kg_h: Annotated[float, Field(ge=-30, le=30), Effect(
+        "scale.drift", "kg/h", "Scale's zero drifts",
+        "Warming cells and amplifiers move the zero through the day.",
+        "load cell temperature drift", ("run",),
+        "Let the scale warm up; tare at the refill.",
+        "Stand still with the shaft stopped for ten minutes.")] = 0.0
+    tilt_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
+        "scale.tilt", "% more per degree nose up", "Reading changes with pitch",
+        "On a slope part of the weight leaves the cells' axis.",
+        "cosine and side load", ("run",),
+        "Read the scale on level ground, or correct by pitch.",
+        "Stand still nose up and nose down.")] = 0.0
+    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
+    table_kg: Table = FLAT
+
+
+class ScaleInput(NamedTuple):
+    hopper_kg: float
+    time_s: float
+    pitch_deg: float = 0.0
+    table_at: float = 0.0
+
+
+def scale_reads(p: Scale, u: ScaleInput) -> float:
+    """Reading in kg before noise and rounding."""
+    read = u.hopper_kg * (1.0 + p.gain_percent / 100.0) * (1.0 + p.tilt_percent_per_deg * u.pitch_deg / 100.0)
+    return read + p.drift_kg_h * u.time_s / 3600.0 + table_at(p.table_x, p.table_kg, u.table_at)

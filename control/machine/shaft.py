@@ -1,0 +1,113 @@
+"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first order, acceleration limit."""
+from __future__ import annotations
+
+from math import exp
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from .effect import Effect
+from .elements import FLAT, TABLE_X, DelayLine, Table, line_mean, line_put, line_start, stepped, table_at
+
+
+class Shaft(NamedTuple):
+    dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.373
+    time_constant_s: Annotated[float, Field(gt=0, le=5)] = 0.05
+    acceleration_rpm_s: Annotated[float, Field(gt=0, le=5000)] = 200.0
+    nominal_supply_v: Annotated[float, Field(gt=0, le=60)] = 13.5
+    full_opening_mm: Annotated[float, Field(gt=0, le=500)] = 60.0
+    gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
+        "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
+        "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
+        "drive ratio error; usual 1-10 %", ("run",),
+        "Check the gear ratio in the drive's settings, the encoder's lines, the belt tension.",
+        "A staircase of shaft commands at constant opening and supply.")] = 0.0
+    slow_s: Annotated[float, Field(ge=0, le=3), Effect(
+        "shaft.slow", "s", "Shaft time constant longer than nominal",
+        "A weak or worn motor needs longer to reach the speed that it was sent.",
+        "motor time constants near 0.3 s are published for such drives", ("run",),
+        "Check brushes, supply cable and the drive's acceleration setting.",
+        "Steps of the shaft command up and down, both sizes.", probes=(0.02,))] = 0.0
+    extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
+        "shaft.dead_time", "s", "Shaft responds later than nominal",
+        "Bus, drive or firmware hold a command back before the motor sees it.",
+        "lag paper, table 2: 0.383 s to 2 r/min", ("run", "response"),
+        "Look at the bus cycle and the drive's filter setting.",
+        "Steps of the shaft command, large and small: a dead time is the same for both.", probes=(0.01,))] = 0.0
+    dead_band_rpm: Annotated[float, Field(ge=0, le=60), Effect(
+        "shaft.dead_band", "r/min", "Shaft does not turn below some command",
+        "Static friction holds the shaft until the duty cycle overcomes it.",
+        "brushed motors with worm gears: 5-20 r/min", ("run",),
+        "Grease the bearings, raise the drive's minimum duty.",
+        "A slow ramp of the shaft command from zero.", probes=(5.0, 10.0, 15.0, 20.0, 30.0, 40.0))] = 0.0
+    sag_percent_per_v: Annotated[float, Field(ge=0, le=30), Effect(
+        "shaft.voltage_sag", "% lost per V", "Shaft loses speed when the supply falls below nominal",
+        "An open-loop motor's speed follows its supply voltage.",
+        "first-order motor equation: about 1/U per volt, 7 % at 13.5 V", ("run",),
+        "Check battery, alternator and the voltage drop along the supply cable.",
+        "The same shaft command with the engine idling and at rated speed.")] = 0.0
+    droop_percent: Annotated[float, Field(ge=0, le=60), Effect(
+        "shaft.load_droop", "% lost at full opening", "Shaft loses speed as the opening, and with it the load, grows",
+        "A wider opening shears more material, and the motor slows under the torque.",
+        "open-loop motor under load", ("run",),
+        "Check the motor's current limit; clean caked material from the rollers.",
+        "A staircase of openings at one shaft command.")] = 0.0
+    encoder_step_rpm: Annotated[float, Field(ge=0, le=20), Effect(
+        "shaft.coarse_encoder", "r/min", "Measured shaft speed comes in steps",
+        "Few encoder lines counted over a short gate give a speed in whole counts.",
+        "60 / (lines x gate time)", ("run",),
+        "Use an encoder with more lines, or measure the period instead of counting.",
+        "A slow ramp of the shaft command.", probes=(0.5, 1.0, 2.0, 4.0))] = 0.0
+    stalled: Annotated[float, Field(ge=0, le=1), Effect(
+        "shaft.stall", "s", "Shaft stops at some time though commanded",
+        "A jammed roller, a broken coupling or a tripped fuse stops the shaft.",
+        "field experience", ("run",),
+        "Switch off, clear the roller, check the coupling and the fuse.",
+        "None needed: command on, shaft still.", probes=(1.0,), onset_only=True)] = 0.0
+    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
+    table_percent: Table = FLAT
+
+
+class ShaftInput(NamedTuple):
+    command_rpm: float
+    opening_mm: float
+    supply_v: float
+    table_at: float = 0.0       # value of the variable that the nameless extension is over
+
+
+class ShaftState(NamedTuple):
+    time_s: float
+    rpm: float
+    line: DelayLine
+
+
+class ShaftOutput(NamedTuple):
+    rpm: float                  # true
+    measured_rpm: float
+
+
+def shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
+    """At rest in `rpm`, commanded so for ever."""
+    return ShaftState(time_s, rpm, line_start(rpm))
+
+
+def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[ShaftState, ShaftOutput]:
+    """One step of `dt_s` with the inputs held; the outputs are those at its end.
+
+    Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
+    set-point from 10 r/min up (lag paper, table 2).
+    """
+    dead_s = p.dead_time_s + p.extra_dead_time_s
+    line = line_put(s.line, s.time_s, u.command_rpm)
+    line, wanted = line_mean(line, s.time_s - dead_s, s.time_s - dead_s + dt_s)
+    if wanted < p.dead_band_rpm:
+        wanted = 0.0
+    lost = p.sag_percent_per_v * max(0.0, p.nominal_supply_v - u.supply_v)
+    droop = p.droop_percent * u.opening_mm / p.full_opening_mm
+    more = table_at(p.table_x, p.table_percent, u.table_at)
+    wanted *= (1.0 + p.gain_percent / 100.0) * (1.0 - lost / 100.0) * (1.0 - droop / 100.0) * (1.0 + more / 100.0)
+    wanted = max(0.0, wanted) * (1.0 - p.stalled)
+    rpm = wanted + (s.rpm - wanted) * exp(-dt_s / (p.time_constant_s + p.slow_s))
+    most = p.acceleration_rpm_s * dt_s
+    rpm = min(s.rpm + most, max(s.rpm - most, rpm))
+    return ShaftState(s.time_s + dt_s, rpm, line), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))
