@@ -1,0 +1,1 @@
+"""Files: configuration, run logs, replay, tables of other programs."""

@@ -1,0 +1,177 @@
+"""Configuration files: YAML into a pydantic model, or one plain line for each thing that is wrong.
+
+    huanghai.yaml: key flow.gain_percent: value 700: allowed -50 to 100 (line 12)
+
+Knows no particular model: see `drivers.files.kinds` for those of topdress.
+"""
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from drivers.files.atomic import write_atomically
+from drivers.files.config_words import explain, nearest
+from drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
+
+MAX_BYTES = 2_000_000
+
+M = TypeVar("M", bound=BaseModel)
+Model = TypeVar("Model", bound=BaseModel, covariant=True)
+
+
+class ConfigError(Exception):
+    """`lines`: one sentence for each thing that is wrong, ready to be shown."""
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self.lines = tuple(lines)
+        super().__init__("\n".join(self.lines))
+
+
+@dataclass(frozen=True, slots=True)
+class Kind(Generic[Model]):
+    """A kind of configuration file: its `format:` field, the folder under configs/ with those shipped, its model."""
+
+    format: str
+    folder: str
+    model: type[Model]
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded(Generic[Model]):
+    """A configuration as read; `sha256` is of exactly the bytes that were read."""
+
+    model: Model
+    path: Path
+    sha256: str
+
+
+Kinds = Mapping[str, Kind[BaseModel]]
+
+
+def load(where: str | Path, kind: Kind[M], beside: Path | None = None) -> Loaded[M]:
+    """Reads one file of a known kind.
+
+    `where` is a path (relative to the folder `beside`, else to the working folder) or the name of a shipped one.
+    Raises ConfigError.
+    """
+    path = resolve(where, [kind.folder], beside)
+    data, lines, sha256 = _read(path)
+    return Loaded(_valid(data, kind, _label(path), lines), path, sha256)
+
+
+def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
+    """Reads a file of any registered kind, recognised by its `format:` field. Raises ConfigError."""
+    path = resolve(where, [kind.folder for kind in kinds.values()])
+    data, lines, sha256 = _read(path)
+    label = _label(path)
+    allowed = ", ".join(kinds)
+    found = data.get("format")
+    if found is None:
+        raise ConfigError([f"{label}: key format: missing: allowed {allowed}"])
+    if not isinstance(found, str) or found not in kinds:
+        raise ConfigError([f"{label}: key format: value {found}: allowed {allowed}{nearest(str(found), kinds)}"])
+    kind = kinds[found]
+    return kind, Loaded(_valid(data, kind, label, lines), path, sha256)
+
+
+def validated(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
+    """A model from plain data, e.g. the machine in a run log's sidecar; `label` stands in the place of the file's name.
+
+    Raises ConfigError.
+    """
+    return _valid(dict(data), kind, label, {})
+
+
+def save(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
+    """Writes a configuration that `load` reads back to an equal model, whole or not at all. Raises OSError."""
+    data = {"format": kind.format} | model.model_dump(mode="json", by_alias=True)
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    write_atomically(path, head + dump_yaml(data))
+
+
+def schema(kind: Kind[Any]) -> dict[str, Any]:
+    """JSON schema (2020-12) of one kind, for editors; the `format` field is in it."""
+    body = kind.model.model_json_schema(by_alias=True)
+    properties = {"format": {"const": kind.format}} | {
+        k: v for k, v in body.get("properties", {}).items() if k != "format"}
+    required = ["format", *(k for k in body.get("required", []) if k != "format")]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **body,
+            "properties": properties, "required": required}
+
+
+def sha256_of(path: Path) -> str:
+    """Checksum of a file's bytes, in hexadecimal. Raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def shipped(folder: str) -> dict[str, Path]:
+    """Name -> path of the configurations that come with topdress, e.g. of folder `machines`."""
+    place = Path(str(resources.files("configs"))) / folder
+    return {path.stem: path for path in sorted(place.glob("*.yaml"))}
+
+
+def resolve(where: str | Path, folders: Iterable[str], beside: Path | None = None) -> Path:
+    """The path meant by a path or by a shipped name (no folder and no .yaml in it). Raises ConfigError."""
+    text = str(where)
+    if isinstance(where, Path) or "/" in text or "\\" in text or text.lower().endswith((".yaml", ".yml")):
+        path = Path(where)
+        return beside / path if beside is not None else path
+    names = {name: path for folder in folders for name, path in shipped(folder).items()}
+    if text not in names:
+        raise ConfigError([f"{text}: no configuration of this name is shipped: allowed {', '.join(names) or 'none'}, "
+                           f"or the path of a .yaml file{nearest(text, names)}"])
+    return names[text]
+
+
+def _label(path: Path) -> str:
+    return str(path)
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
+    label = _label(path)
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise ConfigError([f"{label}: no such file"]) from None
+    except OSError as error:
+        raise ConfigError([f"{label}: cannot be read: {error.strerror or error}"]) from None
+    if len(raw) > MAX_BYTES:
+        raise ConfigError([f"{label}: too large for a configuration: allowed {MAX_BYTES} bytes"])
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError([f"{label}: byte {error.start + 1}: not UTF-8 text"]) from None
+    try:
+        data, lines = parse_yaml(text)
+        json.dumps(data)
+    except (YamlProblem, TypeError) as problem:
+        raise ConfigError([f"{label}: {problem}"]) from None
+    if not isinstance(data, dict):
+        what = "the file is empty" if data is None else f"found {type(data).__name__}"
+        raise ConfigError([f"{label}: {what}: a configuration is made of lines `key: value`"])
+    return data, lines, hashlib.sha256(raw).hexdigest()
+
+
+def _valid(data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPath, int]) -> M:
+    found = data.get("format")
+    if found is None:
+        raise ConfigError([f"{label}: key format: missing: allowed {kind.format}"])
+    if found != kind.format:
+        at = f" (line {lines[('format',)]})" if ("format",) in lines else ""
+        raise ConfigError([f"{label}: key format: value {found}: allowed {kind.format}{at}"])
+    if "format" not in kind.model.model_fields:
+        data = {k: v for k, v in data.items() if k != "format"}
+    try:
+        # JSON in strict mode: a number is never read from a text or from true, yet lists, dates and choices are.
+        return kind.model.model_validate_json(json.dumps(data), strict=True)
+    except ValidationError as error:
+        raise ConfigError(explain(error, kind.model, data, label, lines)) from None

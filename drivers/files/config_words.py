@@ -1,0 +1,264 @@
+"""pydantic's errors in the words of an operator: file, key, value, what is allowed, line."""
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, cast
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from drivers.files.yaml_text import KeyPath
+
+_MAX_VALUE_LENGTH = 60
+_MAX_NAMES = 15
+_OWN_WORDS = frozenset({"value_error", "assertion_error"})     # raised by the models themselves, in plain words
+
+
+def explain(error: ValidationError, model: type[BaseModel], data: object, label: str,
+            lines: Mapping[KeyPath, int]) -> list[str]:
+    """One line for each key that is wrong, in the order of the file."""
+    schema = _schema_of(model)
+    found: dict[KeyPath, str] = {}
+    for detail in error.errors(include_url=False):
+        path = _path_in(data, detail)
+        if path not in found:
+            found[path] = _sentence(detail, path, data, schema)
+    ordered = sorted(found, key=lambda path: _line(path, lines) or 0)
+    return [f"{label}: {found[path]}{_at(_line(path, lines))}" for path in ordered]
+
+
+def nearest(word: str, words: Iterable[str]) -> str:
+    """`; did you mean X?` or nothing."""
+    close = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+def allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
+    """What a JSON schema permits, in words; empty where it says nothing."""
+    if sub is None:
+        return ""
+    sub = _deref(sub, root)
+    if "const" in sub:
+        return _show(sub["const"])
+    if "enum" in sub:
+        return ", ".join(_show(value) for value in sub["enum"])
+    for union in ("anyOf", "oneOf"):
+        if union in sub:
+            words = dict.fromkeys(allowed(option, root) for option in sub[union])
+            return " or ".join(word for word in words if word)
+    unit = f" {sub['unit']}" if "unit" in sub else ""
+    return _ALLOWED.get(str(sub.get("type")), _allowed_any)(sub, root) + unit
+
+
+def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping[str, Any]) -> str:
+    kind, key = detail["type"], _name(path)
+    if kind == "missing":
+        return f"key {key}: missing{_or_nothing(': allowed ', allowed(_at_path(schema, path), schema))}"
+    if kind == "extra_forbidden":
+        names = _names(_at_path(schema, path[:-1]), schema)
+        listed = f": allowed {', '.join(names)}" if 0 < len(names) <= _MAX_NAMES else ""
+        return f"key {key}: unknown key{nearest(str(path[-1]), names)}{listed}"
+    value = _value_at(data, path)
+    start = f"key {key}: " if path else ""
+    if not isinstance(value, dict | list) and value is not _NOWHERE:
+        start += f"value {_show(value)}: "
+    if kind in _OWN_WORDS:
+        return start + detail["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    words = allowed(_at_path(schema, path), schema)
+    return start + (f"allowed {words}" if words else detail["msg"][:1].lower() + detail["msg"][1:])
+
+
+def _schema_of(model: type[BaseModel]) -> Mapping[str, Any]:
+    try:
+        return model.model_json_schema(by_alias=True)
+    except Exception:    # a model with parts that no schema describes still gets its lines, without ranges
+        return {}
+
+
+_NOWHERE = object()
+
+
+def _value_at(data: object, path: KeyPath) -> object:
+    for step in path:
+        in_group = isinstance(data, dict) and step in data
+        in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
+        if not (in_group or in_list):
+            return _NOWHERE
+        data = cast(Any, data)[step]
+    return data
+
+
+def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
+    """pydantic's place without the names of union members, which are no keys of the file."""
+    path: list[str | int] = []
+    last = len(detail["loc"]) - 1
+    for index, step in enumerate(detail["loc"]):
+        inner = _value_at(data, (step,))
+        if inner is not _NOWHERE:
+            path.append(step)
+            data = inner
+        elif index == last and detail["type"] == "missing":
+            path.append(step)
+    return tuple(path)
+
+
+def _name(path: KeyPath) -> str:
+    """`a.b[2].c`, members of lists counted from 1."""
+    text = ""
+    for step in path:
+        text += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def _line(path: KeyPath, lines: Mapping[KeyPath, int]) -> int | None:
+    for length in range(len(path), -1, -1):
+        if path[:length] in lines:
+            return lines[path[:length]]
+    return None
+
+
+def _at(line: int | None) -> str:
+    return f" (line {line})" if line is not None else ""
+
+
+def _show(value: object) -> str:
+    if isinstance(value, str):
+        text = value if value and value == value.strip() else f'"{value}"'
+    elif value is None:
+        text = "nothing"
+    else:
+        text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _MAX_VALUE_LENGTH else text[: _MAX_VALUE_LENGTH - 3] + "..."
+
+
+def _or_nothing(before: str, words: str) -> str:
+    return before + words if words else ""
+
+
+def _deref(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]:
+    while "$ref" in sub:
+        target: Any = root
+        for part in str(sub["$ref"]).removeprefix("#/").split("/"):
+            target = target[part]
+        sub = {**target, **{k: v for k, v in sub.items() if k != "$ref"}}
+    if len(sub.get("allOf", [])) == 1:
+        return _deref({**sub["allOf"][0], **{k: v for k, v in sub.items() if k != "allOf"}}, root)
+    return sub
+
+
+def _options(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """The schema itself, or the members of a union of schemas."""
+    sub = _deref(sub, root)
+    members = [*sub.get("anyOf", []), *sub.get("oneOf", [])]
+    if not members:
+        yield sub
+    for member in members:
+        yield from _options(member, root)
+
+
+def _at_path(root: Mapping[str, Any], path: KeyPath) -> Mapping[str, Any] | None:
+    here: Mapping[str, Any] = root
+    for step in path:
+        for option in _options(here, root):
+            inner = _step_into(option, step)
+            if inner is not None:
+                here = inner
+                break
+        else:
+            return None
+    return here
+
+
+def _step_into(sub: Mapping[str, Any], step: str | int) -> Mapping[str, Any] | None:
+    if isinstance(step, str):
+        inner = sub.get("properties", {}).get(step, sub.get("additionalProperties"))
+    else:
+        first = sub.get("prefixItems", [])
+        inner = first[step] if step < len(first) else sub.get("items")
+    return inner if isinstance(inner, Mapping) else None
+
+
+def _names(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> list[str]:
+    if sub is None:
+        return []
+    return [name for option in _options(sub, root) for name in option.get("properties", {})]
+
+
+def _allowed_number(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
+    low, above = sub.get("minimum"), sub.get("exclusiveMinimum")
+    high, below = sub.get("maximum"), sub.get("exclusiveMaximum")
+    whole = "a whole number" if sub.get("type") == "integer" else ""
+    if low is not None and high is not None:
+        limits = f"{_figure(low)} to {_figure(high)}"
+    else:
+        parts = []
+        if low is not None:
+            parts.append(f"at least {_figure(low)}")
+        if above is not None:
+            parts.append(f"more than {_figure(above)}")
+        if high is not None:
+            parts.append(f"at most {_figure(high)}")
+        if below is not None:
+            parts.append(f"less than {_figure(below)}")
+        limits = " and ".join(parts)
+    return ", ".join(part for part in (whole, limits) if part) or "a number"
+
+
+def _figure(number: float) -> str:
+    return f"{number:.15g}"
+
+
+_DATES = {"date": "a date such as 2025-03-20", "date-time": "a time such as 2025-03-20T06:30:00Z",
+          "time": "a time of day such as 06:30:00"}
+
+
+def _allowed_text(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
+    if sub.get("format") in _DATES:
+        return _DATES[str(sub["format"])]
+    if "pattern" in sub:
+        return f"a text of the form {sub['pattern']}"
+    low, high = sub.get("minLength"), sub.get("maxLength")
+    if low == 1 and high is None:
+        return "a text, not empty"
+    limits = [f"at least {low} characters" if low else "", f"at most {high} characters" if high else ""]
+    return ", ".join(["a text", *(limit for limit in limits if limit)])
+
+
+def _allowed_list(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
+    low, high = sub.get("minItems"), sub.get("maxItems")
+    if low is not None and low == high:
+        many = f"a list of {low}"
+    elif low and high:
+        many = f"a list of {low} to {high}"
+    elif low:
+        many = f"a list of at least {low}"
+    elif high:
+        many = f"a list of at most {high}"
+    else:
+        many = "a list"
+    items = sub.get("items")
+    inner = allowed(items, root) if isinstance(items, Mapping) else ""
+    return f"{many}, each {inner}" if inner else many
+
+
+def _allowed_group(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
+    names = list(sub.get("properties", {}))
+    return f"keys {', '.join(names[:_MAX_NAMES])}" if names else "keys and values"
+
+
+def _allowed_any(_sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
+    return ""
+
+
+def _allowed_bool(_sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
+    return "true, false"
+
+
+def _allowed_null(_sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
+    return "nothing"
+
+
+_ALLOWED = {"number": _allowed_number, "integer": _allowed_number, "string": _allowed_text, "array": _allowed_list,
+            "object": _allowed_group, "boolean": _allowed_bool, "null": _allowed_null}

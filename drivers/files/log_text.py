@@ -1,0 +1,72 @@
+"""A log row as one line of text: the number of digits of every column, and nothing that breaks a line."""
+from __future__ import annotations
+
+import math
+
+from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+
+HEADER = ",".join(COLUMNS) + "\n"
+
+# As sent or as decided: the shortest text that reads back as the same number.
+EXACT_COLUMNS = frozenset({"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd", "opening_mm_cmd", "flow_trim"})
+
+# Measured or derived: finer than any sensor fitted resolves.
+DECIMALS = {
+    "time_s": 3, "lat_deg": 9, "lon_deg": 9, "hdop": 2, "heading_deg": 3, "pitch_deg": 3, "roll_deg": 3,
+    "speed_mps": 4, "wheel_speed_mps": 4, "speed_used_mps": 4,
+    "ndvi_1": 4, "ndvi_2": 4, "ndvi_3": 4, "ndvi_4": 4, "ndvi_5": 4, "ndvi_6": 4, "ndvi": 5,
+    "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
+}
+
+_CLOSE_TIME_DECIMALS = 6     # of time_s where two rows fall into the same millisecond
+_EMPTY = "%.0s"              # takes its value and prints nothing
+
+
+def _form(column: str) -> str:
+    if column in EXACT_COLUMNS or column in TEXT_COLUMNS:
+        return "%s"
+    return "%d" if column in WHOLE_COLUMNS else f"%.{DECIMALS[column]}f"
+
+
+_FORMS = tuple(_form(column) for column in COLUMNS)
+
+
+class RowText:
+    """Turns rows into lines; remembers the last time written and one template for each set of unknown columns."""
+
+    def __init__(self) -> None:
+        self._templates: dict[tuple[bool, ...], str] = {}
+        self._last_time = ""
+
+    def line(self, row: LogRow) -> str:
+        """One line with its line end. Numbers that are not finite are unknown; line breaks in texts become spaces.
+
+        Raises TypeError where a number's column holds a text.
+        """
+        unknown = tuple([value is None for value in row])
+        template = self._templates.get(unknown)
+        if template is None:
+            template = ",".join(_EMPTY if u else form for u, form in zip(unknown, _FORMS, strict=True)) + "\n"
+            self._templates[unknown] = template
+        line = template % row
+        if not _is_plain(line):
+            line = ",".join([_cell(value, form) for value, form in zip(row, _FORMS, strict=True)]) + "\n"
+        time, comma, rest = line.partition(",")
+        if time == self._last_time:
+            return f"{row.time_s:.{_CLOSE_TIME_DECIMALS}f}{comma}{rest}"
+        self._last_time = time
+        return line
+
+
+def _is_plain(line: str) -> bool:
+    return (line.count(",") == len(COLUMNS) - 1 and line.count("\n") == 1 and "nan" not in line and "inf" not in line
+            and '"' not in line and "\r" not in line and "\0" not in line)
+
+
+def _cell(value: float | str | None, form: str) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        text = value.replace("\r", " ").replace("\n", " ").replace("\0", " ")
+        return '"' + text.replace('"', '""') + '"' if "," in text or '"' in text else text
+    return form % value if math.isfinite(value) else ""

@@ -1,0 +1,211 @@
+"""Writing run logs (docs/format-run-log.md): in a thread of its own for live work, plainly for simulation.
+
+Not one row is ever half written into the middle of a log: what the disk did not take is kept and tried again.
+"""
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Self
+
+from control.log_row import LogRow
+from drivers.files.atomic import LogFile, create, sidecar, write_atomically
+from drivers.files.log_text import HEADER, RowText
+from drivers.files.run_meta import RunMeta, meta_to_yaml
+
+FLUSH_S = 0.5             # rows reach the operating system at least this often
+SYNC_S = 1.0              # and the disk itself about this often
+SLOW_S = 5.0              # rows waiting longer than this are a trouble
+MAX_WAITING_ROWS = 72_000     # an hour at 20 Hz; what comes after is lost, and counted
+_BLOCK_BYTES = 1 << 20
+
+Create = Callable[[Path, bool], LogFile]
+
+
+def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create) -> LogFile:
+    """A new log with its sidecar and its header, kept on the disk. Raises OSError.
+
+    An existing log or sidecar is left alone and NAME-2, NAME-3, ... taken, unless `overwrite`.
+    """
+    file = create(path, overwrite)
+    try:
+        write_atomically(sidecar(file.path), meta_to_yaml(meta))
+        _write_all(file, bytearray(HEADER.encode()))
+        file.sync()
+    except BaseException:
+        file.close()
+        file.path.unlink(missing_ok=True)
+        raise
+    return file
+
+
+class PlainLogWriter:
+    """Writes where it is called: for simulation and conversion. A context manager."""
+
+    def __init__(self, path: Path, meta: RunMeta, overwrite: bool = False) -> None:
+        """Raises OSError."""
+        self._file = begin_log(Path(path), meta, overwrite)
+        self._text = RowText()
+        self._waiting = bytearray()
+
+    @property
+    def path(self) -> Path:
+        return self._file.path
+
+    def append(self, row: LogRow) -> None:
+        """Raises OSError."""
+        self._waiting += self._text.line(row).encode(errors="replace")
+        if len(self._waiting) >= _BLOCK_BYTES:
+            _write_all(self._file, self._waiting)
+
+    def close(self) -> None:
+        """Raises OSError."""
+        try:
+            _write_all(self._file, self._waiting)
+            self._file.sync()
+        finally:
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+
+def write_log(path: Path, meta: RunMeta, rows: Iterable[LogRow], overwrite: bool = False) -> Path:
+    """A whole log at once; returns where it stands. Raises OSError."""
+    with PlainLogWriter(path, meta, overwrite) as writer:
+        for row in rows:
+            writer.append(row)
+    return writer.path
+
+
+class RunLogWriter:
+    """The log of a live run. `append` only hands over; a thread formats, writes and syncs.
+
+    Trouble (disk full, card pulled out, folder not writable) never raises: it is shown by `ok` and `trouble`, the
+    rows wait, and are written as soon as that is possible again.
+    """
+
+    def __init__(self, path: Path, meta: RunMeta, *, overwrite: bool = False,
+                 clock: Callable[[], float] = time.monotonic, create: Create = create, flush_s: float = FLUSH_S, sync_s: float = SYNC_S,
+                 max_waiting_rows: int = MAX_WAITING_ROWS) -> None:
+        """Creates the files here, on the caller's thread: before the loop starts. Never raises OSError."""
+        self._wanted = Path(path)
+        self._meta, self._overwrite, self._create = meta, overwrite, create
+        self._clock, self._flush_s, self._sync_s, self._max_waiting = clock, flush_s, sync_s, max_waiting_rows
+        self._rows: SimpleQueue[LogRow] = SimpleQueue()
+        self._text = RowText()
+        self._formatted = bytearray()       # written by the thread only
+        self._formatted_rows = 0
+        self._file: LogFile | None = None
+        self._trouble = ""
+        self._lost = 0
+        self._good_at_s = self._synced_at_s = clock()
+        self._closing = threading.Event()
+        self._open()
+        self._thread = threading.Thread(target=self._run, name="run-log", daemon=True)
+        self._thread.start()
+
+    @property
+    def path(self) -> Path:
+        """Where the log stands, which is not where it was wanted if that was taken."""
+        return self._wanted if self._file is None else self._file.path
+
+    @property
+    def ok(self) -> bool:
+        return not self.trouble
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong now, one line; empty while rows reach the disk."""
+        if self._trouble:
+            return self._trouble
+        waited_s = self._clock() - self._good_at_s
+        if waited_s > SLOW_S and not self._closing.is_set():
+            return f"{self.path}: the disk has not answered for {waited_s:.0f} s"
+        return ""
+
+    @property
+    def lost_rows(self) -> int:
+        """Rows that are in no log, because the trouble lasted longer than rows can wait."""
+        return self._lost
+
+    def append(self, row: LogRow) -> None:
+        """Takes a row. Never blocks, never raises, never touches the disk."""
+        if self._closing.is_set() or self._rows.qsize() + self._formatted_rows >= self._max_waiting:
+            self._lost += 1
+        else:
+            self._rows.put(row)
+
+    def close(self, timeout_s: float = 5.0) -> bool:
+        """Writes what waits and ends; True if every row is on the disk. Gives up after `timeout_s`."""
+        self._closing.set()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive() and self._file is not None and not self._trouble and self._lost == 0
+
+    def _run(self) -> None:
+        closing = False
+        while not closing:
+            closing = self._closing.wait(self._flush_s)
+            self._format()
+            self._write(closing)
+        if self._file is not None:
+            self._file.close()
+
+    def _format(self) -> None:
+        while True:
+            try:
+                row = self._rows.get_nowait()
+            except Empty:
+                return
+            try:
+                self._formatted += self._text.line(row).encode(errors="replace")
+                self._formatted_rows += 1
+            except (TypeError, ValueError) as error:
+                self._lost += 1
+                self._trouble = f"{self.path}: a row at {row.time_s} s cannot be written: {error}"
+
+    def _write(self, closing: bool) -> None:
+        if self._file is None:
+            self._open()
+        if self._file is None:
+            return
+        now_s = self._clock()
+        try:
+            _write_all(self._file, self._formatted)
+            self._formatted_rows = 0
+            if closing or now_s - self._synced_at_s >= self._sync_s:
+                self._file.sync()
+                self._synced_at_s = now_s
+                self._trouble = ""
+        except OSError as error:
+            self._trouble = _in_words(self.path, error)
+        self._good_at_s = self._clock()
+
+    def _open(self) -> None:
+        try:
+            self._file = begin_log(self._wanted, self._meta, self._overwrite, self._create)
+            self._trouble = ""
+        except OSError as error:
+            self._trouble = _in_words(self._wanted, error)
+            self._good_at_s = self._clock()
+
+
+def _write_all(file: LogFile, data: bytearray) -> None:
+    """Writes and removes from `data` what the file takes; on OSError the rest is still there."""
+    while data:
+        taken = file.write(data)
+        if taken <= 0:
+            raise OSError("the file takes no more")
+        del data[:taken]
+
+
+def _in_words(path: Path, error: OSError) -> str:
+    return f"{path}: log not written: {error.strerror or error}"

@@ -1,0 +1,81 @@
+"""What stands beside a run log in NAME.yaml: with which software, machine, crop, job and files the run was made."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import yaml
+from pydantic import BaseModel
+
+from drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
+
+FORMAT = "topdress-run-log/1"
+
+Resolved = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class RunMeta:
+    """Description of one run; what is not known is None or empty. `machine`, `crop`, `job`: as resolved, plain data."""
+
+    software: str = ""
+    machine: Resolved | None = None
+    crop: Resolved | None = None
+    job: Resolved | None = None
+    seed: int | None = None                                      # None: not simulated
+    sha256: Mapping[str, str] = field(default_factory=dict)      # configuration file -> checksum
+    started_utc: str | None = None                               # ISO 8601, Z
+    extra: Mapping[str, Any] = field(default_factory=dict)       # anything else that the writer had to say
+
+
+def run_meta(machine: BaseModel | Resolved | None = None, crop: BaseModel | Resolved | None = None,
+             job: BaseModel | Resolved | None = None, *, seed: int | None = None,
+             sha256: Mapping[str, str] | None = None, started_utc: str | None = None,
+             extra: Mapping[str, Any] | None = None) -> RunMeta:
+    """A `RunMeta` of this software, from configuration models or plain data."""
+    return RunMeta(software=f"topdress {software_version()}", machine=_plain(machine), crop=_plain(crop),
+                   job=_plain(job), seed=seed, sha256=dict(sha256 or {}), started_utc=started_utc,
+                   extra=dict(extra or {}))
+
+
+def software_version() -> str:
+    try:
+        return version("topdress")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def meta_to_yaml(meta: RunMeta) -> str:
+    return dump_yaml({
+        "format": FORMAT, "software": meta.software, "started_utc": meta.started_utc, "seed": meta.seed,
+        "sha256": dict(meta.sha256), "machine": meta.machine, "crop": meta.crop, "job": meta.job, **meta.extra})
+
+
+def meta_from_yaml(text: str) -> RunMeta:
+    """Raises ValueError, one line, where the text does not describe a run log."""
+    try:
+        data, _ = parse_yaml(text)
+    except (YamlProblem, yaml.YAMLError) as problem:
+        raise ValueError(f"not readable: {problem}") from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        found = data.get("format") if isinstance(data, dict) else None
+        raise ValueError(f"key format: value {found}: allowed {FORMAT}")
+    seed, checksums = data.get("seed"), data.get("sha256")
+    known = {"format", "software", "machine", "crop", "job", "seed", "sha256", "started_utc"}
+    return RunMeta(
+        software=str(data.get("software") or ""), machine=_mapping(data.get("machine")),
+        crop=_mapping(data.get("crop")), job=_mapping(data.get("job")),
+        seed=seed if isinstance(seed, int) else None,
+        sha256={str(k): str(v) for k, v in checksums.items()} if isinstance(checksums, dict) else {},
+        started_utc=str(data["started_utc"]) if data.get("started_utc") else None,
+        extra={k: v for k, v in data.items() if k not in known})
+
+
+def _plain(value: BaseModel | Resolved | None) -> Resolved | None:
+    return value.model_dump(mode="json") if isinstance(value, BaseModel) else value
+
+
+def _mapping(value: object) -> Resolved | None:
+    return value if isinstance(value, dict) else None

@@ -1,0 +1,112 @@
+"""YAML as topdress reads and writes it: YAML 1.2 scalars, no duplicate keys, no bombs, the line of every key known.
+
+PyYAML's own rules are those of YAML 1.1, where `off` is false, `12:30` is 750, `010` is 8 and `1e3` is a text.
+"""
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+KeyPath = tuple[str | int, ...]
+
+MAX_NODES = 100_000      # aliases counted each time they are used
+MAX_DEPTH = 40
+
+
+class YamlProblem(ValueError):
+    """One line, naming the line of the file."""
+
+
+class _Loader(yaml.SafeLoader):
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
+
+
+_FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(true|True|TRUE|false|False|FALSE)$"),
+                              list("tTfF"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^(~|null|Null|NULL|)$"), ["~", "n", "N", ""])
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
+
+
+def _decimal_int(loader: _Loader, node: yaml.ScalarNode) -> int:
+    return int(str(loader.construct_scalar(node)))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _decimal_int)
+
+
+def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
+    """The data, and for every path of keys and indexes the line (from 1) where it stands.
+
+    Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or too deep nodes.
+    """
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None, {}
+        lines: dict[KeyPath, int] = {}
+        _visit(node, (), lines, 0)
+        return loader.construct_document(node), lines
+    except yaml.MarkedYAMLError as error:
+        raise YamlProblem(_one_line(error)) from None
+    except yaml.reader.ReaderError as error:
+        raise YamlProblem(f"character {error.position + 1}: not allowed in YAML") from None
+    except (ValueError, OverflowError, RecursionError) as error:
+        if isinstance(error, YamlProblem):
+            raise
+        raise YamlProblem(f"not YAML: {error}") from None
+    finally:
+        loader.dispose()
+
+
+def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int) -> int:
+    """Records lines and refuses duplicates and bombs; returns the number of nodes seen so far."""
+    count += 1
+    if count > MAX_NODES or len(path) > MAX_DEPTH:
+        raise YamlProblem(f"line {node.start_mark.line + 1}: nested too deeply or too large")
+    lines.setdefault(path, node.start_mark.line + 1)
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            count = _visit(child, (*path, index), lines, count)
+    elif isinstance(node, yaml.MappingNode):
+        seen: dict[str, int] = {}
+        for key, child in node.value:
+            line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                raise YamlProblem(f"line {line}: a key must be a name")
+            if key.value in seen:
+                where = ".".join(str(p) for p in (*path, key.value))
+                raise YamlProblem(f"key {where}: stands twice, in lines {seen[key.value]} and {line}: allowed once")
+            seen[key.value] = line
+            inside = path if key.tag == "tag:yaml.org,2002:merge" else (*path, key.value)
+            if inside != path:
+                lines[inside] = line
+            count = _visit(child, inside, lines, count)
+    return count
+
+
+def _one_line(error: yaml.MarkedYAMLError) -> str:
+    mark = error.problem_mark or error.context_mark
+    line = f"line {mark.line + 1}: " if mark is not None else ""
+    problem = " ".join(str(error.problem or error.context or "").split())
+    hint = " (indent with spaces, not tabs)" if "\\t" in problem or "'\t'" in problem else ""
+    return f"{line}not YAML: {problem}{hint}"
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
+
+
+def dump_yaml(data: Any) -> str:
+    """Plain data as YAML that reads back as the same data under the rules of YAML 1.1 and 1.2 alike."""
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
