@@ -1,0 +1,241 @@
+"""The console's end of the control worker: start or find it; newest frame in, acknowledged orders out.
+
+asyncio only. What is said on the line is described in `console/worker/requests.py` and `console/frame.py`.
+"""
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+from console.frame import Frame, from_json
+from control.orders import Answer, Order
+
+HOST = "127.0.0.1"
+GREETING = "topdress-worker/1"
+KEEP_ALIVE_S = 0.5            # the worker holds after 2 s of silence: three may be lost
+ANSWER_S = 0.5                # the loop answers with its next tick
+KNOCK_S = 0.5                 # a worker greets at once
+START_S = 20.0                # opening devices may take its time
+LINE_BYTES = 1 << 20          # longest frame accepted
+WORKER = ("-P", "-m", "console.worker")
+
+
+class WorkerGone(ConnectionError):
+    """The worker's end is closed: it stopped, died or was never there."""
+
+
+class WorkerFailed(RuntimeError):
+    """The worker could not start; the message is its own last line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where a worker listens. Without the token the console only looks."""
+
+    port: int
+    token: str | None
+    pid: int
+    started: str = ""         # UTC, ISO 8601
+    log_path: str = ""
+
+    def looking_only(self) -> Where:
+        return replace(self, token=None)
+
+
+def default_run_file() -> Path:
+    """The file in the user's runtime folder in which a running worker says where it listens."""
+    import platformdirs
+    with warnings.catch_warnings():                 # it warns on the terminal where XDG_RUNTIME_DIR is not set
+        warnings.simplefilter("ignore")
+        return Path(platformdirs.user_runtime_dir("topdress", appauthor=False)) / "worker.json"
+
+
+def find_running(run_file: Path | None = None) -> Where | None:
+    """The worker that runs for this user, or None. A file that a dead worker left is removed.
+
+    Takes 0.5 s at most. Raises WorkerFailed where something listens there that does not greet as a worker in time.
+    """
+    path = run_file or default_run_file()
+    try:
+        if path.stat().st_uid != getattr(os, "getuid", int)():        # Windows: 0 on both sides
+            raise WorkerFailed(f"{path}: belongs to another user; remove it")
+        said = json.loads(path.read_bytes())
+        where = Where(int(said["port"]), str(said["token"]), int(said["pid"]), str(said.get("started", "")),
+                      str(said.get("log_path", "")))
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError):
+        path.unlink(missing_ok=True)
+        return None
+    greeting = _knock(where.port)
+    if greeting is None:
+        raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it, then remove {path}")
+    if greeting.get("hello") == GREETING and greeting.get("pid") == where.pid:
+        return where
+    path.unlink(missing_ok=True)
+    return None
+
+
+def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Path | None = None,
+                 timeout_s: float = START_S, program: Sequence[str] = WORKER) -> Where:
+    """Start a worker in a session of its own and wait until it says where it listens.
+
+    What it writes on stderr is appended to `trouble_path`, because the console draws on stderr. `program` are the
+    interpreter's arguments. Blocks: call it before the console starts, or in a thread of its own.
+    Raises WorkerFailed where one runs already, where it ends at once, or where it says nothing for `timeout_s`.
+    """
+    path = run_file or default_run_file()
+    running = find_running(path)
+    if running:
+        raise WorkerFailed(f"a control worker runs already (process {running.pid}): attach to it")
+    apart = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    with open(trouble_path, "ab") as trouble:
+        heard_before = trouble.tell()
+        child = subprocess.Popen([sys.executable, *program, "--run-file", str(path), *args],
+                                 stdin=subprocess.DEVNULL, stdout=trouble, stderr=trouble,
+                                 start_new_session=True, creationflags=apart)
+    until = time.monotonic() + timeout_s
+    while time.monotonic() < until:
+        if child.poll() is not None:
+            last = _last_line(Path(trouble_path), heard_before) or f"ended at once, code {child.returncode}"
+            raise WorkerFailed(f"the control worker did not start: {last}")
+        where = find_running(path)
+        if where:
+            return where
+        time.sleep(0.02)
+    child.terminate()
+    raise WorkerFailed(f"the control worker said nothing for {timeout_s:g} s; see {trouble_path}")
+
+
+class Link:
+    """One console's connection. `run` it in a task; read `newest`; give orders."""
+
+    def __init__(self, where: Where) -> None:
+        self.where = where
+        self.newest: Frame | None = None
+        self.newest_at_s: float | None = None        # time.monotonic() when it came
+        self.attached = asyncio.Event()
+        self._writer: asyncio.StreamWriter | None = None
+        self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._numbers = itertools.count(1)
+        self._gone = asyncio.Event()
+
+    async def run(self) -> NoReturn:
+        """Take frames and answers, keep the worker assured; raises WorkerGone the moment its end is closed."""
+        try:
+            reader, self._writer = await asyncio.open_connection(HOST, self.where.port, limit=LINE_BYTES)
+        except OSError as error:
+            self._gone.set()
+            raise WorkerGone(f"the control worker (process {self.where.pid}) is gone") from error
+        alive = asyncio.create_task(self._keep_alive())
+        try:
+            while line := await reader.readline():
+                self._take(json.loads(line))
+        except OSError:
+            pass
+        finally:
+            alive.cancel()
+            self.attached.clear()
+            self._gone.set()
+            self._writer.close()
+            for future in self._waiting.values():
+                if not future.done():
+                    future.set_exception(WorkerGone("the control worker is gone: not answered"))
+            self._waiting.clear()
+        raise WorkerGone(f"the control worker (process {self.where.pid}) is gone")
+
+    async def order(self, order: Order, timeout_s: float = ANSWER_S) -> Answer:
+        """Give an order and wait for the worker's answer.
+
+        `no_answer` says that none came in time: the order may yet be followed, the state on the next frames tells.
+        Raises WorkerGone where there is no worker (any more).
+        """
+        try:
+            said = await self._ask({"do": order.do.value, "value": order.value}, timeout_s)
+        except TimeoutError:
+            return Answer(False, "no_answer")
+        return Answer(bool(said["accepted"]), str(said["why"]))
+
+    async def stats(self, timeout_s: float = ANSWER_S) -> dict[str, float]:
+        """How punctual the worker's loop is (`console.worker.period`), what its link refused. Raises TimeoutError."""
+        said = await self._ask({"ask": "stats"}, timeout_s)
+        return dict(said.get("stats", {}))
+
+    async def stop_worker(self, timeout_s: float = 5.0) -> None:
+        """Have the worker stop its machine, close its log and end; returns when its end is closed.
+
+        Raises PermissionError where this console only looks, TimeoutError where the worker does not end in time.
+        """
+        async with asyncio.timeout(timeout_s):
+            with contextlib.suppress(WorkerGone):
+                said = await self._ask({"ask": "quit"}, timeout_s)
+                if not said["accepted"]:
+                    raise PermissionError(str(said["why"]))
+            await self._gone.wait()
+
+    async def _ask(self, message: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+        number = next(self._numbers)
+        future: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        self._send(number, message)
+        self._waiting[number] = future
+        try:
+            return await asyncio.wait_for(future, timeout_s)
+        finally:
+            self._waiting.pop(number, None)
+
+    def _send(self, number: int, message: dict[str, Any]) -> None:
+        if self._writer is None or self._gone.is_set():
+            raise WorkerGone("no control worker is attached")
+        self._writer.write(json.dumps({"id": number, "token": self.where.token} | message).encode() + b"\n")
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if "seq" in message:
+            self.newest, self.newest_at_s = from_json(message), time.monotonic()
+            self.attached.set()
+        elif "answer" in message:
+            future = self._waiting.get(message["answer"])
+            if future and not future.done():
+                future.set_result(message)
+
+    async def _keep_alive(self) -> None:
+        """Say that this console lives; it says so from the event loop, so a frozen console falls silent by itself."""
+        while self.where.token is not None:
+            self._send(next(self._numbers), {"ask": "alive"})
+            await asyncio.sleep(KEEP_ALIVE_S)
+
+
+def _knock(port: int) -> dict[str, Any] | None:
+    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None: accepted but silent."""
+    heard = b""
+    try:
+        with socket.create_connection((HOST, port), timeout=KNOCK_S) as connection:
+            while b"\n" not in heard and len(heard) < LINE_BYTES:
+                got = connection.recv(4096)
+                if not got:
+                    break
+                heard += got
+        said = json.loads(heard.split(b"\n")[0])
+    except TimeoutError:
+        return None
+    except (OSError, ValueError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _last_line(path: Path, start: int) -> str:
+    with open(path, "rb") as file:
+        file.seek(start)
+        lines = file.read().decode(errors="replace").split("\n")
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")

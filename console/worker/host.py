@@ -1,0 +1,156 @@
+"""The control loop's host: one tick after the other at absolute deadlines.
+
+Nothing here touches a socket or a disk. Others reach the host by three things only: `inbox` (requests with the function
+that takes the answer), `console_heard` (an operating console was heard just now) and `newest` (the newest frame).
+"""
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from math import ceil
+from typing import Any, NamedTuple
+
+from console.frame import DeviceView, Frame
+from console.worker.limits import CATCH_UP_PERIODS, FRAME_HZ, HZ_DEFAULT, ORPHAN_S, REQUESTS_A_TICK, REQUESTS_WAITING
+from console.worker.parts import Assembly, DeviceStatus, Tick
+from console.worker.period import Punctuality
+from console.worker.requests import Ask
+from control.orders import Answer, Do, Order
+
+Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
+
+
+class Waiting(NamedTuple):
+    what: Order | Ask
+    reply: Reply
+
+
+class Host:
+    """Runs one assembly until told to stop, or until no operating console was heard for `orphan_s`.
+
+    `clock` gives seconds since the start of the run (the time base of log and measurements), `sleep` waits seconds.
+    """
+
+    def __init__(self, assembly: Assembly, clock: Callable[[], float], sleep: Callable[[float], None], *,
+                 hz: float = HZ_DEFAULT, orphan_s: float = ORPHAN_S) -> None:
+        self.newest: Frame | None = None
+        self.ended = ""                              # why the run ended; empty while it runs
+        self.period = Punctuality(1.0 / hz)
+        self._bench, self._loop, self._writer, self._names = assembly
+        self._clock, self._sleep = clock, sleep
+        self._orphan_s = orphan_s
+        self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
+        self._inbox: deque[Waiting] = deque()
+        self._heard_s = clock()
+        self._ticks = 0
+        self._stop = ""                              # why the run shall end
+        self._off = False                            # the last tick, with the loop stopped, was run
+
+    # --- called from other threads -----------------------------------------------------------------------------------
+
+    def ask(self, what: Order | Ask, reply: Reply) -> bool:
+        """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread."""
+        if len(self._inbox) >= REQUESTS_WAITING:
+            return False
+        self._inbox.append(Waiting(what, reply))
+        return True
+
+    def console_heard(self) -> None:
+        self._heard_s = self._clock()
+
+    def stop(self, why: str) -> None:
+        """End the run: one more tick, with the loop ordered to stop (also safe in a signal handler)."""
+        self._stop = self._stop or why
+
+    # --- the run -----------------------------------------------------------------------------------------------------
+
+    def run(self) -> str:
+        """Tick until stopped or orphaned; returns why. Drives are off and the log is closed however this ends."""
+        why = "failed"
+        try:
+            due_s = self._clock()
+            while not self._off:
+                self._sleep(max(0.0, due_s - self._clock()))
+                now_s = self._clock()
+                self.period.began(now_s)
+                if now_s - self._heard_s > self._orphan_s:
+                    self.stop("orphaned")
+                self.tick(now_s)
+                self.period.ended(now_s, self._clock())
+                due_s = self._next_due(due_s, now_s)
+            why = self._stop
+        finally:
+            self.close(why)
+        return why
+
+    def tick(self, now_s: float) -> None:
+        """Orders, measurements, decision, drives, log, frame: in this order."""
+        for _ in range(min(len(self._inbox), REQUESTS_A_TICK)):
+            self._answer(self._inbox.popleft())
+        if self._stop:
+            self._loop.order(Order(Do.STOP))
+            self._off = True
+        measurements = self._bench.measure(now_s)
+        tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
+        self._bench.command(now_s, tick.command, tick.enabled)
+        self._writer.append(tick.row)
+        if self._ticks % self._ticks_a_frame == 0 or self._off:
+            self.newest = self._frame(now_s, tick)
+        self._ticks += 1
+
+    def close(self, why: str) -> None:
+        """Drives off, log whole, devices closed: each even where the one before fails. Doing it twice is fine."""
+        if self.ended:
+            return
+        self.ended = why
+        try:
+            self._bench.command(self._clock(), None, False)
+        finally:
+            try:
+                self._writer.close()
+            finally:
+                self._bench.close()
+
+    # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _next_due(self, due_s: float, now_s: float) -> float:
+        period_s = self.period.period_s
+        due_s += period_s
+        if now_s - due_s <= CATCH_UP_PERIODS * period_s:
+            return due_s
+        missed = int((now_s - due_s) / period_s) + 1
+        self.period.skipped += missed
+        return due_s + missed * period_s
+
+    def _answer(self, waiting: Waiting) -> None:
+        extra: dict[str, Any] = {}
+        if isinstance(waiting.what, Order):
+            answer = self._order(waiting.what)
+        else:
+            answer = Answer(True)
+            if waiting.what is Ask.STATS:
+                extra["stats"] = self.period.summary()
+            elif waiting.what is Ask.QUIT:
+                self.stop("told to quit")
+        waiting.reply(answer, extra)
+
+    def _order(self, order: Order) -> Answer:
+        try:
+            return self._loop.order(order)
+        except Exception as error:           # an order that the loop cannot digest stops no machine in the field
+            return Answer(False, f"internal_error: {order.do} {order.value!r}: {type(error).__name__}: {error}")
+
+    def _frame(self, now_s: float, tick: Tick) -> Frame:
+        names = self._names
+        return Frame(
+            seq=self._ticks, at_s=now_s, row=tick.row, alarms=tick.alarms, dropped_heads=tick.dropped_heads,
+            metres_left_m=tick.metres_left_m, area_ha=tick.area_ha, applied_kg=tick.applied_kg,
+            gnss_age_s=tick.gnss_age_s, gnss_hz=tick.gnss_hz, usable_speed_mps=tick.usable_speed_mps,
+            look_ahead=tick.look_ahead, flow_trim_on=tick.flow_trim_on, job=names.job, machine=names.machine,
+            crop=names.crop, log_path=names.log_path, simulated=names.simulated, place_m=tick.place_m,
+            devices=tuple(map(_view, self._bench.status(now_s))), notes=tick.notes)
+
+
+def _view(status: DeviceStatus) -> DeviceView:
+    return DeviceView(status.name, status.port, status.protocol, status.connected, status.age_s, status.rate_hz,
+                      status.accepted, status.rejected, status.last_raw)

@@ -1,0 +1,16 @@
+"""Every limit of the control worker, in one place. (That a silent console means `held` is safety's: SafetyLimits.)"""
+from __future__ import annotations
+
+ORPHAN_S = 60.0              # no operating console heard for that long: off, log closed, exit
+HZ_DEFAULT = 20.0            # control ticks a second
+HZ_LOWEST = 1.0
+HZ_HIGHEST = 100.0
+FRAME_HZ = 20.0              # frames a second to each client, at most
+CATCH_UP_PERIODS = 5         # further behind than this, missed ticks are skipped rather than run in a burst
+REQUESTS_A_TICK = 16         # requests answered in one tick, at most: bounds what clients can cost the loop
+REQUESTS_WAITING = 256       # more than this waiting: refused at once
+LINE_BYTES = 65_536          # a client that sends more without an end of line is disconnected
+UNREAD_BYTES = 262_144       # a client that leaves more answers unread is disconnected
+CLIENTS = 16                 # clients at once
+SEND_BUFFER_BYTES = 16_384   # of each socket: bounds how old the frames are that a stalled client finds
+TEXT_CHARACTERS = 1_000      # longest text in an order

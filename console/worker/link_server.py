@@ -1,0 +1,180 @@
+"""The worker's end of the link: clients on loopback, in a thread of its own.
+
+Each client gets the newest frame at up to 20 Hz; a client that has not taken the last one yet misses frames rather than
+being waited for. Clients that hold the token may order; the others look.
+"""
+from __future__ import annotations
+
+import os
+import selectors
+import socket
+import threading
+import time
+from collections import Counter, deque
+from functools import partial
+from typing import Any
+
+from console.worker import wire
+from console.worker.host import Host
+from console.worker.limits import CLIENTS, FRAME_HZ, LINE_BYTES, SEND_BUFFER_BYTES, UNREAD_BYTES
+from console.worker.requests import Ask, Refusal, parse
+from control.orders import Answer
+
+FRAME_S = 1.0 / FRAME_HZ
+LOOK_S = 0.01                 # how often a new frame or answer is looked for while somebody is attached
+IDLE_S = 0.1                  # and while nobody is
+SLACK = 0.8                   # of a frame's spacing: the loop's own jitter shall not cost every second frame
+
+
+class Client:
+    """One connection: bytes not yet a whole line, and bytes not yet taken."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.connection = connection
+        self.received = bytearray()
+        self.unsent = bytearray()
+        self.gone = False
+
+    def send(self, data: bytes) -> None:
+        """Queue behind what is unsent and send as much as the socket takes; a client too far behind is gone."""
+        self.unsent += data
+        self.flush()
+        if len(self.unsent) > UNREAD_BYTES:
+            self.gone = True
+
+    def flush(self) -> None:
+        try:
+            while self.unsent:
+                del self.unsent[:self.connection.send(self.unsent)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.gone = True
+
+    def lines(self) -> list[bytes]:
+        """Whole lines received by now."""
+        try:
+            got = self.connection.recv(LINE_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError:
+            got = b""
+        if not got:
+            self.gone = True
+            return []
+        *lines, rest = (self.received + got).split(b"\n")
+        self.received = rest
+        return [bytes(line) for line in lines]
+
+
+class LinkServer(threading.Thread):
+    """Serves one host. `close` sends what is still waiting, then disconnects everybody."""
+
+    def __init__(self, host: Host, token: str) -> None:
+        super().__init__(name="link", daemon=True)
+        self.counts: Counter[str] = Counter()      # malformed, oversized, unauthorised, busy, dropped_frames, ...
+        self._host = host
+        self._token = token
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=CLIENTS)
+        self._listener.setblocking(False)
+        self.port: int = self._listener.getsockname()[1]
+        self._clients: list[Client] = []
+        self._chooser = selectors.DefaultSelector()
+        self._chooser.register(self._listener, selectors.EVENT_READ)
+        self._answers: deque[tuple[Client, bytes]] = deque()
+        self._sent_seq = -1
+        self._sent_at = 0.0
+        self._closing = threading.Event()
+
+    def run(self) -> None:
+        while not self._closing.is_set():
+            for key, _ in self._chooser.select(LOOK_S if self._clients else IDLE_S):
+                if key.data is None:
+                    self._accept()
+                else:
+                    self._hear(key.data)
+            self._tell()
+            self._forget_the_gone()
+        self._sent_at = 0.0
+        self._tell()
+        for client in self._clients:
+            client.connection.close()
+        self._chooser.close()
+        self._listener.close()
+
+    def close(self, timeout_s: float = 1.0) -> None:
+        self._closing.set()
+        if self.is_alive():
+            self.join(timeout_s)
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return
+        if len(self._clients) >= CLIENTS:
+            self.counts["clients_refused"] += 1
+            connection.close()
+            return
+        client = Client(connection)
+        self._clients.append(client)
+        self._chooser.register(connection, selectors.EVENT_READ, client)
+        client.send(wire.greeting(os.getpid()))
+
+    def _hear(self, client: Client) -> None:
+        lines = client.lines()
+        if len(client.received) > LINE_BYTES:
+            self.counts["oversized"] += 1
+            client.gone = True
+        for line in lines:
+            if line.strip():
+                self._take(client, line)
+
+    def _take(self, client: Client, line: bytes) -> None:
+        request = parse(line, self._token)
+        if isinstance(request, Refusal):
+            self.counts[request.kind] += 1
+            client.send(wire.answered(request.id, Answer(False, request.why), {}))
+            return
+        self._host.console_heard()
+        if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
+            self.counts["busy"] += 1
+            client.send(wire.answered(request.id, Answer(False, "busy"), {}))
+
+    def _reply(self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]) -> None:
+        """Called by the loop: only queues."""
+        if with_counts:
+            extra = {name: part | {"clients": len(self._clients)} | dict(self.counts) for name, part in extra.items()}
+        self._answers.append((client, wire.answered(number, answer, extra)))
+
+    def _tell(self) -> None:
+        while self._answers:
+            client, data = self._answers.popleft()
+            client.send(data)
+        frame = self._host.newest
+        now = time.monotonic()
+        if frame is None or frame.seq == self._sent_seq or now - self._sent_at < SLACK * FRAME_S:
+            return
+        self._sent_seq, self._sent_at = frame.seq, now
+        if not self._clients:
+            return
+        try:
+            data = wire.framed(frame)
+        except ValueError:
+            self.counts["frames_not_finite"] += 1
+            return
+        for client in self._clients:
+            client.flush()
+            if client.unsent:
+                self.counts["dropped_frames"] += 1
+            else:
+                client.send(data)
+
+    def _forget_the_gone(self) -> None:
+        for client in [c for c in self._clients if c.gone]:
+            self._clients.remove(client)
+            self._chooser.unregister(client.connection)
+            client.connection.close()

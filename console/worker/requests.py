@@ -1,0 +1,76 @@
+"""What a client may send: one JSON object a line. Pure: bytes in, request or refusal out.
+
+    {"id": 7, "token": "...", "do": "hold", "value": null}      an order (`control.orders`)
+    {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit"}
+
+Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for.
+"""
+from __future__ import annotations
+
+import json
+import math
+import secrets
+from enum import StrEnum
+from typing import NamedTuple, NoReturn
+
+from console.worker.limits import TEXT_CHARACTERS
+from control.orders import Do, Order
+
+
+class Ask(StrEnum):
+    ALIVE = "alive"      # keeps the machine working; answered by the loop, so it also says that the loop runs
+    STATS = "stats"      # how punctual the loop is, what the link refused
+    QUIT = "quit"        # off, close the log, exit
+
+
+class Request(NamedTuple):
+    id: int
+    what: Order | Ask
+
+
+class Refusal(NamedTuple):
+    """`id` is None where the line does not even tell whom to answer; `kind` is what is counted."""
+
+    id: int | None
+    kind: str            # malformed, unauthorised
+    why: str
+
+
+def parse(line: bytes, token: str) -> Request | Refusal:
+    """Read one line from a client. Never raises; anything but a well-formed, authorised request is a Refusal."""
+    try:
+        message = json.loads(line, parse_constant=_no_constant)
+    except (ValueError, RecursionError):
+        return Refusal(None, "malformed", "malformed: not JSON")
+    if not isinstance(message, dict):
+        return Refusal(None, "malformed", "malformed: not an object")
+    number = message.get("id")
+    if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**53:
+        return Refusal(None, "malformed", "malformed: id")
+    offered = message.get("token")
+    if not isinstance(offered, str) or not secrets.compare_digest(offered.encode(errors="replace"), token.encode()):
+        return Refusal(number, "unauthorised", "unauthorised")
+    if "ask" in message:
+        try:
+            return Request(number, Ask(message["ask"]))
+        except ValueError:
+            return Refusal(number, "malformed", "malformed: ask")
+    try:
+        do = Do(str(message.get("do")))
+    except ValueError:
+        return Refusal(number, "malformed", "malformed: do")
+    value = message.get("value")
+    match value:
+        case None | bool():
+            return Request(number, Order(do, value))
+        case str() if len(value) <= TEXT_CHARACTERS:
+            return Request(number, Order(do, value))
+        case int() if abs(value) < 2**53:
+            return Request(number, Order(do, float(value)))
+        case float() if math.isfinite(value):
+            return Request(number, Order(do, value))
+    return Refusal(number, "malformed", "malformed: value")
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a number")

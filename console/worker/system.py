@@ -1,0 +1,55 @@
+"""Everything that differs between Linux, macOS and Windows: signals, priority, who may read a file."""
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+FIFO_PRIORITY = 20
+SWITCH_S = 0.001              # Python's threads hand over at least that often: the loop never waits longer for a thread
+
+
+def take_signals(stop: Callable[[str], None]) -> None:
+    """Ctrl-C and a closed terminal are the console's business; a request to terminate is a clean stop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("SIGHUP", "SIGPIPE"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    for name in ("SIGTERM", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), lambda *_, name=name: stop(name))
+
+
+def take_priority(wanted: str | None) -> str:
+    """Real-time priority for this thread and all that start after it; returns why it was not given, or nothing.
+
+    All threads need it: one without it may hold the interpreter's lock while it is not allowed to run.
+    """
+    sys.setswitchinterval(SWITCH_S)
+    if not wanted:
+        return ""
+    if sys.platform != "linux":
+        return "TOPDRESS_FIFO: real-time priority is known on Linux only; going on without"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+    except OSError as error:
+        return f"TOPDRESS_FIFO: {error.strerror}; going on without (needs an rtprio limit of {FIFO_PRIORITY} or more)"
+    return ""
+
+
+def private_folder(folder: Path) -> None:
+    """Make the folder where needed, for its owner only. Raises PermissionError where it belongs to somebody else."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if hasattr(os, "geteuid") and folder.stat().st_uid != os.geteuid():
+        raise PermissionError(f"{folder}: belongs to another user")
+
+
+def write_private(path: Path, data: bytes) -> None:
+    """Write a file that only its owner reads, whole or not at all."""
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}")
+    unfinished.unlink(missing_ok=True)
+    with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(data)
+    os.replace(unfinished, path)

@@ -1,0 +1,39 @@
+"""Frames, answers and the greeting as bytes, one JSON object a line."""
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+from console.frame import Frame, to_json
+from control.orders import Answer
+
+GREETING = "topdress-worker/1"
+
+
+def greeting(pid: int) -> bytes:
+    """The first line to every client: who listens here, so that a port taken over by another program is recognised."""
+    return _line({"hello": GREETING, "pid": pid})
+
+
+def answered(number: int | None, answer: Answer, extra: dict[str, Any]) -> bytes:
+    return _line({"answer": number, "accepted": answer.accepted, "why": answer.why} | extra)
+
+
+def framed(frame: Frame) -> bytes:
+    """The frame as a line; a value that is not finite is not known, so that one of them never blinds the console.
+
+    Raises ValueError where something else than the row is not finite.
+    """
+    try:
+        return to_json(frame)
+    except ValueError:
+        unknown: dict[str, Any] = {
+            name: None for name, value in frame.row._asdict().items()
+            if isinstance(value, float) and not math.isfinite(value)}
+        return to_json(replace(frame, row=frame.row._replace(**unknown)))
+
+
+def _line(message: dict[str, Any]) -> bytes:
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"

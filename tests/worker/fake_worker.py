@@ -1,0 +1,167 @@
+"""A worker whose machine is a fake: the real program around it. Run as a program, or loaded by conftest.
+
+The fake log says what the loop was told: one JSON line a tick, written by a thread of its own as the real log is.
+"""
+from __future__ import annotations
+
+import json
+import queue
+import sys
+import threading
+import time
+from dataclasses import dataclass
+
+from console.worker.parts import Assembly, Names
+from console.worker.program import Clock, Options, main
+from control.log_row import LogRow
+from control.orders import Alarm, Answer, Do, Order, Severity
+from control.readings import DriveCommand, Measurements, Reading
+
+HELD_AFTER_S = 2.0
+
+
+@dataclass(frozen=True)
+class FakeStatus:
+    name: str = "board"
+    port: str = "memory"
+    protocol: str = "fake"
+    connected: bool = True
+    age_s: float | None = 0.01
+    rate_hz: float = 20.0
+    accepted: int = 7
+    rejected: int = 1
+    last_raw: str = "$"
+
+
+@dataclass(frozen=True)
+class FakeTick:
+    row: LogRow
+    command: DriveCommand
+    enabled: bool
+    alarms: tuple[Alarm, ...] = ()
+    dropped_heads: tuple[int, ...] = (3,)
+    metres_left_m: float | None = 120.0
+    area_ha: float = 1.25
+    applied_kg: float = 300.0
+    gnss_age_s: float | None = 0.1
+    gnss_hz: float | None = 10.0
+    usable_speed_mps: float | None = None
+    look_ahead: bool = True
+    flow_trim_on: bool = False
+    place_m: tuple[float, float] | None = (1.0, 2.0)
+    notes: tuple[str, ...] = ("note",)
+
+
+class FakeBench:
+    def __init__(self) -> None:
+        self.commands: list[tuple[float, DriveCommand | None, bool]] = []
+        self.closed = False
+
+    def measure(self, now_s: float) -> Measurements:
+        return Measurements(now_s, shaft_rpm=Reading(50.0, now_s))
+
+    def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+        self.commands.append((now_s, command, enabled))
+        del self.commands[:-1000]
+
+    def status(self, now_s: float) -> tuple[FakeStatus, ...]:
+        return (FakeStatus(),)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class FakeLoop:
+    """Follows start, hold and stop; holds when the console is silent for two seconds; keeps what it was told."""
+
+    def __init__(self) -> None:
+        self.state = "ready"
+        self.orders: list[Order] = []
+        self.ages: list[float | None] = []
+        self.log_oks: list[bool] = []
+        self.break_at_tick: int | None = None
+        self.not_finite = False
+
+    def order(self, order: Order) -> Answer:
+        self.orders.append(order)
+        if order.do is Do.REFILL:
+            raise RuntimeError("cannot digest")
+        if order.do is Do.MANUAL_RATE and isinstance(order.value, float) and order.value > 600.0:
+            return Answer(False, "rate_above_limit")
+        self.state = {Do.START: "working", Do.HOLD: "held", Do.STOP: "off"}.get(order.do, self.state)
+        return Answer(True)
+
+    def tick(self, measurements: Measurements, console_age_s: float | None, log_ok: bool) -> FakeTick:
+        if self.break_at_tick == len(self.ages):
+            raise RuntimeError("the loop broke")
+        self.ages.append(console_age_s)
+        self.log_oks.append(log_ok)
+        alarms: tuple[Alarm, ...] = ()
+        if console_age_s is not None and console_age_s > HELD_AFTER_S and self.state == "working":
+            self.state = "held"
+        if self.state == "held":
+            alarms = (Alarm("console_silent", Severity.RED, measurements.time_s, details=(("age_s", 2.0),)),)
+        working = self.state == "working"
+        row = LogRow(measurements.time_s, state=self.state, shaft_rpm=float("nan") if self.not_finite else 50.0,
+                     speed_mps=console_age_s)      # the fake log has no column for the console's age
+        return FakeTick(row, DriveCommand(70.0 if working else 0.0, 20.0), working, alarms)
+
+
+class FakeWriter:
+    """Memory only; `fail` makes it report trouble."""
+
+    def __init__(self) -> None:
+        self.rows: list[LogRow] = []
+        self.trouble: str | None = None
+        self.closed = False
+
+    @property
+    def ok(self) -> bool:
+        return self.trouble is None
+
+    def append(self, row: LogRow) -> None:
+        self.rows.append(row)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class LineWriter(FakeWriter):
+    """On disk, by a thread of its own, a batch every half second: rows not flushed at the end would be missing."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__()
+        self._queue: queue.SimpleQueue[LogRow | None] = queue.SimpleQueue()
+        self._file = open(path, "w", encoding="utf-8")    # noqa: SIM115
+        self._thread = threading.Thread(target=self._work, name="log")
+        self._thread.start()
+
+    def append(self, row: LogRow) -> None:
+        self._queue.put(row)
+
+    def close(self) -> None:
+        self._queue.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            row = self._queue.get()
+            if row is None:
+                self._file.write("end\n")
+                self._file.close()
+                return
+            self._file.write(json.dumps({"time_s": row.time_s, "state": row.state, "age_s": row.speed_mps}) + "\n")
+            if self._queue.empty():
+                time.sleep(0.1)
+                self._file.flush()
+
+
+def assemble(options: Options, clock: Clock) -> Assembly:
+    if "refuse" in options.config:
+        raise ValueError("cab.yaml: key gnss.port: value 7: allowed: a port name")
+    writer = LineWriter(options.log) if options.log else FakeWriter()
+    return Assembly(FakeBench(), FakeLoop(), writer, Names("job", "huanghai", "wheat", options.log or "", True))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:], assemble))

@@ -1,0 +1,173 @@
+"""The tick sequence on an injected clock: nothing here waits."""
+from __future__ import annotations
+
+import pytest
+
+from console.worker import limits
+from console.worker.requests import Ask
+from control.orders import Answer, Do, Order
+
+
+def ask(rig, what):
+    said = []
+    assert rig.host.ask(what, lambda answer, extra: said.append((answer, extra)))
+    return said
+
+
+def test_a_tick_measures_decides_commands_logs_and_shows(rig):
+    r = rig()
+    ask(r, Order(Do.START))
+    r.host.tick(0.25)
+    frame = r.host.newest
+    assert r.bench.commands[-1][0] == 0.25 and r.bench.commands[-1][1].shaft_rpm == 70.0 and r.bench.commands[-1][2]
+    assert r.writer.rows[-1] is frame.row and frame.row.state == "working" and frame.row.time_s == 0.25
+    assert (frame.job, frame.machine, frame.crop, frame.log_path) == ("job", "huanghai", "wheat", "run.csv")
+    assert frame.simulated and frame.dropped_heads == (3,) and frame.place_m == (1.0, 2.0) and frame.notes == ("note",)
+    assert frame.metres_left_m == 120.0 and frame.area_ha == 1.25 and frame.applied_kg == 300.0
+    assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (0.1, 10.0, True, False)
+    assert frame.devices[0].name == "board" and frame.devices[0].rejected == 1 and frame.devices[0].last_raw == "$"
+
+
+def test_deadlines_are_absolute(rig):
+    """A tick that takes 3 ms does not make the period 3 ms longer."""
+    r = rig(hz=20.0)
+    measure = r.bench.measure
+
+    def slow(now_s):
+        r.now_s += 0.003
+        return measure(now_s)
+
+    r.bench.measure = slow
+    r.on_sleep = lambda: r.host.stop("enough") if len(r.writer.rows) == 100 else None
+    r.host.run()
+    assert [round(row.time_s, 6) for row in r.writer.rows] == [round(0.05 * k, 6) for k in range(101)]
+    assert r.host.period.summary()["max_ms"] < 1e-6
+    assert r.host.period.summary()["busy_max_ms"] == pytest.approx(3.0)
+
+
+def test_a_pause_is_not_made_up_for_in_a_burst(rig):
+    r = rig(hz=20.0)
+
+    def on_sleep():
+        if len(r.writer.rows) == 10:
+            r.now_s += 1.0
+        if len(r.writer.rows) == 20:
+            r.host.stop("enough")
+
+    r.on_sleep = on_sleep
+    r.host.run()
+    times = [row.time_s for row in r.writer.rows]
+    gaps = [round(b - a, 6) for a, b in zip(times, times[1:], strict=False)]
+    assert sorted(gaps)[0] == 0.05 and max(gaps) == 1.05
+    assert r.host.period.summary()["skipped"] == 20
+
+
+def test_the_console_age_is_handed_on_and_starts_anew_when_heard(rig):
+    r = rig()
+    for now_s in (0.0, 0.5, 1.0):
+        r.now_s = now_s
+        r.host.tick(now_s)
+    r.host.console_heard()
+    r.host.tick(1.0)
+    assert r.loop.ages == [0.0, 0.5, 1.0, 0.0]
+
+
+def test_nobody_for_sixty_seconds_is_off_and_exit(rig):
+    assert limits.ORPHAN_S == 60.0
+    r = rig(hz=1.0)
+    ask(r, Order(Do.START))
+    assert r.host.run() == "orphaned"
+    assert r.writer.rows[-1].time_s == 61.0 and r.writer.rows[-1].state == "off" and r.writer.rows[-2].state == "held"
+    assert r.bench.commands[-1][1:] == (None, False)
+    assert r.bench.closed and r.writer.closed and r.host.ended == "orphaned"
+
+
+def test_somebody_who_calls_in_time_keeps_it_running(rig):
+    r = rig(hz=1.0)
+
+    def on_sleep():
+        if r.now_s in (50.0, 100.0):
+            r.host.console_heard()
+
+    r.on_sleep = on_sleep
+    r.host.run()
+    assert r.writer.rows[-1].time_s == 161.0
+
+
+def test_stop_between_ticks_still_logs_a_row_off(rig):
+    r = rig()
+    r.host.tick(0.0)
+    r.host.stop("SIGTERM")
+    assert r.host.run() == "SIGTERM"
+    assert r.loop.orders[-1] == Order(Do.STOP) and r.writer.rows[-1].state == "off" and r.host.newest.row.state == "off"
+
+
+def test_a_loop_that_breaks_leaves_drives_off_and_the_log_whole(rig):
+    r = rig()
+    ask(r, Order(Do.START))
+    r.loop.break_at_tick = 3
+    with pytest.raises(RuntimeError, match="the loop broke"):
+        r.host.run()
+    assert len(r.writer.rows) == 3 and r.writer.rows[-1].state == "working"
+    assert r.bench.commands[-1][1:] == (None, False)
+    assert r.writer.closed and r.bench.closed and r.host.ended == "failed"
+
+
+def test_a_drive_that_cannot_be_told_does_not_cost_the_log(rig):
+    r = rig()
+
+    def command(*_):
+        raise OSError("port gone")
+
+    r.bench.command = command
+    with pytest.raises(OSError):
+        r.host.run()
+    assert r.writer.closed and r.bench.closed
+
+
+def test_orders_are_answered_by_the_next_tick(rig):
+    r = rig()
+    good, limit, bad = ask(r, Order(Do.START)), ask(r, Order(Do.MANUAL_RATE, 900.0)), ask(r, Order(Do.REFILL, 1.0))
+    assert not good
+    r.host.tick(0.0)
+    assert good == [(Answer(True), {})]
+    assert limit == [(Answer(False, "rate_above_limit"), {})]
+    assert bad[0][0] == Answer(False, "internal_error: refill 1.0: RuntimeError: cannot digest")
+    r.host.tick(0.05)
+    assert r.writer.rows[-1].state == "working"
+
+
+def test_alive_stats_and_quit(rig):
+    r = rig(hz=50.0)
+    alive, stats, quit_ = ask(r, Ask.ALIVE), ask(r, Ask.STATS), ask(r, Ask.QUIT)
+    assert r.host.run() == "told to quit"
+    assert alive == [(Answer(True), {})] and quit_ == [(Answer(True), {})]
+    assert stats[0][1]["stats"]["hz"] == pytest.approx(50.0)
+    assert len(r.writer.rows) == 1
+
+
+def test_requests_cannot_make_a_tick_long(rig):
+    r = rig()
+    said = []
+    taken = [r.host.ask(Ask.ALIVE, lambda *_: said.append(1)) for _ in range(limits.REQUESTS_WAITING + 10)]
+    assert taken.count(False) == 10
+    r.host.tick(0.0)
+    assert len(said) == limits.REQUESTS_A_TICK
+
+
+@pytest.mark.parametrize(("hz", "ticks_a_frame"), [(20.0, 1), (50.0, 3), (100.0, 5), (10.0, 1)])
+def test_frames_are_made_no_oftener_than_they_are_sent(rig, hz, ticks_a_frame):
+    r = rig(hz=hz)
+    seen = []
+    for k in range(30):
+        r.host.tick(k / hz)
+        seen.append(r.host.newest.seq)
+    assert sorted(set(seen)) == list(range(0, 30, ticks_a_frame))
+
+
+def test_log_trouble_reaches_the_loop(rig):
+    r = rig()
+    r.host.tick(0.0)
+    r.writer.trouble = "disk full"
+    r.host.tick(0.05)
+    assert r.loop.log_oks == [True, False]

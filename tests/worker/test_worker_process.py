@@ -1,0 +1,320 @@
+"""The real program in a process of its own, on a fake machine, over loopback."""
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from console.link import Link, Where, WorkerFailed, WorkerGone, find_running, start_worker
+from console.worker.limits import CLIENTS, LINE_BYTES
+from control.orders import Answer, Do, Order
+
+posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
+
+
+async def until(true, timeout_s=3.0):
+    async with asyncio.timeout(timeout_s):
+        while not true():
+            await asyncio.sleep(0.01)
+
+
+def raw(where: Where) -> socket.socket:
+    client = socket.create_connection(("127.0.0.1", where.port), timeout=2)
+    client.settimeout(2)
+    return client
+
+
+def answers(client: socket.socket, n: int) -> list[dict]:
+    """The next n answers, frames and the greeting passed over."""
+    found, rest = [], b""
+    while len(found) < n:
+        got = client.recv(65536)
+        if not got:
+            break
+        *lines, rest = (rest + got).split(b"\n")
+        found += [m for m in map(json.loads, lines) if "answer" in m]
+    return found
+
+
+async def test_attach_and_order(running, attach, log_of):
+    where = running()
+    link = await attach(where)
+    assert link.newest.row.state == "ready" and link.newest.machine == "huanghai" and link.newest.simulated
+    assert await link.order(Order(Do.START)) == Answer(True)
+    await until(lambda: link.newest.row.state == "working")
+    assert await link.order(Order(Do.MANUAL_RATE, 900.0)) == Answer(False, "rate_above_limit")
+    refused = await link.order(Order(Do.REFILL, 5.0))
+    assert not refused.accepted and refused.why.startswith("internal_error: refill 5.0: RuntimeError")
+    assert await link.order(Order(Do.HOLD)) == Answer(True)
+    await until(lambda: link.newest.alarms)
+    assert link.newest.alarms[0].id == "console_silent" and link.newest.alarms[0].details == (("age_s", 2.0),)
+    await link.stop_worker()
+    with pytest.raises(WorkerGone):
+        await link.task
+    with pytest.raises(WorkerGone):
+        await link.order(Order(Do.START))
+    assert log_of(where)[-1] == {"end": True} and log_of(where)[-2]["state"] == "off"
+
+
+async def test_frames_come_at_twenty_hertz(running, attach):
+    link = await attach(running("--hz", "100"))
+    seen = set()
+    until_s = time.monotonic() + 1.0
+    while time.monotonic() < until_s:
+        seen.add(link.newest.seq)
+        await asyncio.sleep(0.005)
+    assert 15 <= len(seen) <= 23
+    stats = await link.stats()
+    assert stats["hz"] == pytest.approx(100.0) and stats["ticks"] > 50 and stats["clients"] == 1
+    assert 0.0 < stats["p50_ms"] <= stats["p99_ms"] <= stats["p999_ms"] <= stats["max_ms"]
+
+
+async def test_without_the_token_a_client_only_looks(running, attach):
+    where = running()
+    owner, watcher = await attach(where), await attach(where.looking_only())
+    assert await owner.order(Order(Do.START)) == Answer(True)
+    await until(lambda: watcher.newest.row.state == "working")
+    assert await watcher.order(Order(Do.HOLD)) == Answer(False, "unauthorised")
+    with pytest.raises(PermissionError, match="unauthorised"):
+        await watcher.stop_worker()
+    forger = await attach(Where(where.port, "f" * 32, where.pid))
+    assert await forger.order(Order(Do.STOP)) == Answer(False, "unauthorised")
+    await asyncio.sleep(0.2)
+    assert watcher.newest.row.state == "working"
+    assert (await owner.stats())["unauthorised"] >= 3
+
+
+async def test_a_watcher_does_not_keep_the_machine_working(running, attach, log_of):
+    """The operating console goes, somebody still looks: held after 2 s all the same; an owner may come back."""
+    where = running()
+    owner, watcher = await attach(where), await attach(where.looking_only())
+    await owner.order(Order(Do.START))
+    owner.task.cancel()
+    cancelled = time.monotonic()
+    await until(lambda: watcher.newest.row.state == "held", 4.0)
+    assert 1.4 < time.monotonic() - cancelled < 2.6                 # last keep-alive up to 0.5 s before
+    again = await attach(where)
+    await until(lambda: (again.newest.row.speed_mps or 9.0) < 1.0)  # the fake shows the console's age there
+
+
+CONSOLE = textwrap.dedent("""
+    import asyncio, json, sys
+    from console.link import Link, Where
+    from control.orders import Do, Order
+    async def main():
+        link = Link(Where(**json.loads(sys.argv[1])))
+        task = asyncio.create_task(link.run())
+        await link.attached.wait()
+        await link.order(Order(Do.START))
+        print("working", flush=True)
+        await task
+    asyncio.run(main())
+""")
+
+
+@posix
+@pytest.mark.parametrize("how", ["SIGKILL", "SIGSTOP", "SIGHUP"])
+async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(how, running, attach, log_of):
+    where = running(name=how)
+    say = json.dumps({"port": where.port, "token": where.token, "pid": where.pid})
+    console = subprocess.Popen([sys.executable, "-P", "-c", CONSOLE, say], stdout=subprocess.PIPE)
+    try:
+        assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
+        watcher = await attach(where.looking_only())
+        os.kill(console.pid, getattr(signal, how))
+        await until(lambda: watcher.newest.row.state == "held", 4.0)
+        await until(lambda: log_of(where)[-1]["state"] == "held")      # the log's own thread is a little behind
+        rows = log_of(where)
+        held = next(row for row in rows if row["state"] == "held")
+        assert 2.0 < held["age_s"] < 2.2
+        before = [row["time_s"] for row in rows]
+        assert max(b - a for a, b in zip(before, before[1:], strict=False)) < 0.3     # the loop did not even stumble
+        assert find_running(Path(where.log_path).parent / "run" / f"{how}.json").pid == where.pid
+    finally:
+        console.kill()
+        console.wait()
+
+
+@posix
+async def test_worker_killed_is_told_at_once(running, attach):
+    where = running()
+    link = await attach(where)
+    waiting = asyncio.create_task(link.order(Order(Do.START), 5.0))
+    await asyncio.sleep(0)
+    os.kill(where.pid, signal.SIGKILL)
+    killed = time.monotonic()
+    with pytest.raises(WorkerGone, match=f"process {where.pid}"):
+        await link.task
+    assert time.monotonic() - killed < 0.3
+    with pytest.raises(WorkerGone):          # nobody waits for an answer that cannot come
+        if (await waiting).accepted:
+            raise WorkerGone("answered before the kill")
+
+
+@posix
+async def test_a_frozen_worker_costs_an_order_only_its_time_limit(running, attach):
+    where = running()
+    link = await attach(where)
+    os.kill(where.pid, signal.SIGSTOP)
+    try:
+        began = time.monotonic()
+        assert await link.order(Order(Do.HOLD)) == Answer(False, "no_answer")
+        assert time.monotonic() - began < 0.8
+        with pytest.raises(WorkerFailed, match="does not answer"):
+            find_running(Path(where.log_path).parent / "run" / "worker.json")
+    finally:
+        os.kill(where.pid, signal.SIGCONT)
+
+
+@posix
+async def test_terminate_is_a_clean_stop_and_ctrl_c_is_nothing(running, attach, log_of):
+    where = running()
+    link = await attach(where)
+    await link.order(Order(Do.START))
+    os.kill(where.pid, signal.SIGINT)
+    os.kill(where.pid, signal.SIGHUP)
+    await asyncio.sleep(0.2)
+    assert not link.task.done() and link.newest.row.state == "working"
+    os.kill(where.pid, signal.SIGTERM)
+    with pytest.raises(WorkerGone):
+        await asyncio.wait_for(link.task, 2)
+    assert link.newest.row.state == "off"                       # the last frame still came
+    run_file = Path(where.log_path).parent / "run" / "worker.json"
+    await until(lambda: not run_file.exists())
+    rows = log_of(where)
+    assert rows[-1] == {"end": True} and rows[-2]["state"] == "off"
+    times = [row["time_s"] for row in rows[:-1]]
+    assert len(times) > 4 and times == sorted(times)
+
+
+async def test_nobody_ever_came(running, log_of):
+    where = running("--orphan-s", "0.3")
+    run_file = Path(where.log_path).parent / "run" / "worker.json"
+    await until(lambda: not run_file.exists(), 2.0)
+    assert log_of(where)[-1] == {"end": True} and log_of(where)[-2]["state"] == "off"
+
+
+async def test_rubbish_is_counted_answered_and_harmless(running, attach):
+    where = running("--hz", "50")
+    link = await attach(where)
+    client = raw(where)
+    good = json.dumps({"id": 5, "token": where.token, "do": "hold"}).encode()
+    client.sendall(b"\x00\xff{]\n\n[1,2]\n" + b"[" * 30_000 + b"\n" + good[:20])
+    time.sleep(0.05)
+    client.sendall(good[20:] + b"\n")                            # split anywhere
+    said = answers(client, 4)
+    assert [m["accepted"] for m in said] == [False, False, False, True] and said[-1]["answer"] == 5
+    flood = raw(where)
+    with pytest.raises(OSError):
+        for _ in range(100):
+            flood.sendall(b"x" * LINE_BYTES)
+            time.sleep(0.01)
+    stats = await link.stats()
+    assert stats["malformed"] == 3 and stats["oversized"] == 1
+    assert stats["skipped"] == 0 and stats["clients"] == 2
+    client.close()
+
+
+async def test_a_client_that_never_reads_stalls_nobody(running, attach):
+    where = running("--hz", "100")
+    link = await attach(where)
+    lazy = socket.socket()
+    lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    lazy.connect(("127.0.0.1", where.port))
+    alive = json.dumps({"id": 1, "token": where.token, "ask": "alive"}).encode() + b"\n"
+    lazy.setblocking(False)
+    first = link.newest.seq
+    began = time.monotonic()
+    while time.monotonic() - began < 1.5:
+        try:
+            lazy.send(alive * 10)
+        except BlockingIOError:
+            pass
+        await asyncio.sleep(0.01)
+    stats = await link.stats()
+    assert stats["dropped_frames"] >= 5
+    assert stats["skipped"] == 0
+    assert link.newest.seq - first > 130                          # 150 ticks went by
+    assert await link.order(Order(Do.START)) == Answer(True)
+    lazy.close()
+
+
+async def test_no_more_clients_than_allowed(running, attach):
+    where = running()
+    crowd = [raw(where) for _ in range(CLIENTS)]
+    assert all(c.recv(100).startswith(b'{"hello"') for c in crowd)
+    extra = raw(where)
+    assert extra.recv(100) == b""
+    crowd.pop().close()
+    await asyncio.sleep(0.3)
+    link = await attach(where)
+    assert (await link.stats())["clients_refused"] == 1
+    for client in crowd:
+        client.close()
+
+
+@posix
+def test_the_run_file_is_private_and_found(running, tmp_path):
+    where = running()
+    run_file = tmp_path / "run" / "worker.json"
+    assert run_file.stat().st_mode & 0o777 == 0o600 and run_file.parent.stat().st_mode & 0o777 == 0o700
+    assert find_running(run_file) == where
+    assert where.log_path.endswith("worker.log") and where.started.endswith("Z") and len(where.token) == 32
+    with pytest.raises(WorkerFailed, match=f"runs already .process {where.pid}"):
+        running()
+
+
+@posix
+async def test_a_file_left_by_a_dead_worker_is_removed(running, attach, tmp_path):
+    where = running()
+    os.kill(where.pid, signal.SIGKILL)
+    run_file = tmp_path / "run" / "worker.json"
+    assert run_file.exists()
+    await asyncio.sleep(0.1)
+    with pytest.raises(WorkerGone):
+        await Link(where).run()
+    assert find_running(run_file) is None and not run_file.exists()
+    assert running().pid != where.pid
+
+
+def test_a_port_taken_over_by_another_program_is_not_a_worker(tmp_path):
+    run_file = tmp_path / "worker.json"
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        run_file.write_text(json.dumps({"port": other.getsockname()[1], "token": "x", "pid": 1}))
+        with pytest.raises(WorkerFailed, match="remove"):
+            find_running(run_file)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', "\x00"])
+def test_a_spoilt_run_file_is_removed(tmp_path, text):
+    run_file = tmp_path / "worker.json"
+    run_file.write_text(text)
+    assert find_running(run_file) is None and not run_file.exists()
+    assert find_running(run_file) is None
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (["--config", "refuse"], "topdress worker: cab.yaml: key gnss.port: value 7: allowed: a port name"),
+    (["--hz", "200"], "200: allowed are 1 to 100"),
+])
+def test_a_worker_that_cannot_start_says_why_in_one_line(running, tmp_path, args, said):
+    with pytest.raises(WorkerFailed, match="did not start: .*" + said):
+        running(*args)
+    assert not (tmp_path / "run" / "worker.json").exists()
+
+
+def test_a_worker_that_says_nothing_is_ended(tmp_path):
+    began = time.monotonic()
+    with pytest.raises(WorkerFailed, match="said nothing for 0.2 s"):
+        start_worker([], tmp_path / "trouble", run_file=tmp_path / "w.json", timeout_s=0.2,
+                     program=("-c", "import time; time.sleep(5)"))
+    assert time.monotonic() - began < 1.5
