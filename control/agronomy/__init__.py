@@ -1,0 +1,1 @@
+"""From canopy to rate: crops, the nitrogen optimisation, day counts, sampling statistics, fusion of the heads."""

@@ -1,0 +1,111 @@
+"""A crop file: everything that turns NDVI into a rate of product, with the limits that bound it."""
+from __future__ import annotations
+
+import datetime as dt
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from control.agronomy.yield_potential import YieldPotential
+
+
+class GrowingDays(BaseModel):
+    """D of paper A, eq 4: days from sowing to sensing with a mean temperature above the crop's base.
+
+    Either counted by hand (`count` with the base it was counted over, `above_c`), or counted from a weather file
+    (`weather` with `sown`, and `sensed` where it is not the day of work).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    count: int | None = Field(default=None, ge=1, le=400, strict=True)
+    above_c: float | None = Field(default=None, ge=-5.0, le=15.0, description="base the days were counted over")
+    weather: str | None = Field(default=None, min_length=1, description="CSV of daily temperatures, beside this file")
+    sown: dt.date | None = None
+    sensed: dt.date | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.count is None) == (self.weather is None):
+            raise ValueError("allowed is one of count (with above_c) and weather (with sown)")
+        if self.count is not None and self.above_c is None:
+            raise ValueError("above_c missing: say over which base temperature the days were counted")
+        if self.count is not None and (self.sown is not None or self.sensed is not None):
+            raise ValueError("sown and sensed go with weather, not with count")
+        if self.weather is not None and self.sown is None:
+            raise ValueError("sown missing: a weather file needs the date of sowing, e.g. 2013-11-01")
+        if self.weather is not None and self.above_c is not None:
+            raise ValueError("above_c goes with count: a weather file is counted over the crop's own base_temp_c")
+        if self.sown is not None and self.sensed is not None and self.sensed <= self.sown:
+            raise ValueError(f"sensed {self.sensed} is not after sown {self.sown}")
+        return self
+
+
+class Crop(BaseModel):
+    """Crop file "topdress-crop/1". Rates are kg of product per ha, yields t of grain per ha."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    format: Literal["topdress-crop/1"]
+    id: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    name: str = Field(min_length=1)
+    note: str = Field(default="", description="where the figures come from")
+    flag: str = Field(default="", description="what the operator must know before using this crop")
+    examples: tuple[str, ...] = Field(default=(), description="keys whose values are examples, to be replaced")
+
+    yield_potential: YieldPotential
+    days: GrowingDays
+    y_max_t_ha: float = Field(gt=0.0, le=20.0, description="no yield is assumed beyond this (eq 5)")
+    fixed_yield_t_ha: float | None = Field(default=None, gt=0.0, le=20.0, description="yield with topdressing, "
+                                           "where no N-rich strip was sown")
+    ndvi_nrich: float | None = Field(default=None, gt=0.0, le=0.95, description="NDVI of the N-rich strip")
+    response_index_max: float = Field(default=2.0, ge=1.0, le=2.0, description="cap of RI (Raun et al. 2002)")
+
+    grain_n_kg_t: float = Field(default=23.9, ge=10.0, le=40.0, description="N in the grain (eq 2)")
+    product: str = Field(default="urea", min_length=1)
+    product_n_fraction: float = Field(default=0.45, ge=0.05, le=0.82, description="N in the product (eq 2)")
+    efficiency: float = Field(default=0.6, ge=0.5, le=0.7, description="share of the applied N taken up, eta of eq 2")
+
+    ndvi_min: float = Field(default=0.25, ge=0.0, le=0.9, description="no rate below: bare soil")
+    ndvi_max: float = Field(default=0.75, ge=0.1, le=1.0, description="no rate above: dense canopy")
+    grades: bool = Field(default=True, description="rate in steps of NDVI, each taken at its upper edge")
+    grade_width: float = Field(default=0.05, ge=0.005, le=0.5)
+
+    fallback_rate_kg_ha: float = Field(ge=0.0, le=2000.0, description="where there is no canopy reading")
+    max_rate_kg_ha: float = Field(gt=0.0, le=2000.0, description="absolute limit of the product")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        curve = self.yield_potential
+        if curve.only_crop and self.id != curve.only_crop:
+            raise ValueError(f"yield_potential.set {curve.set} belongs to crop {curve.only_crop} alone: "
+                             f"{curve.warning}")
+        if curve.warning and not self.flag:
+            raise ValueError(f"flag missing: set {curve.set} needs one, because {curve.warning}")
+        if self.days.above_c is not None and self.days.above_c != curve.base_temp_c:
+            raise ValueError(f"days.above_c {self.days.above_c:g}: the yield curve's own rule is days above "
+                             f"{curve.base_temp_c:g} degC; count the days again over that")
+        if self.fixed_yield_t_ha is not None and self.fixed_yield_t_ha > self.y_max_t_ha:
+            raise ValueError(f"fixed_yield_t_ha {self.fixed_yield_t_ha:g}: allowed is at most y_max_t_ha "
+                             f"{self.y_max_t_ha:g}")
+        if self.ndvi_min >= self.ndvi_max:
+            raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {self.ndvi_max:g}")
+        steps = (self.ndvi_max - self.ndvi_min) / self.grade_width
+        if self.grades and abs(steps - round(steps)) > 1e-6:
+            raise ValueError(f"grade_width {self.grade_width:g}: allowed is a whole part of the span "
+                             f"{self.ndvi_min:g} to {self.ndvi_max:g}")
+        if self.fallback_rate_kg_ha > self.max_rate_kg_ha:
+            raise ValueError(f"fallback_rate_kg_ha {self.fallback_rate_kg_ha:g}: allowed is at most max_rate_kg_ha "
+                             f"{self.max_rate_kg_ha:g}")
+        unknown = [key for key in self.examples if key not in type(self).model_fields]
+        if unknown:
+            raise ValueError(f"examples {', '.join(unknown)}: no such key")
+        return self
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One line each, to be shown before work starts; empty when there is nothing to say."""
+        lines = [self.flag, self.yield_potential.warning]
+        if self.examples:
+            lines.append(f"example values, not of this field: {', '.join(self.examples)}")
+        return tuple(line for line in lines if line)

@@ -1,0 +1,120 @@
+"""Six canopy heads to one NDVI: the median of the heads that can be trusted.
+
+A head is left out when it is silent (no new reading for `silent_s`), or when it disagrees: its distance from the
+median of the others exceeds max(`least_apart`, `robust_sds` robust standard deviations of the others) without a break
+for `drop_after_s`, and fewer than half of the heads side with it. It comes back when it has stayed within half of
+that distance for `return_after_s`. One bad reading never drops a head; the median bears it.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+from typing import NamedTuple
+
+from control.readings import Reading
+
+_MAD_TO_SD = 1.4826     # median absolute deviation to standard deviation, normal distribution
+
+
+class FusionLimits(NamedTuple):
+    silent_s: float = 1.25          # two and a half periods of heads at 2 Hz
+    least_apart: float = 0.08       # NDVI: closer heads never disagree
+    robust_sds: float = 4.0
+    drop_after_s: float = 2.0
+    return_after_s: float = 5.0
+    least_valid: int = 4            # fewer: degraded
+    ndvi_low: float = -0.2          # outside low to high a reading is no reading
+    ndvi_high: float = 1.0
+
+
+LIMITS = FusionLimits()
+
+
+class HeadState(NamedTuple):
+    last: Reading | None = None
+    apart_since_s: float | None = None      # disagreeing without a break since then
+    close_since_s: float | None = None      # a dropped head that agrees again since then
+    dropped: bool = False
+
+
+class FusionState(NamedTuple):
+    heads: tuple[HeadState, ...] = ()
+
+
+class Fused(NamedTuple):
+    """`ndvi` is None when no head is left. Heads are numbered from 1, left to right."""
+
+    ndvi: float | None
+    valid: int                          # heads in the median
+    dropped: tuple[int, ...]            # left out for either reason
+    disagreeing: tuple[int, ...]
+    silent: tuple[int, ...]
+    degraded: bool                      # fewer valid heads than needed
+
+
+def start(heads: int = 6) -> FusionState:
+    """The state before any reading."""
+    return FusionState((HeadState(),) * heads)
+
+
+def fuse(state: FusionState, values: Sequence[float | None], time_s: float,
+         limits: FusionLimits = LIMITS) -> tuple[FusionState, Fused]:
+    """One step with values sampled at `time_s`; None: that head said nothing new.
+
+    values (heads,) NDVI. A change in the number of heads starts afresh. Source: the house's own rule.
+    """
+    return fuse_readings(state, tuple(None if v is None else Reading(v, time_s) for v in values), time_s, limits)
+
+
+def fuse_readings(state: FusionState, readings: Sequence[Reading | None], time_s: float,
+                  limits: FusionLimits = LIMITS) -> tuple[FusionState, Fused]:
+    """One step with the newest reading of each head, however old (as `control.readings.Measurements` holds them)."""
+    heads = state.heads if len(state.heads) == len(readings) else (HeadState(),) * len(readings)
+    heads = tuple(_heard(head, reading, limits) for head, reading in zip(heads, readings, strict=True))
+    silent = tuple(k for k, head in enumerate(heads) if _is_silent(head, time_s, limits))
+    fresh = {k: head.last.value for k, head in enumerate(heads) if head.last is not None and k not in silent}
+    heads = tuple(_judged(k, head, heads, fresh, time_s, limits) if k in fresh else _not_judged(head)
+                  for k, head in enumerate(heads))
+    trusted = [value for k, value in fresh.items() if not heads[k].dropped]
+    disagreeing = tuple(k + 1 for k in fresh if heads[k].dropped)
+    mute = tuple(k + 1 for k in silent)
+    fused = Fused(median(trusted) if trusted else None, len(trusted), tuple(sorted((*disagreeing, *mute))),
+                  disagreeing, mute, len(trusted) < limits.least_valid)
+    return FusionState(heads), fused
+
+
+def _heard(head: HeadState, reading: Reading | None, limits: FusionLimits) -> HeadState:
+    if reading is None or not limits.ndvi_low <= reading.value <= limits.ndvi_high:
+        return head
+    return head._replace(last=reading)
+
+
+def _is_silent(head: HeadState, time_s: float, limits: FusionLimits) -> bool:
+    return head.last is None or time_s - head.last.time_s > limits.silent_s
+
+
+def _not_judged(head: HeadState) -> HeadState:
+    return head._replace(apart_since_s=None, close_since_s=None)
+
+
+def _judged(k: int, head: HeadState, heads: tuple[HeadState, ...], fresh: dict[int, float], time_s: float,
+            limits: FusionLimits) -> HeadState:
+    others = [value for j, value in fresh.items() if j != k and not heads[j].dropped]
+    if len(others) < 3:
+        return _not_judged(head)
+    middle = median(others)
+    robust_sd = _MAD_TO_SD * median([abs(value - middle) for value in others])
+    allowed = max(limits.least_apart, limits.robust_sds * robust_sd)
+    apart = abs(fresh[k] - middle)
+    if head.dropped:
+        if apart > 0.5 * allowed:
+            return head._replace(close_since_s=None)
+        since = head.close_since_s if head.close_since_s is not None else time_s
+        back = time_s - since >= limits.return_after_s
+        return head._replace(close_since_s=None if back else since, dropped=not back)
+    siding = 1 + sum(abs(value - fresh[k]) <= allowed for value in others)
+    if apart <= allowed or 2 * siding >= len(others) + 1:
+        return head._replace(apart_since_s=None)
+    since = head.apart_since_s if head.apart_since_s is not None else time_s
+    gone = time_s - since >= limits.drop_after_s
+    return head._replace(apart_since_s=None if gone else since, dropped=gone)

@@ -1,0 +1,151 @@
+"""The nitrogen optimisation of paper A, eq 2 to 5: NDVI to kg of product per ha.
+
+Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no strip was sown.
+Put right against the print: the rate is never below zero (eq 2 gives -21.9 kg/ha at NDVI 0.75), the response index
+is capped, and no yield is assumed beyond the crop's Y_max.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from control.agronomy.crop import Crop
+from control.agronomy.grades import grade_edges, graded_ndvi
+
+Why = Literal["in_range", "no_ndvi", "below_cutoff", "above_cutoff", "yield_reached", "limited"]
+
+
+class Decision(NamedTuple):
+    """A rate with the way it came about.
+
+    Yields in t/ha, capped at the crop's Y_max; None where a cut-off decided before they were needed.
+    """
+
+    rate_kg_ha: float                      # product, 0 to the crop's max_rate_kg_ha
+    why: Why
+    grade: int | None                      # None: grades are off
+    ndvi_used: float | None                # upper edge of the grade, or the NDVI itself
+    insey_per_day: float | None = None
+    yield_without_t_ha: float | None = None
+    yield_with_t_ha: float | None = None
+    response_index: float | None = None    # None in the fixed-yield form
+
+
+def insey(ndvi: float, days: float) -> float:
+    """In-season estimate of yield, NDVI per day (paper A, eq 4). ValueError unless days > 0."""
+    if not days > 0.0:
+        raise ValueError(f"days {days:g}: allowed is above 0")
+    return ndvi / days
+
+
+def yield_without(insey_per_day: float, a_t_ha: float, b_days: float) -> float:
+    """Yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). Not capped here; infinite beyond e^700."""
+    exponent = b_days * insey_per_day
+    return a_t_ha * math.exp(exponent) if exponent < 700.0 else math.inf
+
+
+def response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> float:
+    """NDVI of the N-rich strip over that of the field, at most `cap` (paper A, eq 5; cap: Raun et al. 2002).
+
+    A field at NDVI 0 or below gives the cap.
+    """
+    if ndvi_field <= 0.0:
+        return cap
+    return min(ndvi_nrich / ndvi_field, cap)
+
+
+def n_requirement_kg_ha(yield_with_t_ha: float, yield_without_t_ha: float, grain_n_kg_t: float = 23.9,
+                        product_n_fraction: float = 0.45, efficiency: float = 0.6) -> float:
+    """Product needed to lift the yield, kg/ha (paper A, eq 2); as printed, so below zero when nothing is to lift."""
+    return grain_n_kg_t * (yield_with_t_ha - yield_without_t_ha) / (product_n_fraction * efficiency)
+
+
+def _side(ndvi: float, crop: Crop) -> Why:
+    return "above_cutoff" if ndvi > crop.ndvi_max else "below_cutoff"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A crop made ready for one field: days and reference fixed, so that a decision needs the NDVI only."""
+
+    crop: Crop
+    days: int
+    ndvi_nrich: float | None       # None: fixed-yield form
+
+    def decide(self, ndvi: float | None) -> Decision:
+        """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with why "no_ndvi":
+        the caller falls back to the crop's fallback rate."""
+        crop = self.crop
+        if ndvi is None or not math.isfinite(ndvi):
+            return Decision(0.0, "no_ndvi", None, None)
+        if not crop.grades:
+            if crop.ndvi_min <= ndvi <= crop.ndvi_max:
+                return self._from_yields(ndvi, None)
+            return Decision(0.0, _side(ndvi, crop), None, None)
+        grade, used = graded_ndvi(ndvi, crop.ndvi_min, crop.ndvi_max, crop.grade_width)
+        if used is None:
+            return Decision(0.0, _side(ndvi, crop), 0, None)
+        return self._from_yields(used, grade)
+
+    def _from_yields(self, ndvi: float, grade: int | None) -> Decision:
+        crop, curve = self.crop, self.crop.yield_potential
+        index = insey(ndvi, self.days)
+        without = min(yield_without(index, curve.a_t_ha, curve.b_days), crop.y_max_t_ha)
+        response: float | None = None
+        if self.ndvi_nrich is not None:
+            response = response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
+            wanted = without * response
+        else:
+            wanted = crop.fixed_yield_t_ha if crop.fixed_yield_t_ha is not None else 0.0
+        with_n = min(wanted, crop.y_max_t_ha)
+        need = n_requirement_kg_ha(with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency)
+        why: Why = "yield_reached" if need <= 0.0 else "limited" if need > crop.max_rate_kg_ha else "in_range"
+        rate = min(max(need, 0.0), crop.max_rate_kg_ha)
+        return Decision(rate, why, grade, ndvi, index, without, with_n, response)
+
+
+def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None) -> Rule:
+    """A crop made ready for work. `days` and `ndvi_nrich` override the crop file's own.
+
+    With an N-rich NDVI the response index decides, else the crop's fixed yield.
+    Raises ValueError in one line when the days are not known yet (a weather file has to be counted first) or out of
+    1 to 400, when neither form is possible, or when the N-rich NDVI is not in (0, 0.95].
+    """
+    days = days if days is not None else crop.days.count
+    ndvi_nrich = ndvi_nrich if ndvi_nrich is not None else crop.ndvi_nrich
+    if days is None:
+        raise ValueError(f"crop {crop.id}: days are to be counted from {crop.days.weather}; count them first")
+    if not 1 <= days <= 400:
+        raise ValueError(f"crop {crop.id}: days {days}: allowed is 1 to 400")
+    if ndvi_nrich is None and crop.fixed_yield_t_ha is None:
+        raise ValueError(f"crop {crop.id}: ndvi_nrich and fixed_yield_t_ha both missing: one is needed")
+    if ndvi_nrich is not None and not 0.0 < ndvi_nrich <= 0.95:
+        raise ValueError(f"crop {crop.id}: ndvi_nrich {ndvi_nrich:g}: allowed is above 0, at most 0.95")
+    return Rule(crop, days, ndvi_nrich)
+
+
+def rate_kg_ha(crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None) -> float:
+    """Product, kg/ha, for a canopy reading: never below 0, never above the crop's limit (paper A, eq 2 to 5)."""
+    return prepare(crop, days, ndvi_nrich).decide(ndvi).rate_kg_ha
+
+
+class GradeRate(NamedTuple):
+    """One line of the table a crop works by: NDVI above `ndvi_above` up to `ndvi_to` gets `rate_kg_ha`."""
+
+    grade: int
+    ndvi_above: float
+    ndvi_to: float
+    rate_kg_ha: float
+
+
+def rate_table(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None) -> tuple[GradeRate, ...]:
+    """The crop's grades in rising NDVI (paper A, figure 4): (low, low + width] and so on, without the zero grade.
+
+    A crop with grades off is tabulated at the same edges, each line with the rate at its upper edge.
+    """
+    rule = prepare(crop, days, ndvi_nrich)
+    edges = grade_edges(crop.ndvi_min, crop.ndvi_max, crop.grade_width)
+    lower = (crop.ndvi_min, *edges[:-1])
+    return tuple(GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
+                 for k, (low, high) in enumerate(zip(lower, edges, strict=True), start=1))

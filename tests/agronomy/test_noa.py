@@ -1,0 +1,169 @@
+"""The nitrogen optimisation against paper A's own figures, and within its bounds everywhere."""
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from control.agronomy.crop import Crop
+from control.agronomy.grades import grade_edges, graded_ndvi
+from control.agronomy.noa import (
+    insey,
+    n_requirement_kg_ha,
+    prepare,
+    rate_kg_ha,
+    rate_table,
+    response_index,
+    yield_without,
+)
+
+
+def smooth(crop: Crop) -> Crop:
+    return crop.model_copy(update={"grades": False})
+
+
+def test_table_2_comes_back_from_eq_2_to_4(huanghai):
+    """Targets of plots FA, FB, FC: 22.0, 20.2, 18.9 kg on 600 m2."""
+    for ndvi, kg in ((0.499, 22.0), (0.530, 20.2), (0.551, 18.9)):
+        assert rate_kg_ha(smooth(huanghai), ndvi) == pytest.approx(kg / 0.06, abs=1.0)
+
+
+def test_printed_eq_2_is_negative_where_the_rate_is_zero(huanghai):
+    without = yield_without(insey(0.75, 82), 0.359, 324.4)
+    assert n_requirement_kg_ha(6.73, without) == pytest.approx(-21.9, abs=0.05)
+    decision = prepare(huanghai).decide(0.75)
+    assert (decision.rate_kg_ha, decision.why, decision.grade) == (0.0, "yield_reached", 10)
+
+
+def test_fewer_days_more_yield_expected_less_urea(huanghai):
+    """What the day rule is worth: 82 days give 366 kg/ha at NDVI 0.5, 65 days 210."""
+    assert rate_kg_ha(smooth(huanghai), 0.5, days=82) == pytest.approx(366.0, abs=0.5)
+    assert rate_kg_ha(smooth(huanghai), 0.5, days=65) == pytest.approx(210.0, abs=0.5)
+
+
+def test_eq_2_by_hand():
+    assert n_requirement_kg_ha(6.0, 5.0, 23.9, 0.45, 0.6) == pytest.approx(23.9 / 0.27)
+    assert n_requirement_kg_ha(6.0, 5.0, 23.9, 0.46, 0.5) == pytest.approx(23.9 / 0.23)
+
+
+def test_cut_offs(huanghai):
+    rule, graded = prepare(smooth(huanghai)), prepare(huanghai)
+    assert rule.decide(0.2499).why == graded.decide(0.2499).why == "below_cutoff"
+    assert rule.decide(0.7501).why == graded.decide(0.7501).why == "above_cutoff"
+    assert rule.decide(0.25).rate_kg_ha > 500.0 - 1e-9        # the print: zero below 0.25 only ...
+    assert graded.decide(0.25).rate_kg_ha == 0.0              # ... but the first grade is (0.25, 0.3]
+    assert graded.decide(0.2501).rate_kg_ha == pytest.approx(491.6, abs=0.05)
+
+
+@pytest.mark.parametrize("nothing", [None, math.nan, math.inf, -math.inf])
+def test_no_reading_is_no_rate(huanghai, nothing):
+    assert prepare(huanghai).decide(nothing).why == "no_ndvi"
+    assert rate_kg_ha(huanghai, nothing) == 0.0
+
+
+def test_eleven_grades_each_at_its_upper_edge(huanghai):
+    edges = grade_edges()
+    assert edges == (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75)
+    grades = {graded_ndvi(n / 1000).grade for n in range(1001)}
+    assert grades == set(range(11))
+    for grade, edge in enumerate(edges, start=1):
+        assert graded_ndvi(edge).grade == grade
+        assert graded_ndvi(edge + 1e-12).grade == grade       # a median of floats may sit this close
+        assert graded_ndvi(edge - 0.049).grade == grade
+        assert graded_ndvi(edge).ndvi == pytest.approx(edge)
+    assert prepare(huanghai).decide(0.511).rate_kg_ha == rate_kg_ha(smooth(huanghai), 0.55)
+
+
+def test_rate_table_is_what_the_rule_does(huanghai):
+    table = rate_table(huanghai)
+    rule = prepare(huanghai)
+    assert [line.grade for line in table] == list(range(1, 11))
+    assert table[0].ndvi_above == 0.25 and table[-1].ndvi_to == 0.75
+    for line in table:
+        assert rule.decide((line.ndvi_above + line.ndvi_to) / 2).rate_kg_ha == line.rate_kg_ha
+    assert table[4].rate_kg_ha == pytest.approx(366.0, abs=0.5)
+
+
+def test_response_index_is_capped():
+    assert response_index(0.8, 0.5) == pytest.approx(1.6)
+    assert response_index(0.8, 0.3) == 2.0
+    assert response_index(0.8, 0.0) == 2.0
+
+
+def test_n_rich_form(oklahoma):
+    """Eq 5: yield with nitrogen is yield without times RI, at most Y_max."""
+    crop = smooth(oklahoma)
+    decision = prepare(crop, days=100, ndvi_nrich=0.65).decide(0.5)
+    assert decision.response_index == pytest.approx(1.3)
+    assert decision.yield_without_t_ha == pytest.approx(0.359 * math.exp(324.4 * 0.005))
+    assert decision.yield_with_t_ha == pytest.approx(1.3 * 0.359 * math.exp(1.622))
+    assert decision.rate_kg_ha == pytest.approx(23.9 * 0.3 * 0.359 * math.exp(1.622) / 0.27)
+    assert prepare(crop, 100, 0.65).decide(0.3).response_index == 2.0
+    assert prepare(crop, 100, 0.65).decide(0.7).why == "yield_reached"
+
+
+def test_y_max_tames_the_exponential(oklahoma):
+    """Few days and a dense canopy: without Y_max eq 3 gives 46 t/ha here."""
+    crop = smooth(oklahoma)
+    decision = prepare(crop, days=30, ndvi_nrich=0.6).decide(0.45)
+    assert 0.359 * math.exp(324.4 * 0.45 / 30) > 40.0
+    assert decision.yield_with_t_ha == crop.y_max_t_ha
+    assert decision.rate_kg_ha == 0.0
+    partly = prepare(crop, days=60, ndvi_nrich=0.75).decide(0.5)
+    assert partly.yield_with_t_ha == crop.y_max_t_ha
+    assert partly.rate_kg_ha == pytest.approx(23.9 * (7.0 - partly.yield_without_t_ha) / 0.27)
+
+
+def test_the_strip_decides_where_both_are_given(huanghai):
+    assert prepare(huanghai, ndvi_nrich=0.6).decide(0.5).response_index == pytest.approx(1.2)
+    assert prepare(huanghai).decide(0.5).response_index is None
+
+
+def test_what_cannot_be_prepared_says_why(crop_data, oklahoma):
+    without = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"ndvi_nrich": None})
+    with pytest.raises(ValueError, match="ndvi_nrich and fixed_yield_t_ha both missing"):
+        prepare(without)
+    by_weather = Crop.model_validate(
+        crop_data("osu_winter_wheat_2004") | {"days": {"weather": "w.csv", "sown": "2013-11-01"}})
+    with pytest.raises(ValueError, match=r"to be counted from w\.csv"):
+        prepare(by_weather)
+    assert prepare(by_weather, days=90).days == 90
+    for days in (0, -3, 401):
+        with pytest.raises(ValueError, match="allowed is 1 to 400"):
+            prepare(oklahoma, days=days)
+    with pytest.raises(ValueError, match="ndvi_nrich"):
+        prepare(oklahoma, ndvi_nrich=1.5)
+    with pytest.raises(ValueError, match="days 0"):
+        insey(0.5, 0)
+
+
+def test_limit_of_the_product_holds(huanghai):
+    small = huanghai.model_copy(update={"max_rate_kg_ha": 200.0})
+    decision = prepare(small).decide(0.4)
+    assert (decision.rate_kg_ha, decision.why) == (200.0, "limited")
+
+
+def _crop(grades: bool, eta: float) -> Crop:
+    return Crop.model_validate({
+        "format": "topdress-crop/1", "id": "any_wheat", "name": "any", "yield_potential": {"set": "osu_durum_2006"},
+        "days": {"count": 100, "above_c": 4.4}, "y_max_t_ha": 9.0, "fixed_yield_t_ha": 6.0, "efficiency": eta,
+        "grades": grades, "fallback_rate_kg_ha": 50.0, "max_rate_kg_ha": 300.0})
+
+
+@given(ndvi=st.floats(allow_nan=True, allow_infinity=True), days=st.integers(1, 400),
+       nrich=st.none() | st.floats(0.01, 0.95), grades=st.booleans(), eta=st.floats(0.5, 0.7))
+def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
+    crop = _crop(grades, eta)
+    rate = rate_kg_ha(crop, ndvi, days, nrich)
+    assert math.isfinite(rate)
+    assert 0.0 <= rate <= 300.0
+    if not 0.25 - 1e-9 <= ndvi <= 0.75 + 1e-9:
+        assert rate == 0.0
+
+
+@given(st.floats(0.26, 0.74), st.floats(0.0, 0.2))
+def test_fixed_yield_form_falls_with_ndvi(ndvi, more):
+    without = [yield_without(insey(n, 82), 0.359, 324.4) for n in (ndvi, ndvi + more)]
+    assert n_requirement_kg_ha(6.73, without[0]) >= n_requirement_kg_ha(6.73, without[1])
