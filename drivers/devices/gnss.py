@@ -1,0 +1,165 @@
+"""GNSS receivers speaking NMEA 0183: GGA, RMC and VTG grouped into epochs of one UTC time.
+
+Latency: a fix is handed over with the sentence that ended the last epochs (the last type that the last two epochs
+have in common), so nothing is added to the receiver's own sending time. Only the very first epoch, and one whose
+ending sentence was lost, wait for the next epoch to begin: one period. A sentence that comes after the hand-over and
+brings a speed which the fix did not have yet hands the same epoch over again, completed. `GnssFix.time_s` is always the
+arrival of the epoch's first sentence, so that a late hand-over never looks fresh.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, date, datetime, timedelta
+
+from control.readings import GnssFix
+from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.nmea import Ignored, Rejected, Sentence, parse
+
+DAY_MS = 86_400_000
+NEW_CLOCK_AFTER_S = 5.0     # a receiver whose time has run on behind the old one this long has a new clock
+
+
+@dataclass(slots=True)
+class _Epoch:
+    time_of_day_ms: int
+    first_s: float
+    sentences: dict[str, Sentence] = field(default_factory=dict)
+    handed_over: bool = False
+
+    @property
+    def has_speed(self) -> bool:
+        return any(sentence.speed_mps is not None for sentence in self.sentences.values())
+
+
+class GnssDecoder:
+    """Bytes to fixes.
+
+    Parameters
+    ----------
+    live : hand over at the earliest moment (see the module's text). False, for recordings: each epoch once, whole,
+        when the next one begins or at `flush`.
+
+    Counted as rejected: `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`, `time_backwards` (earlier
+    than the epoch before, and a VTG that follows; after 5 s of time running on from there it is taken for the receiver's new clock),
+    `duplicate_epoch` (the same talker says the same type for the same time again; the first stays), `garbage` (text
+    that is no sentence), `overlong`. Counted as ignored: every other sentence type by its name, `no_fix`, `comment`
+    (lines beginning with #), `other_talker` (a second constellation's sentence for the same epoch; the first stays),
+    `no_epoch` (VTG carries no time, and there is no epoch yet that it could belong to).
+    """
+
+    def __init__(self, live: bool = True) -> None:
+        self.counts = Counts()
+        self._live = live
+        self._cutter = LineCutter()
+        self._overlong = 0
+        self._epoch: _Epoch | None = None
+        self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
+        self._dated: tuple[date, int] | None = None         # newest date, and the time of day it came with
+        self._behind: tuple[int, float] | None = None       # last backward time of day, arrival of the first
+
+    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
+        """Fixes completed by `data`, which arrived at `time_s`; oldest first, mostly none or one."""
+        fixes = self._read(self._cutter.feed(data), time_s)
+        if self._cutter.overlong != self._overlong:
+            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
+            self._overlong = self._cutter.overlong
+        return fixes
+
+    def flush(self, time_s: float) -> list[GnssFix]:
+        """At the end of a recording: the last line and the last epoch."""
+        return self._read(self._cutter.flush(), time_s) + self._close_epoch()
+
+    def _read(self, lines: list[bytes], time_s: float) -> list[GnssFix]:
+        fixes: list[GnssFix] = []
+        for line in lines:
+            if line.startswith(b"#"):
+                self.counts.ignore("comment")
+                continue
+            before, *sentences = line.split(b"$")       # a sentence cut short is followed at once by the next
+            if before.strip():
+                self.counts.reject("garbage")
+            for sentence in sentences:
+                try:
+                    fixes += self._take(parse(sentence), time_s)
+                except Rejected as kind:
+                    self.counts.reject(str(kind))
+                except Ignored as kind:
+                    self.counts.ignore(str(kind))
+        return fixes
+
+    def _take(self, sentence: Sentence, time_s: float) -> list[GnssFix]:
+        closed: list[GnssFix] = []
+        epoch = self._epoch
+        if sentence.time_of_day_ms is None:
+            if epoch is None:
+                raise Ignored("no_epoch")
+            if self._behind is not None:
+                raise Rejected("time_backwards")
+        elif epoch is None or sentence.time_of_day_ms != epoch.time_of_day_ms:
+            if epoch is not None and _ahead_ms(sentence.time_of_day_ms, epoch.time_of_day_ms) < 0:
+                self._check_new_clock(sentence.time_of_day_ms, time_s)
+            self._behind = None
+            closed = self._close_epoch()
+            epoch = self._epoch = _Epoch(sentence.time_of_day_ms, time_s)
+        said = epoch.sentences.get(sentence.type)
+        if said is not None:
+            if said.talker == sentence.talker:
+                raise Rejected("duplicate_epoch")
+            raise Ignored("other_talker")
+        brings_speed = sentence.speed_mps is not None and not epoch.has_speed
+        epoch.sentences[sentence.type] = sentence
+        if sentence.date is not None:
+            self._dated = sentence.date, epoch.time_of_day_ms
+        self.counts.accept()
+        if not self._live:
+            return closed
+        if brings_speed if epoch.handed_over else sentence.type == self._ending_type():
+            closed.append(self._fix(epoch))
+            epoch.handed_over = True
+        return closed
+
+    def _check_new_clock(self, time_of_day_ms: int, time_s: float) -> None:
+        """Return where a backward time is the receiver's new clock, else reject."""
+        if self._behind is None or _ahead_ms(time_of_day_ms, self._behind[0]) < 0:
+            self._behind = time_of_day_ms, time_s
+        self._behind = time_of_day_ms, self._behind[1]
+        if time_s - self._behind[1] < NEW_CLOCK_AFTER_S:
+            raise Rejected("time_backwards")
+
+    def _ending_type(self) -> str | None:
+        last, before = self._types_of_last_epochs
+        common = [kind for kind in last if kind in before] or last
+        return common[-1] if common else None
+
+    def _close_epoch(self) -> list[GnssFix]:
+        epoch, self._epoch = self._epoch, None
+        if epoch is None:
+            return []
+        self._types_of_last_epochs = list(epoch.sentences), self._types_of_last_epochs[0]
+        return [] if epoch.handed_over else [self._fix(epoch)]
+
+    def _fix(self, epoch: _Epoch) -> GnssFix:
+        gga, rmc, vtg = (epoch.sentences.get(kind) for kind in ("GGA", "RMC", "VTG"))
+        place = gga or rmc
+        assert place is not None and place.lat_deg is not None and place.lon_deg is not None
+        moving = rmc if rmc is not None and rmc.speed_mps is not None else vtg
+        headed = rmc if rmc is not None and rmc.heading_deg is not None else vtg
+        return GnssFix(
+            time_s=epoch.first_s, lat_deg=place.lat_deg, lon_deg=place.lon_deg,
+            fix_quality=place.fix_quality or 0, satellites=place.satellites, hdop=place.hdop,
+            speed_mps=moving.speed_mps if moving else None, heading_deg=headed.heading_deg if headed else None,
+            utc=self._utc(epoch.time_of_day_ms))
+
+    def _utc(self, time_of_day_ms: int) -> str | None:
+        if self._dated is None:
+            return None
+        day, dated_ms = self._dated
+        if time_of_day_ms < dated_ms - DAY_MS // 2:     # past midnight, and no RMC has given the new date yet
+            day += timedelta(days=1)
+        at = datetime(day.year, day.month, day.day, tzinfo=UTC) + timedelta(milliseconds=time_of_day_ms)
+        return at.strftime("%Y-%m-%dT%H:%M:%S.") + f"{time_of_day_ms % 1000:03d}Z"
+
+
+def _ahead_ms(later_ms: int, earlier_ms: int) -> int:
+    """How far one time of day is ahead of another, the shorter way round midnight: -12 h to 12 h."""
+    return (later_ms - earlier_ms + DAY_MS // 2) % DAY_MS - DAY_MS // 2

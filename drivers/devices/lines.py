@@ -1,0 +1,70 @@
+"""Bytes that arrive in any pieces, cut into lines; and the counts that every decoder keeps."""
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+
+_LINE_END = re.compile(rb"[\r\n]+")
+
+
+class LineCutter:
+    """Cuts a byte stream at CR and LF. A line longer than `longest` is given up and counted in `overlong`."""
+
+    def __init__(self, longest: int = 512) -> None:
+        self._longest = longest
+        self._rest = b""
+        self._skipping = False
+        self.overlong = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The lines completed by `data`, without their ends, empty ones left out."""
+        pieces = _LINE_END.split(self._rest + data)
+        self._rest = pieces.pop()
+        if self._skipping and pieces:
+            pieces.pop(0)
+            self._skipping = False
+        lines = [piece for piece in pieces if piece and len(piece) <= self._longest]
+        self.overlong += sum(len(piece) > self._longest for piece in pieces)
+        if len(self._rest) > self._longest:
+            self.overlong += not self._skipping
+            self._skipping = True
+            self._rest = b""
+        return lines
+
+    def flush(self) -> list[bytes]:
+        """What stands after the last line end, as a line: for the end of a file."""
+        rest, self._rest = self._rest, b""
+        skipping, self._skipping = self._skipping, False
+        return [rest] if rest and not skipping else []
+
+
+@dataclass(slots=True)
+class Counts:
+    """What became of every sentence or frame: `read` = accepted + all rejected + all ignored."""
+
+    read: int = 0
+    accepted: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    ignored: Counter[str] = field(default_factory=Counter)
+
+    def accept(self) -> None:
+        self.read += 1
+        self.accepted += 1
+
+    def reject(self, kind: str, times: int = 1) -> None:
+        self.read += times
+        self.rejected[kind] += times
+
+    def ignore(self, kind: str) -> None:
+        self.read += 1
+        self.ignored[kind] += 1
+
+    @property
+    def rejected_total(self) -> int:
+        return sum(self.rejected.values())
+
+    def as_dict(self) -> dict[str, int | dict[str, int]]:
+        """`read`, `accepted`, `rejected` and `ignored` by kind, ready for JSON."""
+        return {"read": self.read, "accepted": self.accepted, "rejected": dict(sorted(self.rejected.items())),
+                "ignored": dict(sorted(self.ignored.items()))}

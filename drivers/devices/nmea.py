@@ -1,0 +1,192 @@
+"""One NMEA 0183 sentence: checksum, address, fields. pynmea2 reads the fields; ranges are checked here."""
+from __future__ import annotations
+
+import math
+import operator
+import re
+from datetime import date, time
+from functools import reduce
+from typing import Any, NamedTuple
+
+import pynmea2
+
+TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD"})
+TYPES = frozenset({"GGA", "RMC", "VTG"})
+FEWEST_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8}
+
+MPS_PER_KNOT = 1852.0 / 3600.0
+FASTEST_MPS = 100.0         # anything above is no ground vehicle
+LARGEST_HDOP = 100.0        # receivers write 99.99 for "unknown"
+QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}    # RMC's mode in GGA's numbers
+
+_TIME = re.compile(r"\d{6}(\.\d+)?")
+_DATE = re.compile(r"\d{6}")
+_DEGREES_MINUTES = re.compile(r"\d{3,5}\.\d+")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+_HEX_PAIR = re.compile(rb"[0-9A-Fa-f]{2}")
+_ADDRESS = re.compile(r"[A-Z][A-Z0-9]{2,7}")
+
+
+class Rejected(Exception):
+    """A sentence that is wrong; the argument is the kind under which it is counted."""
+
+
+class Ignored(Exception):
+    """A sentence that is right and of no use here; the argument is the kind under which it is counted."""
+
+
+class Sentence(NamedTuple):
+    """What one GGA, RMC or VTG says. `None`: not said."""
+
+    type: str
+    talker: str
+    time_of_day_ms: int | None = None
+    date: date | None = None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    fix_quality: int | None = None
+    satellites: int | None = None
+    hdop: float | None = None
+    speed_mps: float | None = None
+    heading_deg: float | None = None
+
+
+def checksum(payload: bytes) -> int:
+    """The exclusive or of all bytes between `$` and `*`."""
+    return reduce(operator.xor, payload, 0)
+
+
+def parse(sentence: bytes) -> Sentence:
+    """Read one sentence, given without `$` and line end.
+
+    Raises
+    ------
+    Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
+    Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the receiver says that it
+        has no position or no speed.
+    """
+    payload, star, given = sentence.partition(b"*")
+    given = given.strip()
+    if not star or not given:
+        raise Rejected("missing_checksum")
+    if not _HEX_PAIR.fullmatch(given):
+        raise Rejected("malformed")
+    if int(given, 16) != checksum(payload):
+        raise Rejected("bad_checksum")
+    try:
+        text = payload.decode("ascii")
+    except UnicodeDecodeError:
+        raise Rejected("malformed") from None
+    address, _, rest = text.partition(",")
+    if not _ADDRESS.fullmatch(address):
+        raise Rejected("malformed")
+    talker, kind = address[:2], address[2:]
+    if len(address) != 5 or talker not in TALKERS:
+        raise Ignored(address)
+    if kind not in TYPES:
+        raise Ignored(kind)
+    if rest.count(",") + 1 < FEWEST_FIELDS[kind]:
+        raise Rejected("malformed")
+    try:
+        fields = pynmea2.parse("$" + text)
+    except pynmea2.ParseError:
+        raise Rejected("malformed") from None
+    return _READERS[kind](talker, fields)
+
+
+def _gga(talker: str, fields: Any) -> Sentence:
+    quality = _whole(str(fields.data[5]), 0, 9)
+    if not quality:
+        raise Ignored("no_fix")
+    lat_deg, lon_deg = _position(fields)
+    return Sentence("GGA", talker, time_of_day_ms=_time_of_day_ms(fields), lat_deg=lat_deg, lon_deg=lon_deg,
+                    fix_quality=quality, satellites=_whole(fields.num_sats, 0, 200),
+                    hdop=_number(fields.horizontal_dil, 0.0, LARGEST_HDOP))
+
+
+def _rmc(talker: str, fields: Any) -> Sentence:
+    if fields.status == "V":
+        raise Ignored("no_fix")
+    if fields.status != "A":
+        raise Rejected("malformed")
+    lat_deg, lon_deg = _position(fields)
+    mode = fields.mode_indicator
+    if mode == "N":
+        raise Ignored("no_fix")
+    if mode and mode not in QUALITY_OF_MODE:
+        raise Rejected("malformed")
+    speed_knots = _number(fields.data[6], 0.0, FASTEST_MPS / MPS_PER_KNOT)
+    return Sentence("RMC", talker, time_of_day_ms=_time_of_day_ms(fields), date=_date(fields),
+                    lat_deg=lat_deg, lon_deg=lon_deg, fix_quality=QUALITY_OF_MODE.get(mode, 1),
+                    speed_mps=None if speed_knots is None else speed_knots * MPS_PER_KNOT,
+                    heading_deg=_heading_deg(fields.data[7]))
+
+
+def _vtg(talker: str, fields: Any) -> Sentence:
+    knots = _number(fields.data[4], 0.0, FASTEST_MPS / MPS_PER_KNOT)
+    kmh = _number(fields.data[6], 0.0, FASTEST_MPS * 3.6)
+    if fields.faa_mode == "N" or (knots is None and kmh is None):
+        raise Ignored("no_fix")
+    speed_mps = knots * MPS_PER_KNOT if knots is not None else (kmh or 0.0) / 3.6
+    return Sentence("VTG", talker, speed_mps=speed_mps, heading_deg=_heading_deg(fields.data[0]))
+
+
+_READERS = {"GGA": _gga, "RMC": _rmc, "VTG": _vtg}
+
+
+def _number(text: str, low: float, high: float) -> float | None:
+    if not text:
+        return None
+    if not _NUMBER.fullmatch(text):
+        raise Rejected("malformed")
+    value = float(text)
+    if not low <= value <= high or not math.isfinite(value):
+        raise Rejected("impossible_value")
+    return value
+
+
+def _whole(text: str, low: int, high: int) -> int | None:
+    if text and not text.isdecimal():
+        raise Rejected("malformed")
+    value = _number(text, low, high)
+    return None if value is None else int(value)
+
+
+def _heading_deg(text: str) -> float | None:
+    course_deg = _number(text, 0.0, 360.0)
+    return None if course_deg is None else course_deg % 360.0
+
+
+def _time_of_day_ms(fields: Any) -> int:
+    if not _TIME.fullmatch(fields.data[0]):
+        raise Rejected("malformed")
+    at = fields.timestamp
+    if not isinstance(at, time):        # pynmea2 hands back the text where it makes no sense
+        raise Rejected("impossible_value")
+    return (at.hour * 3600 + at.minute * 60 + at.second) * 1000 + round(at.microsecond / 1000)
+
+
+def _date(fields: Any) -> date | None:
+    text = fields.data[8]
+    if not text:
+        return None
+    if not _DATE.fullmatch(text):
+        raise Rejected("malformed")
+    day = fields.datestamp
+    if not isinstance(day, date):
+        raise Rejected("impossible_value")
+    return day
+
+
+def _position(fields: Any) -> tuple[float, float]:
+    """Latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's "unknown", not a field."""
+    if not (_DEGREES_MINUTES.fullmatch(fields.lat) and _DEGREES_MINUTES.fullmatch(fields.lon)):
+        raise Rejected("malformed")
+    if fields.lat_dir not in ("N", "S") or fields.lon_dir not in ("E", "W"):
+        raise Rejected("malformed")
+    lat_deg, lon_deg = fields.latitude, fields.longitude
+    if float(fields.lat) % 100.0 >= 60.0 or float(fields.lon) % 100.0 >= 60.0:
+        raise Rejected("impossible_value")
+    if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 or (lat_deg == 0.0 and lon_deg == 0.0):
+        raise Rejected("impossible_value")
+    return lat_deg, lon_deg

@@ -1,0 +1,364 @@
+"""Ports: bytes in and out of one device, never blocking the control loop.
+
+`open_port` takes any pyserial URL (`/dev/ttyUSB0`, `COM3`, `socket://host:port`, `rfc2217://...`, `loop://`).
+A reader and a writer thread do what blocks; the loop only takes bytes from, and puts bytes into, bounded queues.
+`memory_pair` gives two ends of one line without any thread.
+"""
+from __future__ import annotations
+
+import contextlib
+import re
+import select
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+from urllib.parse import urlsplit
+
+import serial
+
+Clock = Callable[[], float]
+
+MAX_BUFFERED_BYTES = 65536      # received and not yet read; older bytes are dropped and counted
+MAX_QUEUED_WRITES = 64          # not yet sent; the oldest is dropped and counted, for only the newest command matters
+READ_TIMEOUT_S = 0.05           # a reader thread looks at its stop flag this often
+WRITE_TIMEOUT_S = 0.5
+CONNECT_TIMEOUT_S = 3.0
+FIRST_BACK_OFF_S = 0.25
+LONGEST_BACK_OFF_S = 5.0
+TAIL_BYTES = 512                # kept to show the last raw lines
+
+
+class PortState(NamedTuple):
+    """What is known of a port; times are on the injected clock."""
+
+    connected: bool
+    connects: int                   # times the line was opened
+    last_error: str
+    bytes_in: int
+    bytes_out: int
+    dropped_in: int                 # bytes received and never read
+    dropped_out: int                # writes never sent
+    last_byte_s: float | None
+    raw_tail: bytes                 # the newest bytes received
+
+    def last_lines(self, count: int = 1) -> list[str]:
+        """The newest `count` whole lines received, oldest first; unprintable bytes as `\\xNN`."""
+        whole, _, _ = self.raw_tail.rpartition(b"\n")
+        lines = [line for line in re.split(rb"[\r\n]+", whole) if line]
+        return [printable(line) for line in lines[-count:]]
+
+
+class Port(Protocol):
+    """One end of a line. `read` and `write` return at once."""
+
+    @property
+    def name(self) -> str: ...
+
+    def read(self) -> bytes:
+        """Whatever has arrived since the last call; empty when nothing has."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Queue for sending; dropped (and counted) where the line is down or the queue is full."""
+        ...
+
+    def state(self) -> PortState: ...
+
+    def close(self) -> None: ...
+
+
+class Stream(Protocol):
+    """An opened line, used by the threads of a `ThreadedPort`. Any `OSError` means the line is gone."""
+
+    def read(self) -> bytes:
+        """Wait `READ_TIMEOUT_S` at most for the first byte, then return what is there."""
+        ...
+
+    def write(self, data: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def printable(line: bytes) -> str:
+    """ASCII text with every other byte as `\\xNN`, for screens and messages."""
+    return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in line)
+
+
+class _Inbox:
+    """Bytes between the thread that receives and the loop that reads, with the counters of both directions."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._pending = bytearray()
+        self._tail = b""
+        self._last_byte_s: float | None = None
+        self._in = 0
+        self._dropped_in = 0
+        self.out = 0
+        self.dropped_out = 0
+
+    def put(self, data: bytes) -> None:
+        now_s = self._clock()
+        with self._lock:
+            self._pending += data
+            surplus = len(self._pending) - MAX_BUFFERED_BYTES
+            if surplus > 0:
+                del self._pending[:surplus]
+                self._dropped_in += surplus
+            self._tail = (self._tail + data)[-TAIL_BYTES:]
+            self._in += len(data)
+            self._last_byte_s = now_s
+
+    def take(self) -> bytes:
+        if not self._pending:
+            return b""
+        with self._lock:
+            data = bytes(self._pending)
+            self._pending.clear()
+        return data
+
+    def state(self, connected: bool, connects: int, last_error: str) -> PortState:
+        with self._lock:
+            return PortState(connected, connects, last_error, self._in, self.out, self._dropped_in, self.dropped_out,
+                             self._last_byte_s, self._tail)
+
+
+class MemoryPort:
+    """One end of a line in memory; see `memory_pair`."""
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self._name = name
+        self._inbox = _Inbox(clock)
+        self._other: MemoryPort | None = None
+        self._open = True
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    def join(self, other: MemoryPort) -> None:
+        """Make the two ends one line."""
+        self._other, other._other = other, self
+
+    def read(self) -> bytes:
+        return self._inbox.take()
+
+    def write(self, data: bytes) -> None:
+        if self._open and self._other is not None and self._other._open:
+            self._other._inbox.put(data)
+            self._inbox.out += len(data)
+        else:
+            self._inbox.dropped_out += 1
+
+    def state(self) -> PortState:
+        connected = self._open and self._other is not None and self._other._open
+        return self._inbox.state(connected, 1, "" if connected else "closed")
+
+    def close(self) -> None:
+        self._open = False
+
+
+def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[MemoryPort, MemoryPort]:
+    """Two ends of one line: what one writes the other reads, at once and in order."""
+    one, two = MemoryPort(f"{name}:host", clock), MemoryPort(f"{name}:device", clock)
+    one.join(two)
+    return one, two
+
+
+class SerialStream:
+    """A pyserial port (serial line, rfc2217, loop)."""
+
+    def __init__(self, url: str, baud: int) -> None:
+        self._serial = serial.serial_for_url(url, baudrate=baud, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S)
+
+    def read(self) -> bytes:
+        data: bytes = self._serial.read(1)
+        waiting = self._serial.in_waiting if data else 0
+        return data + self._serial.read(waiting) if waiting else data
+
+    def write(self, data: bytes) -> None:
+        self._serial.write(data)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._serial.close()
+
+
+class SocketStream:
+    """A TCP line. pyserial's own `socket://` gives away one byte a call or waits for its time-out; this does neither."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+        self._socket.settimeout(WRITE_TIMEOUT_S)
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def read(self) -> bytes:
+        if not select.select([self._socket], [], [], READ_TIMEOUT_S)[0]:
+            return b""
+        data = self._socket.recv(4096)
+        if not data:
+            raise ConnectionError("the other side closed the connection")
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._socket.sendall(data)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class ThreadedPort:
+    """A port kept open by threads of its own: opened, read, written and, when lost, opened again with back-off.
+
+    `opener` gives a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or `ValueError`. What was
+    queued for sending when the line went down is dropped: a set-point must never arrive late.
+    """
+
+    def __init__(self, name: str, opener: Callable[[], Stream], clock: Clock,
+                 first_back_off_s: float = FIRST_BACK_OFF_S) -> None:
+        self._name = name
+        self._opener = opener
+        self._first_back_off_s = first_back_off_s
+        self._inbox = _Inbox(clock)
+        self._outbox: deque[bytes] = deque()
+        self._to_send = threading.Condition()
+        self._stop = threading.Event()
+        self._stream: Stream | None = None
+        self._connects = 0
+        self._last_error = "not yet opened"
+        self._threads = [threading.Thread(target=work, name=f"{name} {what}", daemon=True)
+                         for what, work in (("reader", self._keep_reading), ("writer", self._keep_writing))]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    def read(self) -> bytes:
+        return self._inbox.take()
+
+    def write(self, data: bytes) -> None:
+        with self._to_send:
+            if self._stream is None:
+                self._inbox.dropped_out += 1
+                return
+            if len(self._outbox) >= MAX_QUEUED_WRITES:
+                self._outbox.popleft()
+                self._inbox.dropped_out += 1
+            self._outbox.append(data)
+            self._to_send.notify()
+
+    def state(self) -> PortState:
+        return self._inbox.state(self._stream is not None, self._connects, self._last_error)
+
+    def close(self) -> None:
+        self._stop.set()
+        with self._to_send:
+            self._to_send.notify_all()
+        for thread in self._threads:
+            thread.join(timeout=2 * WRITE_TIMEOUT_S)
+
+    def _keep_reading(self) -> None:
+        back_off_s = self._first_back_off_s
+        while not self._stop.is_set():
+            try:
+                stream = self._opener()
+            except (OSError, ValueError) as error:
+                self._last_error = str(error)
+                self._stop.wait(back_off_s)
+                back_off_s = min(2.0 * back_off_s, LONGEST_BACK_OFF_S)
+                continue
+            self._connect(stream)
+            if self._read_until_lost(stream):
+                back_off_s = self._first_back_off_s
+            self._disconnect(stream)
+            self._stop.wait(back_off_s)
+
+    def _read_until_lost(self, stream: Stream) -> bool:
+        """True when anything at all was received on this connection."""
+        received = False
+        while not self._stop.is_set() and self._stream is stream:
+            try:
+                data = stream.read()
+            except (OSError, ValueError, TypeError) as error:   # pyserial raises the last two when closed under a read
+                self._last_error = str(error) or type(error).__name__
+                break
+            if data:
+                received = True
+                self._inbox.put(data)
+        return received
+
+    def _keep_writing(self) -> None:
+        while not self._stop.is_set():
+            with self._to_send:
+                while not self._outbox and not self._stop.is_set():
+                    self._to_send.wait()
+                stream = self._stream
+                data = self._outbox.popleft() if self._outbox else b""
+            if stream is None or not data:
+                continue
+            try:
+                stream.write(data)
+                self._inbox.out += len(data)
+            except (OSError, ValueError, TypeError) as error:
+                self._last_error = f"write: {error}"
+                self._inbox.dropped_out += 1
+                self._forget(stream)
+
+    def _connect(self, stream: Stream) -> None:
+        with self._to_send:
+            self._outbox.clear()
+            self._connects += 1
+            self._last_error = ""
+            self._stream = stream
+
+    def _disconnect(self, stream: Stream) -> None:
+        self._forget(stream)
+        stream.close()
+
+    def _forget(self, stream: Stream) -> None:
+        with self._to_send:
+            if self._stream is stream:
+                self._stream = None
+                self._inbox.dropped_out += len(self._outbox)
+                self._outbox.clear()
+
+
+def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
+    """Open any pyserial URL, now or as soon as it is there.
+
+    Parameters
+    ----------
+    url : device name (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`, `rfc2217://host:port`, `loop://`.
+    baud : bits per second; without meaning for a socket.
+    clock : seconds; stamps the arrival of bytes.
+
+    Raises
+    ------
+    ValueError : the URL names no host and port, or the baud rate is not positive. A device that is not there is
+        no error: the port keeps trying and says so in `state().last_error`.
+    """
+    if baud <= 0:
+        raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")
+    if url.startswith("socket://"):
+        host, number = socket_address(url)
+        return ThreadedPort(
+            url, lambda: SocketStream(socket.create_connection((host, number), CONNECT_TIMEOUT_S)), clock)
+    return ThreadedPort(url, lambda: SerialStream(url, baud), clock)
+
+
+def socket_address(url: str) -> tuple[str, int]:
+    """Host and port number of `socket://host:port`; `ValueError` with one line where either is missing."""
+    try:
+        parts = urlsplit(url)
+        host, number = parts.hostname, parts.port
+    except ValueError:
+        host, number = None, None
+    if not host or not number:
+        raise ValueError(f"port {url}: allowed is socket://HOST:PORT with a port of 1 to 65535")
+    return host, number
