@@ -58,7 +58,7 @@ class Crop(BaseModel):
     y_max_t_ha: float = Field(gt=0.0, le=20.0, description="no yield is assumed beyond this (eq 5)")
     fixed_yield_t_ha: float | None = Field(default=None, gt=0.0, le=20.0, description="yield with topdressing, "
                                            "where no N-rich strip was sown")
-    ndvi_nrich: float | None = Field(default=None, gt=0.0, le=0.95, description="NDVI of the N-rich strip")
+    ndvi_nrich: float | None = Field(default=None, gt=0.0, le=1.0, description="NDVI of the N-rich strip")
     response_index_max: float = Field(default=2.0, ge=1.0, le=2.0, description="cap of RI (Raun et al. 2002)")
 
     grain_n_kg_t: float = Field(default=23.9, ge=10.0, le=40.0, description="N in the grain (eq 2)")

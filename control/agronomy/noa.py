@@ -110,7 +110,7 @@ def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
 
     With an N-rich NDVI the response index decides, else the crop's fixed yield.
     Raises ValueError in one line when the days are not known yet (a weather file has to be counted first) or out of
-    1 to 400, when neither form is possible, or when the N-rich NDVI is not in (0, 0.95].
+    1 to 400, when neither form is possible, or when the N-rich NDVI is not in (0, 1].
     """
     days = days if days is not None else crop.days.count
     ndvi_nrich = ndvi_nrich if ndvi_nrich is not None else crop.ndvi_nrich
@@ -120,8 +120,8 @@ def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
         raise ValueError(f"crop {crop.id}: days {days}: allowed is 1 to 400")
     if ndvi_nrich is None and crop.fixed_yield_t_ha is None:
         raise ValueError(f"crop {crop.id}: ndvi_nrich and fixed_yield_t_ha both missing: one is needed")
-    if ndvi_nrich is not None and not 0.0 < ndvi_nrich <= 0.95:
-        raise ValueError(f"crop {crop.id}: ndvi_nrich {ndvi_nrich:g}: allowed is above 0, at most 0.95")
+    if ndvi_nrich is not None and not 0.0 < ndvi_nrich <= 1.0:
+        raise ValueError(f"crop {crop.id}: ndvi_nrich {ndvi_nrich:g}: allowed is above 0, at most 1")
     return Rule(crop, days, ndvi_nrich)
 
 

@@ -1,0 +1,132 @@
+"""Where the field is: inside or not, and how far to its edge along the way the machine is heading.
+
+Vectors throughout, so that a line due north is no special case (paper B, eq 4 and 5 need slopes, and go wrong there).
+"""
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry import MultiPolygon, Polygon
+
+from control.geodesy import Place, direction
+
+Floats = npt.NDArray[np.float64]
+
+
+class Boundary:
+    """A field's edge on its tangent plane, m: one outline, with or without holes; does not change once made.
+
+    outline, holes: rings of at least three places (east_m, north_m), either way round, closed by themselves.
+    Raises ValueError in one line for a ring that is too short, a place that is not finite, edges that cross, or a hole
+    that is not inside the outline.
+    """
+
+    def __init__(self, outline: Sequence[Place], holes: Sequence[Sequence[Place]] = ()) -> None:
+        named = {"outline": outline, **{f"hole {k}": hole for k, hole in enumerate(holes, start=1)}}
+        rings = [_checked_ring(name, ring) for name, ring in named.items()]
+        shape = Polygon(rings[0], rings[1:])
+        if not shape.is_valid:
+            raise ValueError(f"holes: {shapely.is_valid_reason(shape)}; each must lie inside the outline, and apart")
+        self._hold(MultiPolygon([shape]))
+
+    def _hold(self, shape: MultiPolygon) -> None:
+        shapely.prepare(shape)
+        self.shape = shape
+        rings = [np.asarray(ring.coords)[:-1] for part in shape.geoms for ring in (part.exterior, *part.interiors)]
+        start = np.concatenate(rings) if rings else np.zeros((0, 2))
+        edge = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings]) if rings else np.zeros((0, 2))
+        self._start_e: Floats = start[:, 0].copy()
+        self._start_n: Floats = start[:, 1].copy()
+        self._edge_e: Floats = edge[:, 0].copy()
+        self._edge_n: Floats = edge[:, 1].copy()
+
+    @property
+    def area_ha(self) -> float:
+        return float(self.shape.area) / 10_000.0
+
+    @property
+    def is_empty(self) -> bool:
+        """Only an inset can be: a headland that leaves nothing."""
+        return bool(self.shape.is_empty)
+
+    @property
+    def box_m(self) -> tuple[float, float, float, float]:
+        """West, south, east and north end; NaN when empty."""
+        west, south, east, north = self.shape.bounds
+        return float(west), float(south), float(east), float(north)
+
+    @property
+    def rings(self) -> tuple[tuple[Place, ...], ...]:
+        """Corners of the outline and of the holes, not closed, for drawing."""
+        return tuple(tuple((float(east), float(north)) for east, north in ring.coords[:-1])
+                     for part in self.shape.geoms for ring in (part.exterior, *part.interiors))
+
+    def contains(self, east_m: float, north_m: float) -> bool:
+        """Whether a place lies inside or on the edge; False where it is not finite. About 3 us."""
+        return bool(shapely.intersects_xy(self.shape, east_m, north_m))
+
+    def many_inside(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """`contains` for places (n, 2) -> (n,)."""
+        points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
+        return np.asarray(shapely.intersects_xy(self.shape, points[:, 0], points[:, 1]), dtype=np.bool_)
+
+    def crossings_m(self, east_m: float, north_m: float, heading_deg: float,
+                    farthest_m: float = math.inf) -> list[float]:
+        """Distances ahead, in rising order, at which a straight line from here crosses the edge, up to `farthest_m`.
+
+        An edge owns its beginning and not its end, so that a line through a corner crosses once where it passes from
+        one side to the other, and twice or not at all where it only touches; a line along an edge does not cross it.
+        Empty where the place or the heading is not finite. About 15 us.
+        """
+        if not (math.isfinite(east_m) and math.isfinite(north_m) and math.isfinite(heading_deg)):
+            return []
+        east, north = direction(heading_deg)
+        de, dn = self._start_e - east_m, self._start_n - north_m
+        side = east * dn - north * de
+        slip = east * self._edge_n - north * self._edge_e
+        crossed = (side > 0.0) != (side + slip > 0.0)
+        share = -side[crossed] / slip[crossed]
+        ahead = ((de[crossed] + share * self._edge_e[crossed]) * east
+                 + (dn[crossed] + share * self._edge_n[crossed]) * north)
+        return sorted(float(distance) for distance in ahead if 0.0 < distance <= farthest_m)
+
+    def ahead_m(self, east_m: float, north_m: float, heading_deg: float) -> float | None:
+        """Distance to the edge straight ahead, m; None when the line does not meet it (paper B, eq 4 and 5)."""
+        crossings = self.crossings_m(east_m, north_m, heading_deg)
+        return crossings[0] if crossings else None
+
+    def inset(self, margin_m: float) -> Boundary:
+        """The field less a margin along every edge and hole (the headland); may be empty or fall into parts.
+
+        Raises ValueError for a negative margin.
+        """
+        if not margin_m >= 0.0:
+            raise ValueError(f"headland {margin_m:g} m: allowed is 0 or more")
+        smaller = Boundary.__new__(Boundary)
+        smaller._hold(_polygons(self.shape.buffer(-margin_m, join_style="mitre") if margin_m else self.shape))
+        return smaller
+
+
+def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
+    places = [(float(east), float(north)) for east, north in ring]
+    if len(places) > 1 and places[0] == places[-1]:
+        places = places[:-1]
+    for k, place in enumerate(places, start=1):
+        if not all(map(math.isfinite, place)):
+            raise ValueError(f"{name}, corner {k}: {place} is not a place")
+    if len(places) < 3:
+        raise ValueError(f"{name}: {len(places)} corners; allowed is 3 or more")
+    shape = Polygon(places)
+    if not shape.is_valid or shape.area == 0.0:
+        raise ValueError(f"{name}: {shapely.is_valid_reason(shape) if not shape.is_valid else 'no area'}; "
+                         "the edges must enclose an area and not cross")
+    return places
+
+
+def _polygons(shape: shapely.Geometry) -> MultiPolygon:
+    parts = shape.geoms if isinstance(shape, MultiPolygon) else [shape]
+    return MultiPolygon([part for part in parts if isinstance(part, Polygon) and not part.is_empty])
