@@ -94,8 +94,8 @@ class RunLogWriter:
     """
 
     def __init__(self, path: Path, meta: RunMeta, *, overwrite: bool = False,
-                 clock: Callable[[], float] = time.monotonic, create: Create = create, flush_s: float = FLUSH_S, sync_s: float = SYNC_S,
-                 max_waiting_rows: int = MAX_WAITING_ROWS) -> None:
+                 clock: Callable[[], float] = time.monotonic, create: Create = create, flush_s: float = FLUSH_S,
+                 sync_s: float = SYNC_S, max_waiting_rows: int = MAX_WAITING_ROWS) -> None:
         """Creates the files here, on the caller's thread: before the loop starts. Never raises OSError."""
         self._wanted = Path(path)
         self._meta, self._overwrite, self._create = meta, overwrite, create

@@ -1,0 +1,104 @@
+"""Logs of other programs: names, times and values that are not as in docs/format-run-log.md are put right or said."""
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from control.log_row import COLUMNS
+from drivers.files.findings import Finding
+from drivers.files.log_times import UnusableLog, with_good_times
+from drivers.files.log_values import SPEEDS, with_good_values
+from drivers.files.table import Columns
+
+__all__ = ["UnusableLog", "examined", "needed", "our_names"]
+
+_OTHER_NAMES = {
+    "time": "time_s", "t": "time_s", "t_s": "time_s", "timestamp_s": "time_s", "seconds": "time_s",
+    "elapsed_s": "time_s",
+    "lat": "lat_deg", "latitude": "lat_deg", "latitude_deg": "lat_deg",
+    "lon": "lon_deg", "lng": "lon_deg", "long": "lon_deg", "longitude": "lon_deg", "longitude_deg": "lon_deg",
+    "heading": "heading_deg", "course": "heading_deg", "course_deg": "heading_deg",
+    "gps_speed_mps": "speed_mps", "ground_speed_mps": "speed_mps", "speed_ms": "speed_mps", "speed_m_s": "speed_mps",
+    "speed": "speed_mps", "speed_km_h": "speed_kmh", "speed_kph": "speed_kmh", "time_utc": "utc", "hopper": "hopper_kg",
+}
+_KMH_COLUMN = "speed_kmh"
+
+
+class _Use(NamedTuple):
+    columns: tuple[str, ...]
+    all_needed: bool             # else one of them is enough
+    without: str
+
+
+_USES = (
+    _Use(("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"),
+    _Use(SPEEDS, False, "no rates and no lag distance"),
+    _Use(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
+    _Use(("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6"), False,
+         "canopy mode cannot be replayed and the heads cannot be diagnosed"),
+    _Use(("target_rate_kg_ha",), True, "no rate error"),
+    _Use(("shaft_rpm_cmd", "shaft_rpm"), True, "the shaft stage cannot be diagnosed"),
+    _Use(("opening_mm_cmd", "opening_mm"), True, "the gate stage cannot be diagnosed"),
+    _Use(("hopper_kg",), True, "the flow and scale stages cannot be diagnosed"),
+    _Use(("supply_v",), True, "effects of the supply voltage cannot be found"),
+    _Use(("pitch_deg",), True, "effects of slopes cannot be found"),
+    _Use(("state",), True, "working and not working rows cannot be told apart"),
+)
+
+
+def our_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], list[Finding]]:
+    """The header with the published names, where a column goes by a well-known other name or other letter case."""
+    taken = set(names)
+    ours, findings = [], []
+    for name in names:
+        lower = name.lower()
+        other = lower if lower in COLUMNS else _OTHER_NAMES.get(lower.replace(" ", "_"), name)
+        if other != name and other not in taken:
+            taken.add(other)
+            findings.append(Finding("other_name", f"column {name} taken for {other}", other))
+            name = other
+        ours.append(name)
+    return tuple(ours), findings
+
+
+def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
+    """The columns to be read so that those wanted come out as if all had been read."""
+    evidence = {"time_s", "lat_deg", "lon_deg", _KMH_COLUMN, *SPEEDS}
+    return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
+
+
+def examined(columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
+    """The columns put right, and what was found.
+
+    `names`: all columns of the file, of which `columns` may be a part. Raises UnusableLog, one line.
+    """
+    columns, from_kmh = _with_speed_from_kmh(columns)
+    columns, times = with_good_times(columns, names)
+    columns, values = with_good_values(columns)
+    return columns, [*from_kmh, *times, *values, *_missing(columns, names)]
+
+
+def _with_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
+    speed_kmh = columns.get(_KMH_COLUMN)
+    if speed_kmh is None or "speed_mps" in columns or speed_kmh.dtype == object:
+        return columns, []
+    found = Finding("speed_from_kmh", f"speed_mps computed from column {_KMH_COLUMN}", "speed_mps")
+    return {**columns, "speed_mps": speed_kmh / 3.6}, [found]
+
+
+def _missing(columns: Columns, names: Collection[str]) -> list[Finding]:
+    known = {name for name in {*names, *columns} if name not in columns or not _is_empty(columns, name)}
+    findings = []
+    for use in _USES:
+        absent = [name for name in use.columns if name not in known]
+        if absent and (use.all_needed or len(absent) == len(use.columns)):
+            text = f"no {' and no '.join(absent) if use.all_needed else ' or '.join(absent)}: {use.without}"
+            findings.append(Finding("missing", text, absent[0]))
+    return findings
+
+
+def _is_empty(columns: Columns, name: str) -> bool:
+    array = columns[name]
+    return not np.any(array != "") if array.dtype == object else bool(np.all(np.isnan(array)))

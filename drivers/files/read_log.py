@@ -1,0 +1,136 @@
+"""Reading run logs: our own up to their last whole row, other programs' with everything odd put right or said."""
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from drivers.files.atomic import sidecar
+from drivers.files.findings import Finding
+from drivers.files.foreign import UnusableLog, examined, needed, our_names
+from drivers.files.log_text import HEADER
+from drivers.files.run_meta import RunMeta, meta_from_yaml
+from drivers.files.table import Columns, TableError, read_table
+
+_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS
+
+
+class LogError(Exception):
+    """The log cannot be used; one line, naming the file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunLog:
+    """A log in memory.
+
+    `columns`: those of the file, ours under their published names, unknown ones kept; arrays of length n, float64
+    (NaN: not known) or object (texts, "": not known). `time_s` is always there and strictly increasing.
+    `meta` is None where no sidecar stands beside the log. `findings`: what was odd, and what was done about it.
+    """
+
+    path: Path
+    columns: Columns
+    meta: RunMeta | None
+    findings: tuple[Finding, ...]
+
+    def __len__(self) -> int:
+        return len(self.columns["time_s"])
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        return self.columns["time_s"]
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.time_s[-1] - self.time_s[0]) if len(self) else 0.0
+
+    @property
+    def step_s(self) -> float:
+        """Median time between rows; NaN for fewer than two."""
+        return float(np.median(np.diff(self.time_s))) if len(self) > 1 else float("nan")
+
+    def has(self, column: str) -> bool:
+        """Whether anything is known of this column."""
+        array = self.columns.get(column)
+        if array is None:
+            return False
+        return bool(np.any(array != "")) if array.dtype == object else not bool(np.all(np.isnan(array)))
+
+    def numbers(self, column: str) -> NDArray[np.float64]:
+        """Float64 of length n, all NaN for a column that is not there. Raises KeyError for a column of texts."""
+        array = self.columns.get(column)
+        if array is None:
+            return np.full(len(self), np.nan)
+        if array.dtype == object:
+            raise KeyError(f"column {column} holds texts")
+        return array
+
+    def texts(self, column: str) -> NDArray[Any]:
+        """Texts of length n, all empty for a column that is not there."""
+        array = self.columns.get(column)
+        return np.full(len(self), "", object) if array is None else array.astype(object)
+
+    def rows(self) -> Iterator[LogRow]:
+        """The rows as the control loop wrote them."""
+        return map(LogRow._make, zip(*(self._cells(name) for name in COLUMNS), strict=False)) if len(self) else iter(())
+
+    def _cells(self, name: str) -> Any:
+        array = self.columns.get(name)
+        if array is None:
+            return repeat(None)
+        if name in TEXT_COLUMNS:
+            return [text or None for text in array.tolist()]
+        if name in WHOLE_COLUMNS:
+            return [None if value != value else int(value) for value in array.tolist()]
+        return [None if value != value else value for value in array.tolist()]
+
+
+def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
+    """Opens a run log of any program, cut anywhere by a power loss.
+
+    `only`: names of the columns wanted (None: all); `time_s` comes always. Raises LogError.
+    """
+    path = Path(path)
+    meta, meta_findings = _meta_beside(path)
+    if _is_cut_in_header(path, meta):
+        found = Finding("cut_header", "the log was cut off before its first row")
+        columns = {name: np.array([], object if name in TEXT_COLUMNS else np.float64)
+                   for name in COLUMNS if only is None or name in only or name == "time_s"}
+        return RunLog(path, columns, meta, (*meta_findings, found))
+    try:
+        table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=COLUMNS,
+                           choose=None if only is None else lambda names: needed(names, only))
+        columns, findings = examined(table.columns, table.names)
+    except TableError as error:
+        raise LogError(str(error)) from None
+    except UnusableLog as error:
+        raise LogError(f"{path}: {error}") from None
+    if only is not None:
+        columns = {name: array for name, array in columns.items() if name in only or name == "time_s"}
+    return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
+
+
+def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
+    """Whether the file is no more than a beginning of our header line (nothing at all: only beside our sidecar)."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(HEADER) + 1).rstrip(b"\0")
+    except OSError:
+        return False
+    return HEADER.encode().startswith(start) and not start.endswith(b"\n") and (start != b"" or meta is not None)
+
+
+def _meta_beside(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
+    place = sidecar(path)
+    try:
+        return meta_from_yaml(place.read_text(encoding="utf-8")), ()
+    except FileNotFoundError:
+        return None, ()
+    except (OSError, ValueError) as error:
+        return None, (Finding("sidecar", f"{place.name} beside the log was not used: {error}"),)

@@ -1,0 +1,163 @@
+"""A log turned back into what the control loop was given and what it ordered.
+
+A log row holds values, not the times at which they were sampled. These are found again as follows:
+
+- A value that differs from the row before was sampled at this row; for GNSS a new `utc` says so, where the log has it.
+- A value that repeats is taken as sampled again every period of its sensor (the tenth part of the intervals between
+  changes is shorter than this; never more than half the time for which the loop holds a value): a sensor that had
+  fallen silent would have an empty cell.
+- Where cells become empty, the loop had held the last value for `HOLD_S`: it was sampled that long before, or at its
+  last change if that was later. From then on it stays the newest known one and grows old.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.readings import DriveCommand, GnssFix, Measurements, Reading
+from drivers.files.findings import Finding
+from drivers.files.read_log import RunLog
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+HEADS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
+SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
+
+# How long the control loop goes on writing a value that no longer comes: the time-outs of its interlocks.
+HOLD_S = {"wheel_speed_mps": 0.8, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0,
+          "pitch_deg": 2.0, "roll_deg": 2.0, **dict.fromkeys(HEADS, 2.0)}
+GNSS_HOLD_S = 0.5
+GNSS_HOLD_PERIODS = 2.5
+
+_GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
+
+
+class _Held(NamedTuple):
+    """For every row the newest reading: the row that it stands in (-1: none yet) and when it was sampled."""
+
+    row: NDArray[np.intp]
+    time_s: Floats
+
+
+def measurements(log: RunLog) -> Iterator[Measurements]:
+    """What the loop was given at each row: values are the newest accepted, however old (see their time).
+
+    A log with ground speed but neither places nor wheel speed gives its speed as the wheel's (see `replay_findings`).
+    """
+    if not len(log):
+        return
+    time_s = log.time_s.tolist()
+    fixes = _fixes(log)
+    heads = [_readings(log, name, name) for name in HEADS if log.has(name)] or [_readings(log, "ndvi", "ndvi_1")]
+    wheel = "speed_mps" if _speed_stands_for_wheel(log) else "wheel_speed_mps"
+    sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
+    switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
+    for at_s, fix, ndvi, held, work in zip(time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True), switch,
+                                           strict=True):
+        wheel_mps, shaft, opening, hopper, supply, pitch, roll = held
+        yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work)
+
+
+def commands(log: RunLog) -> Iterator[DriveCommand | None]:
+    """What went to the drives at each row; None where the log does not say."""
+    for shaft_rpm, opening_mm in zip(log.numbers("shaft_rpm_cmd").tolist(), log.numbers("opening_mm_cmd").tolist(),
+                                     strict=True):
+        known = shaft_rpm == shaft_rpm and opening_mm == opening_mm
+        yield DriveCommand(shaft_rpm, opening_mm) if known else None
+
+
+def replay_findings(log: RunLog) -> tuple[Finding, ...]:
+    """What replaying this log has to assume."""
+    findings = []
+    if not len(log):
+        findings.append(Finding("no_rows", "the log has no rows: nothing to replay"))
+    if _speed_stands_for_wheel(log):
+        findings.append(Finding("speed_as_wheel", "ground speed without places: replayed as the wheel's speed",
+                                "speed_mps"))
+    if log.has("ndvi") and not any(log.has(name) for name in HEADS):
+        findings.append(Finding("one_head", "no single heads: column ndvi is replayed as one head", "ndvi"))
+    if log.has("lat_deg") and not log.has("utc"):
+        findings.append(Finding("no_epochs", "no utc: a place counts as new when it changes", "utc"))
+    return tuple(findings)
+
+
+def _speed_stands_for_wheel(log: RunLog) -> bool:
+    return log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
+
+
+def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
+    values = log.numbers(column)
+    held = _held(log.time_s, np.isfinite(values), _changes(values), HOLD_S[sensor])
+    readings: list[Reading | None] = []
+    plain = values.tolist()
+    for row, time_s in zip(held.row.tolist(), held.time_s.tolist(), strict=True):
+        readings.append(Reading(plain[row], time_s) if row >= 0 else None)
+    return readings
+
+
+def _fixes(log: RunLog) -> list[GnssFix | None]:
+    lat_deg, lon_deg = log.numbers("lat_deg"), log.numbers("lon_deg")
+    known = np.isfinite(lat_deg) & np.isfinite(lon_deg)
+    utc = log.texts("utc")
+    if log.has("utc"):
+        fresh = np.concatenate(([True], utc[1:] != utc[:-1]))
+        held = _held(log.time_s, known, fresh, np.inf, repeats=False)
+    else:
+        fresh = _changes(lat_deg) | _changes(lon_deg) | _changes(log.numbers("speed_mps"))
+        period_s = _period_s(log.time_s, known & fresh)
+        held = _held(log.time_s, known, fresh, max(GNSS_HOLD_S, GNSS_HOLD_PERIODS * period_s))
+    columns = [log.numbers(name).tolist() for name in _GNSS]
+    lats, lons, utcs = lat_deg.tolist(), lon_deg.tolist(), utc.tolist()
+    fixes: list[GnssFix | None] = []
+    for row, time_s in zip(held.row.tolist(), held.time_s.tolist(), strict=True):
+        if row < 0:
+            fixes.append(None)
+            continue
+        quality, satellites, hdop, speed_mps, heading_deg = [_known(column[row]) for column in columns]
+        fixes.append(GnssFix(time_s, lats[row], lons[row], 1 if quality is None else int(quality),
+                             None if satellites is None else int(satellites), hdop, speed_mps, heading_deg,
+                             utcs[row] or None))
+    return fixes
+
+
+def _known(value: float) -> float | None:
+    return value if value == value else None
+
+
+def _changes(values: NDArray[Any]) -> Flags:
+    """Whether a value differs from the row before; the first one does."""
+    return np.concatenate((np.ones(min(1, values.size), bool), values[1:] != values[:-1]))
+
+
+def _period_s(time_s: Floats, fresh: Flags) -> float:
+    """The sensor's period, judged by the shortest usual interval between fresh values; 0 where there is none."""
+    intervals_s = np.diff(time_s[fresh])
+    return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
+
+
+def _held(time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True) -> _Held:
+    """The newest reading at every row (module docstring); `repeats`: a repeated value may have been sampled again."""
+    rows = np.arange(time_s.size)
+    after_gap = known & np.concatenate(([True], ~known[:-1]))
+    new = known & (fresh | after_gap)
+    row = np.maximum.accumulate(np.where(known, rows, -1))
+    changed_s = time_s[np.maximum(np.maximum.accumulate(np.where(new, rows, -1)), 0)]
+    sampled_s = changed_s
+    if repeats:
+        period_s = min(_period_s(time_s, new), hold_s / 2.0)
+        since_s = time_s - changed_s
+        again_s = time_s if period_s <= 0.0 else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
+        latest_s = np.maximum(changed_s, _last_known_before_a_gap_s(time_s, known) - hold_s)
+        sampled_s = np.minimum(np.minimum(again_s, latest_s), time_s)
+    return _Held(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
+
+
+def _last_known_before_a_gap_s(time_s: Floats, known: Flags) -> Floats:
+    """For every row the time of the last known row before the cells become empty; infinite where they do not."""
+    ends = known & np.concatenate((~known[1:], [False]))
+    gap_s = np.where(ends, time_s, np.inf)
+    return np.minimum.accumulate(gap_s[::-1])[::-1]
