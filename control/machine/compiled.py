@@ -20,7 +20,7 @@ from .over_log import Run, mapped, over_log
 _here = pathlib.Path(__file__).parent
 _sources = b"".join(file.read_bytes() for file in sorted(_here.glob("*.py")))
 CACHE_DIR = pathlib.Path(platformdirs.user_cache_dir("topdress")) / hashlib.sha256(_sources).hexdigest()[:12]
-numba.config.CACHE_DIR = str(CACHE_DIR)
+numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 
 for _piece in (elements.line_put, elements.line_mean, elements.table_at, elements.stepped,
                flow.bridged, flow.grams_per_rev, fall.drop_s,
@@ -30,7 +30,7 @@ for _piece in (elements.line_put, elements.line_mean, elements.table_at, element
 
 
 def _compiled(run: Callable[..., Any]) -> Run:
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(run)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, nogil=True, error_model="numpy")(run)
 
 
 shaft_run = _compiled(over_log(shaft.shaft_step))

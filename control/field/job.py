@@ -1,0 +1,91 @@
+"""A job: what is to be done where, by which strategy; and, for the simulated machine, the ground it works on."""
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from control.orders import Strategy, TargetSource
+
+Rate = Annotated[float, Field(ge=0, le=2000)]
+Metres = Annotated[float, Field(gt=0, le=100_000)]
+
+
+class Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Wanted(Part):
+    """Where the target comes from."""
+
+    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL] = TargetSource.CANOPY
+    manual_rate_kg_ha: Rate = 300.0
+    decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
+    map: str | None = None
+    plants: str | None = None
+
+
+class Ground(Part):
+    """A field on its tangent plane: east and north, m, from the origin."""
+
+    title: str = ""
+    origin_lat_deg: Annotated[float, Field(ge=-89, le=89)] = 34.28
+    origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 119.88
+    boundary_m: tuple[tuple[float, float], ...] = ()        # closed by itself; empty: no field known
+    pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
+
+    @model_validator(mode="after")
+    def _polygon(self) -> Ground:
+        if 0 < len(self.boundary_m) < 3:
+            raise ValueError("boundary_m needs at least 3 corners")
+        return self
+
+
+class Canopy(Part):
+    """A seeded, spatially correlated NDVI field (decision paper: means 0.467-0.546, CV 8-11 %)."""
+
+    mean_ndvi: Annotated[float, Field(ge=0.05, le=0.95)] = 0.52
+    cv_percent: Annotated[float, Field(ge=0, le=60)] = 9.5
+    correlation_m: Metres = 6.0
+
+
+class SpeedChange(Part):
+    """From `at_s` on the tractor wants `speed_kmh` (0 stops, negative backs up)."""
+
+    at_s: Annotated[float, Field(ge=0)] = 0.0
+    speed_kmh: Annotated[float, Field(ge=-10, le=30)] = 4.5
+    acceleration_mps2: Annotated[float, Field(gt=0, le=5)] = 0.5
+
+
+class Simulated(Part):
+    """The ground truth of the simulated machine: tractor, passes, canopy, sensor rates, refills."""
+
+    canopy: Canopy = Canopy()
+    speed_kmh: Annotated[float, Field(gt=0, le=30)] = 4.5
+    speed_wander_percent: Annotated[float, Field(ge=0, le=30)] = 2.0
+    speed_changes: tuple[SpeedChange, ...] = ()
+    pass_length_m: Metres = 300.0
+    passes: Annotated[int, Field(ge=1, le=1000)] = 24
+    run_in_m: Metres = 12.0                     # straight beyond each end of a pass
+    gnss_hz: Annotated[float, Field(gt=0, le=20)] = 10.0
+    heads_hz: Annotated[float, Field(gt=0, le=20)] = 2.0
+    hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0
+    refill_at_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
+    refill_stop_s: Annotated[float, Field(ge=0, le=3600)] = 60.0
+    slope_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0      # nose up when heading along pass_heading_deg
+    roughness_deg: Annotated[float, Field(ge=0, le=10)] = 0.5    # pitch and roll wander, 1 s.d.
+
+
+class Job(Part):
+    format: Literal["topdress-job/1"] = "topdress-job/1"
+    id: str = "demo"
+    title: str = ""
+    crop: str = "huanghai_wheat"
+    days: Annotated[int, Field(ge=1, le=400)] | None = None      # from sowing, by the crop's day rule; None: crop file's
+    ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
+    strategy: Strategy = Strategy.OPENING_FIRST
+    look_ahead: bool = True
+    flow_trim: bool = True
+    target: Wanted = Wanted()
+    field: Ground = Ground()
+    simulated: Simulated = Simulated()

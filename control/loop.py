@@ -1,0 +1,348 @@
+"""One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.agronomy import fusion
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule
+from control.field.job import Job
+from control.geodesy import TangentPlane
+from control.log_row import LogRow
+from control.machine.gate import GateInput, gate_start, gate_step
+from control.machine.machine import Machine
+from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.metering.inverse import Conditions, flow_kg_s
+from control.metering.setting import Setting
+from control.metering.strategies import Pair
+from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
+from control.orders import Alarm, Answer, Do, Order, State, Strategy, TargetSource
+from control.readings import DriveCommand, Measurements, Reading
+from control.safety import DriveLimits, Safety, SafetyLimits, Situation, limited
+from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
+from control.targets.canopy import CanopyDecisions
+from control.targets.fence import Fence, Fenced
+from control.targets.lag_correction import ChangeQueue, Fired, Lag, change_lag
+from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
+
+FARTHEST_S = 4.0                # changes are looked for this far ahead
+HEAD_LATENCY_S = 0.5            # a head's reading may be one period old
+NUDGE_PERCENT = 30.0
+
+
+class Tick(NamedTuple):
+    """What one tick yields; the view fields are named as in the console's frame."""
+
+    row: LogRow
+    command: DriveCommand
+    enabled: bool
+    alarms: tuple[Alarm, ...]
+    fired: tuple[Fired, ...]
+    why_no_flow: tuple[str, ...]
+    sensed: Sensed
+    dropped_heads: tuple[int, ...]
+    metres_left_m: float | None
+    area_ha: float
+    applied_kg: float
+    gnss_age_s: float | None
+    gnss_hz: float | None
+    usable_speed_mps: float | None
+    look_ahead: bool
+    flow_trim_on: bool
+    place_m: tuple[float, float] | None
+    notes: tuple[str, ...]
+
+
+class ControlLoop:
+    """One run of one machine on one job. Call `order` between ticks, `tick` once per control period."""
+
+    def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
+                 has_work_switch: bool = False, safety_limits: SafetyLimits | None = None) -> None:
+        self.machine = machine
+        self.crop = crop
+        self.job = job
+        limits = machine.limits
+        self._drive_limits = DriveLimits(limits.shaft_low_rpm, limits.shaft_high_rpm,
+                                         limits.opening_low_mm, limits.opening_high_mm)
+        self.safety = Safety(safety_limits or SafetyLimits(hopper_low_kg=limits.hopper_low_kg), has_work_switch)
+        ground = job.field
+        plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if ground.boundary_m else None
+        self._sensing = Sensing(machine.geometry.antenna_m, plane)
+        self._fence = fence
+        self._fusion = fusion.start(machine.geometry.heads)
+        self._fused: fusion.Fused | None = None
+        self._head_times: tuple[float | None, ...] = ()
+        stretches = Stretches(crop.fallback_rate_kg_ha)
+        self._canopy = CanopyDecisions(rule, machine.geometry.heads_m, job.target.decision_hz, stretches)
+        self._manual = Everywhere(job.target.manual_rate_kg_ha)
+        self._source = TargetSource(job.target.source)
+        self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
+        self._look_ahead = job.look_ahead
+        self._flow_trim_on = job.flow_trim
+        self._nudge = 0.0
+        self._setting = Setting(machine, job.strategy)
+        self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
+        self._flow_trim = FlowTrim(TrimLimits())
+        self._expected_shaft = shaft_start(0.0)
+        self._expected_gate = gate_start(machine.set_points.opening_mm)
+        self._expected = Pair(0.0, machine.set_points.opening_mm)
+        self._command: DriveCommand | None = None
+        self._events: list[str] = []
+        self._time_s: float | None = None
+        self._begun_s = 0.0
+        self._refilled = False
+        self._area_ha = 0.0
+        self._applied_kg = 0.0
+
+    # -- the operator ------------------------------------------------------------------------------------------
+
+    @property
+    def strategy(self) -> Strategy:
+        return self._setting.strategy
+
+    def target_at(self, track_m: float) -> Target:
+        """The target that holds at a place of the track, fence included: what the ground was meant to get."""
+        return self._profile().at(track_m)
+
+    def order(self, order: Order) -> Answer:
+        now = self._time_s or 0.0
+        value = order.value
+        if order.do is Do.STRATEGY:
+            if value not in list(Strategy):
+                return Answer(False, "unknown_strategy")
+            self._setting.switch(Strategy(str(value)), now)
+        elif order.do is Do.SOURCE:
+            if value not in (TargetSource.CANOPY, TargetSource.MANUAL):
+                return Answer(False, "source_not_ready")
+            self._source = TargetSource(str(value))
+        elif order.do is Do.NUDGE:
+            if not isinstance(value, (int, float)) or not abs(value) <= NUDGE_PERCENT:
+                return Answer(False, "nudge_out_of_range")
+            self._nudge = float(value)
+        elif order.do is Do.MANUAL_RATE:
+            if not isinstance(value, (int, float)) or not 0.0 <= value <= self.crop.max_rate_kg_ha:
+                return Answer(False, "rate_out_of_range")
+            self._manual = Everywhere(float(value))
+        elif order.do is Do.LOOK_AHEAD:
+            self._look_ahead = bool(value)
+        elif order.do is Do.FLOW_TRIM:
+            self._flow_trim_on = bool(value)
+        elif order.do is Do.REFILL:
+            self._refilled = True
+            self._flow_trim.restart()
+        elif order.do is not Do.MARK:
+            answer = self.safety.order(order, now)
+            if not answer.accepted:
+                return answer
+        if order.do is not Do.ACKNOWLEDGE:
+            self._events.append(_event(order))
+        return Answer(True)
+
+    # -- one tick ----------------------------------------------------------------------------------------------
+
+    def tick(self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True) -> Tick:
+        now = m.time_s
+        dt = 0.0 if self._time_s is None else max(0.0, min(1.0, now - self._time_s))
+        if self._time_s is None:
+            self._begun_s = now
+            self._expected_shaft = shaft_start(0.0, now)
+            opening = m.opening_mm.value if m.opening_mm is not None else self.machine.set_points.opening_mm
+            self._expected_gate = gate_start(opening, now)
+            self._expected = Pair(0.0, opening)
+        self._time_s = now
+        sensed = self._sensing.update(m)
+        self._look_at_canopy(m, sensed, now)
+        conditions = self._conditions(m, now)
+        speed = sensed.speed_mps or 0.0
+        self._look_at_fence(sensed)
+        reach = _Reach(self, sensed, conditions)
+        fired = self._queue.advance(self._profile(), now, sensed.track_m, reach)
+        holding = self._queue.holding
+        rate = min(self.crop.max_rate_kg_ha, holding.rate_kg_ha * (1.0 + self._nudge / 100.0))
+        lag = reach.holding_lag()
+        wanted = rate * self.machine.geometry.working_width_m * speed_ahead_mps(
+            speed, sensed.acceleration_mps2, lag.total_s) / 10_000.0
+        pair = self._setting.pair(wanted, now, self._expected, conditions)
+        model_flow = self._measured_flow(m, conditions._replace(flow_trim=1.0))
+        trim = self._flow_trim.value if self._flow_trim_on else 1.0
+        applied = _rate(model_flow, speed, self.machine)
+        metres_left = self._metres_left(m.hopper_kg, rate)
+        usable = self._usable_speed(lag)
+        verdict = self.safety.check(now, self._situation(
+            m, sensed, holding, rate, model_flow, applied, trim, metres_left, usable,
+            console_age_s, log_ok, conditions))
+        command = limited(self._setting.command(pair, conditions, self._drive_trim, self._command),
+                          self._drive_limits, verdict.flow_allowed)
+        enabled = verdict.state not in (State.OFF, State.FAULT)
+        self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
+                                self._expected.opening_mm, m.opening_mm)
+        if model_flow is not None and self._flow_trim_on:
+            self._flow_trim.update(now, dt, model_flow, m.hopper_kg)
+        self._expect(pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm), conditions, dt)
+        if model_flow is not None and verdict.state is State.WORKING and model_flow > 0.0:
+            self._applied_kg += model_flow * trim * dt
+            self._area_ha += speed * self.machine.geometry.working_width_m * dt / 10_000.0
+        self._command = command
+        row = self._row(m, sensed, holding, rate, command, applied, lag, trim, verdict.state, verdict.alarms)
+        notes = [f"limited_{pair.limited}"] if pair.limited else []
+        if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
+            notes.append("lag_out_of_range")
+        place = None
+        if sensed.east_m is not None and sensed.north_m is not None:
+            place = (sensed.east_m, sensed.north_m)
+        hz = 1.0 / sensed.gnss_period_s if sensed.gnss_age_s is not None else None
+        return Tick(row, command, enabled, verdict.alarms, tuple(fired), verdict.why_no_flow, sensed,
+                    self._fused.dropped if self._fused else (), metres_left, self._area_ha, self._applied_kg,
+                    sensed.gnss_age_s, hz, usable if speed > usable else None, self._look_ahead, self._flow_trim_on,
+                    place, tuple(notes))
+
+    # -- parts of a tick -----------------------------------------------------------------------------------------
+
+    def _look_at_canopy(self, m: Measurements, sensed: Sensed, now: float) -> None:
+        times = tuple(None if r is None else r.time_s for r in m.ndvi)
+        if times != self._head_times:
+            self._head_times = times
+            self._fusion, self._fused = fusion.fuse_readings(self._fusion, m.ndvi, now)
+            self._canopy.sample(self._fused.ndvi, sensed.track_m, now, sensed.turn_deg_s)
+        self._canopy.decide(sensed.track_m, now)
+
+    def _look_at_fence(self, sensed: Sensed) -> None:
+        if self._fence is None:
+            return
+        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+            self._fence.lost()
+            return
+        self._fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m)
+
+    def _profile(self) -> Profile:
+        inner: Profile = self._manual if self._source is TargetSource.MANUAL else self._canopy.stretches
+        return inner if self._fence is None else Fenced(inner, self._fence)
+
+    def _conditions(self, m: Measurements, now: float) -> Conditions:
+        return Conditions(now - self._begun_s,
+                          None if m.hopper_kg is None else m.hopper_kg.value,
+                          0.0 if m.pitch_deg is None else m.pitch_deg.value,
+                          None if m.supply_v is None else m.supply_v.value,
+                          self._refilled, self._flow_trim.value if self._flow_trim_on else 1.0)
+
+    def _measured_flow(self, m: Measurements, c: Conditions) -> float | None:
+        if m.shaft_rpm is None or m.opening_mm is None:
+            return None
+        return flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, m.opening_mm.value), c)
+
+    def _expect(self, pair: Pair, c: Conditions, dt: float) -> None:
+        """What the drives as the model knows them do with the untrimmed set-points."""
+        if dt <= 0.0:
+            return
+        command = self._setting.wire(pair, c)
+        supply = c.supply_v if c.supply_v is not None else self.machine.shaft.nominal_supply_v
+        self._expected_shaft, shaft = shaft_step(
+            self.machine.shaft, self._expected_shaft,
+            ShaftInput(command.shaft_rpm, self._expected.opening_mm, supply), dt)
+        self._expected_gate, gate = gate_step(
+            self.machine.gate, self._expected_gate, GateInput(command.opening_mm), dt)
+        self._expected = Pair(shaft.rpm, gate.opening_mm)
+
+    def _metres_left(self, hopper: Reading | None, rate: float) -> float | None:
+        if hopper is None or rate <= 0.0:
+            return None
+        return max(0.0, hopper.value) / (rate * self.machine.geometry.working_width_m / 10_000.0)
+
+    def _usable_speed(self, lag: Lag) -> float:
+        if self._source is not TargetSource.CANOPY:
+            return float("inf")
+        return self.machine.geometry.heads_m / (lag.total_s + self._canopy.period_s + HEAD_LATENCY_S)
+
+    def _situation(self, m: Measurements, sensed: Sensed, holding: Target, rate: float,
+                   model_flow: float | None, applied: float | None, trim: float, metres_left: float | None,
+                   usable: float, console_age_s: float | None, log_ok: bool, c: Conditions) -> Situation:
+        speed = sensed.speed_mps
+        needs_heads = self._source is TargetSource.CANOPY
+        heard = [r.time_s for r in m.ndvi if r is not None]
+        expected_flow = flow_kg_s(self.machine, self._expected.shaft_rpm, self._expected.opening_mm, c)
+        expected = _rate(expected_flow, speed or 0.0, self.machine)
+        return Situation(
+            measurements=m, speed_used_mps=speed, gnss_period_s=sensed.gnss_period_s,
+            wheel_standstill=sensed.wheel_standstill, target_source=self._source, position_ok=sensed.position_ok,
+            landing_inside=None if self._fence is None else holding.source is not TargetSource.NONE,
+            valid_heads=(self._fused.valid if self._fused else 0) if needs_heads else None,
+            ndvi_age_s=(sensed.time_s - max(heard) if heard else None) if needs_heads else None,
+            expected_rate_kg_ha=expected,
+            applied_rate_kg_ha=None if applied is None else applied * trim,
+            expected_flow_kg_s=0.0 if model_flow is None else model_flow * trim,
+            target_rate_kg_ha=rate, metres_left_m=metres_left,
+            usable_speed_mps=usable if speed is not None and speed > usable else None,
+            console_age_s=console_age_s, log_ok=log_ok)
+
+    def _row(self, m: Measurements, sensed: Sensed, holding: Target, rate: float, command: DriveCommand,
+             applied: float | None, lag: Lag, trim: float, state: State, alarms: tuple[Alarm, ...]) -> LogRow:
+        fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= 1.0 else None
+        ndvi = [_fresh(r, m.time_s, 1.25) for r in m.ndvi] + [None] * 6
+        events, self._events = self._events, []
+        speed = sensed.speed_mps
+        return LogRow(
+            time_s=m.time_s,
+            utc=fix.utc if fix else None, lat_deg=fix.lat_deg if fix else None, lon_deg=fix.lon_deg if fix else None,
+            fix_quality=fix.fix_quality if fix else None, satellites=fix.satellites if fix else None,
+            hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,
+            pitch_deg=_fresh(m.pitch_deg, m.time_s, 1.0), roll_deg=_fresh(m.roll_deg, m.time_s, 1.0),
+            speed_mps=fix.speed_mps if fix else None, wheel_speed_mps=_fresh(m.wheel_speed_mps, m.time_s, 1.0),
+            speed_used_mps=speed,
+            ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5],
+            ndvi=self._canopy.ndvi if self._source is TargetSource.CANOPY else None,
+            target_rate_kg_ha=rate, nudge_percent=self._nudge,
+            shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_fresh(m.shaft_rpm, m.time_s, 0.5),
+            opening_mm_cmd=command.opening_mm, opening_mm=_fresh(m.opening_mm, m.time_s, 0.5),
+            hopper_kg=_fresh(m.hopper_kg, m.time_s, 2.0), flow_trim=trim, supply_v=_fresh(m.supply_v, m.time_s, 2.0),
+            applied_rate_kg_ha=applied, lag_s=lag.total_s, lag_m=None if speed is None else speed * lag.total_s,
+            state=state.value, strategy=self._setting.strategy.value, target_source=holding.source.value,
+            work_switch=None if m.work_switch is None else int(m.work_switch),
+            alarms=";".join(a.id for a in alarms) or None, events=";".join(events) or None)
+
+
+class _Reach:
+    """How far ahead a change must be made now; see `targets.lag_correction.Reach`."""
+
+    def __init__(self, loop: ControlLoop, sensed: Sensed, conditions: Conditions) -> None:
+        self._loop = loop
+        self._speed = sensed.speed_mps or 0.0
+        self._acceleration = sensed.acceleration_mps2
+        self._conditions = conditions
+        self.farthest_m = self._speed * FARTHEST_S + 1.0 if loop._look_ahead else 0.0
+
+    def _pair(self, rate_kg_ha: float) -> Pair:
+        loop = self._loop
+        flow = rate_kg_ha * loop.machine.geometry.working_width_m * self._speed / 10_000.0
+        return loop._setting.settled(flow, loop._expected.opening_mm, self._conditions)
+
+    def lag(self, before: Target, change: Change) -> Lag:
+        return change_lag(self._loop.machine, self._pair(before.rate_kg_ha), self._pair(change.target.rate_kg_ha))
+
+    def distance_m(self, lag: Lag) -> float:
+        if not self._loop._look_ahead:
+            return 0.0
+        return travelled_ahead_m(self._speed, self._acceleration, lag.total_s)
+
+    def holding_lag(self) -> Lag:
+        """Lag of a small change from what is held now."""
+        pair = self._pair(self._loop._queue.holding.rate_kg_ha)
+        if pair.shaft_rpm <= 0.0:
+            pair = self._pair(self._loop.crop.fallback_rate_kg_ha)
+        return change_lag(self._loop.machine, pair, self._loop._setting.nudged(pair))
+
+
+def _rate(flow_kg_s: float | None, speed_mps: float, machine: Machine) -> float | None:
+    """kg/ha from flow and ground speed; None below 0.3 m/s, where the quotient means nothing, unless nothing flows."""
+    if flow_kg_s is None:
+        return None
+    if speed_mps < 0.3:
+        return 0.0 if flow_kg_s <= 0.0 else None
+    return flow_kg_s * 10_000.0 / (machine.geometry.working_width_m * speed_mps)
+
+
+def _fresh(reading: Reading | None, now_s: float, most_s: float) -> float | None:
+    return None if reading is None or now_s - reading.time_s > most_s else reading.value
+
+
+def _event(order: Order) -> str:
+    return order.do.value if order.value is None else f"{order.do.value} {order.value}".replace(";", ",")

@@ -1,0 +1,85 @@
+"""The machine model solved for its set-points, effects included: what to command so that this much flows."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.machine.flow import Flow, grams_per_rev
+from control.machine.machine import Machine
+
+
+class Conditions(NamedTuple):
+    """What the extended model's steady state depends on besides the set-points."""
+
+    elapsed_s: float = 0.0
+    hopper_kg: float | None = None
+    pitch_deg: float = 0.0
+    supply_v: float | None = None
+    refilled: bool = False
+    flow_trim: float = 1.0          # the scale's correction of the flow model
+
+
+def standing_factor(p: Flow, c: Conditions) -> float:
+    """What multiplies the flow whatever the set-points are: hopper head, drift, lot, slope, scale's correction."""
+    lost = p.blocked_percent
+    if c.hopper_kg is not None:
+        lost += p.hopper_head_percent * (1.0 - min(1.0, max(0.0, c.hopper_kg / p.full_kg)))
+    more = p.moisture_percent_per_h * c.elapsed_s / 3600.0 + p.slope_percent_per_deg * c.pitch_deg
+    if c.refilled:
+        more += p.batch_percent
+    if p.uneven_outlet > 0.0:
+        more += p.uneven_percent / p.outlets
+    return (1.0 - lost / 100.0) * (1.0 + more / 100.0) * c.flow_trim
+
+
+def flow_kg_s(machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
+    """Steady flow of true shaft speed and opening, kg/s; `flow_trim` included as given in the conditions."""
+    return grams_per_rev(machine.flow, shaft_rpm, opening_mm) * shaft_rpm / 60_000.0 * standing_factor(machine.flow, c)
+
+
+def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions = Conditions()) -> float:
+    """True opening, mm, that gives `wanted_kg_s` at a true `shaft_rpm` > 0; not yet limited."""
+    p = machine.flow
+    slope = (grams_per_rev(p, shaft_rpm, 1000.0) - grams_per_rev(p, shaft_rpm, 500.0)) / 500.0
+    needed = wanted_kg_s * 60_000.0 / (shaft_rpm * standing_factor(p, c))
+    return 500.0 + (needed - grams_per_rev(p, shaft_rpm, 500.0)) / slope
+
+
+def shaft_for(machine: Machine, wanted_kg_s: float, opening_mm: float, c: Conditions = Conditions()) -> float:
+    """True shaft speed, r/min, that gives `wanted_kg_s` at a true opening; the highest where none does."""
+    high = machine.limits.shaft_high_rpm
+    if wanted_kg_s <= 0.0:
+        return 0.0
+    guess = wanted_kg_s / max(1e-12, flow_kg_s(machine, 1.0, opening_mm, c))
+    for _ in range(12):
+        given = flow_kg_s(machine, guess, opening_mm, c)
+        if given <= 0.0:
+            return high
+        step = guess * wanted_kg_s / given
+        if abs(step - guess) < 1e-6 * guess:
+            return step
+        guess = min(4.0 * high, step)
+    return guess
+
+
+def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
+    """Command that turns the shaft at a true `wanted_rpm`: known gain, sag and droop taken back."""
+    p = machine.shaft
+    kept = 1.0 + p.gain_percent / 100.0
+    if c.supply_v is not None:
+        kept *= 1.0 - p.sag_percent_per_v * max(0.0, p.nominal_supply_v - c.supply_v) / 100.0
+    kept *= 1.0 - p.droop_percent * opening_mm / p.full_opening_mm / 100.0
+    return wanted_rpm / max(0.2, kept)
+
+
+def gate_command(machine: Machine, wanted_mm: float) -> float:
+    """Command that opens to a true `wanted_mm`: known homing error taken back."""
+    return wanted_mm - machine.gate.home_error_mm
+
+
+def lowest_flow_kg_s(machine: Machine, c: Conditions = Conditions()) -> float:
+    """Smallest flow other than none that the drives' limits allow, kg/s."""
+    return flow_kg_s(machine, machine.limits.shaft_low_rpm, machine.limits.opening_low_mm, c)
+
+
+def highest_flow_kg_s(machine: Machine, c: Conditions = Conditions()) -> float:
+    return flow_kg_s(machine, machine.limits.shaft_high_rpm, machine.limits.opening_high_mm, c)

@@ -1,0 +1,86 @@
+"""From a wanted flow to what goes on the wire: strategy, bumpless switching, trims, rounding, dead bands."""
+from __future__ import annotations
+
+from control.machine.machine import Machine
+from control.orders import Strategy
+from control.readings import DriveCommand
+
+from .inverse import Conditions, gate_command, opening_for, shaft_command
+from .strategies import Pair, pair_for
+from .trims import DriveTrim
+
+SWITCH_S = 4.0              # a change of strategy is spread over this long
+SHAFT_BAND_RPM = 0.3        # smaller moves are not sent
+OPENING_BAND_MM = 0.15
+
+
+class Setting:
+    """Holds the strategy and, while it is being changed, the one it comes from."""
+
+    def __init__(self, machine: Machine, strategy: Strategy) -> None:
+        self.machine = machine
+        self.strategy = strategy
+        self._before: Strategy | None = None
+        self._switched_s = 0.0
+
+    def switch(self, strategy: Strategy, now_s: float) -> None:
+        if strategy is not self.strategy:
+            self._before, self.strategy, self._switched_s = self.strategy, strategy, now_s
+
+    def settled(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
+        """The pair of the present strategy, as if it had always been in force."""
+        return pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c)
+
+    def pair(self, wanted_kg_s: float, now_s: float, expected: Pair, c: Conditions) -> Pair:
+        """The pair to aim at now. While a strategy is being changed the shaft glides over and the gate follows the
+        shaft speed that is expected, so that the flow does not show it."""
+        goal = self.settled(wanted_kg_s, expected.opening_mm, c)
+        if self._before is None:
+            return goal
+        share = (now_s - self._switched_s) / SWITCH_S
+        if share >= 1.0 or goal.shaft_rpm <= 0.0:
+            self._before = None
+            return goal
+        start = pair_for(self.machine, self._before, wanted_kg_s, expected.opening_mm, c)
+        shaft = (1.0 - share) * start.shaft_rpm + share * goal.shaft_rpm
+        if expected.shaft_rpm < self.machine.limits.shaft_low_rpm:
+            return Pair(shaft, goal.opening_mm, goal.limited)
+        slope_rpm_s = (goal.shaft_rpm - start.shaft_rpm) / SWITCH_S
+        there = expected.shaft_rpm + slope_rpm_s * self.machine.gate.dead_time_s
+        limits = self.machine.limits
+        opening = opening_for(self.machine, wanted_kg_s, max(limits.shaft_low_rpm, there), c)
+        return Pair(shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited)
+
+    def nudged(self, pair: Pair) -> Pair:
+        """The pair after a small change of rate, made by this strategy's own actuator."""
+        if self.strategy is Strategy.SPEED_FIRST:
+            return pair._replace(shaft_rpm=1.1 * pair.shaft_rpm)
+        return pair._replace(opening_mm=1.1 * pair.opening_mm)
+
+    def wire(self, pair: Pair, c: Conditions) -> DriveCommand:
+        """Set-points for the drives without trims and rounding; a stopped shaft is 0."""
+        if pair.shaft_rpm <= 0.0:
+            return DriveCommand(0.0, gate_command(self.machine, pair.opening_mm))
+        return DriveCommand(shaft_command(self.machine, pair.shaft_rpm, pair.opening_mm, c),
+                            gate_command(self.machine, pair.opening_mm))
+
+    def command(self, pair: Pair, c: Conditions, trim: DriveTrim, last: DriveCommand | None) -> DriveCommand:
+        """Set-points for the drives: trimmed, rounded to the drives' resolution, small moves left out."""
+        bare = self.wire(pair, c)
+        if bare.shaft_rpm <= 0.0:
+            stays = last.opening_mm if last is not None else _rounded(bare.opening_mm, self._step_mm)
+            return DriveCommand(0.0, stays)
+        shaft = bare.shaft_rpm * (1.0 + trim.shaft_share)
+        opening = bare.opening_mm + trim.gate_mm
+        if last is not None and last.shaft_rpm > 0.0:
+            shaft = last.shaft_rpm if abs(shaft - last.shaft_rpm) < SHAFT_BAND_RPM else shaft
+            opening = last.opening_mm if abs(opening - last.opening_mm) < OPENING_BAND_MM else opening
+        return DriveCommand(_rounded(shaft, self.machine.limits.shaft_resolution_rpm), _rounded(opening, self._step_mm))
+
+    @property
+    def _step_mm(self) -> float:
+        return self.machine.limits.opening_resolution_mm
+
+
+def _rounded(value: float, step: float) -> float:
+    return round(round(value / step) * step, 6)

@@ -1,0 +1,43 @@
+"""A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of 0.467-0.546, 8-11 %)."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.field.job import Canopy
+from control.machine.elements import Array
+
+CELL_M = 0.4
+
+
+class CanopyField:
+    """NDVI on a grid of CELL_M, bilinear in between; it repeats beyond its edges.
+
+    A Gaussian random field with exponential covariance exp(-d / correlation_m), made in the frequency domain.
+    """
+
+    def __init__(self, canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int) -> None:
+        self._east0, self._north0 = east_m[0], north_m[0]
+        columns = max(8, int(np.ceil((east_m[1] - east_m[0]) / CELL_M)))
+        rows = max(8, int(np.ceil((north_m[1] - north_m[0]) / CELL_M)))
+        rng = np.random.default_rng(seed)
+        x = CELL_M * np.minimum(np.arange(columns), columns - np.arange(columns))
+        y = CELL_M * np.minimum(np.arange(rows), rows - np.arange(rows))
+        covariance = np.exp(-np.hypot(x[None, :], y[:, None]) / canopy.correlation_m)
+        spectrum = np.sqrt(np.maximum(0.0, np.fft.fft2(covariance).real))
+        white = np.fft.fft2(rng.standard_normal((rows, columns)))
+        field = np.fft.ifft2(spectrum * white).real
+        field = (field - field.mean()) / field.std()
+        ndvi = canopy.mean_ndvi * (1.0 + canopy.cv_percent / 100.0 * field)
+        self.ndvi: Array = np.clip(ndvi, 0.02, 0.98)
+        self._rows, self._columns = rows, columns
+
+    def at(self, east_m: float, north_m: float) -> float:
+        """NDVI at a place on the field's plane."""
+        x = (east_m - self._east0) / CELL_M
+        y = (north_m - self._north0) / CELL_M
+        i, j = int(x // 1.0), int(y // 1.0)
+        u, v = x - i, y - j
+        i0, i1 = i % self._columns, (i + 1) % self._columns
+        j0, j1 = j % self._rows, (j + 1) % self._rows
+        g = self.ndvi
+        return float((1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * ((1 - u) * g[j1, i0] + u * g[j1, i1]))

@@ -1,0 +1,93 @@
+"""A whole run: loop and plant closed on an injected clock, the operator included."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from control.loop import ControlLoop, Tick
+from control.machine.elements import Array
+from control.orders import Do, Order, State
+from control.readings import DriveCommand
+from control.targets.lag_correction import Fired
+
+from .measuring import Measuring
+from .plant import Plant, Truth
+
+START_AFTER_S = 2.0         # the operator orders ready and start this long after the machine begins to move
+REFILL_SEEN_KG = 5.0
+
+
+class Step(NamedTuple):
+    """One tick of a simulated run: what control did, and what then really happened."""
+
+    tick: Tick
+    truth: Truth
+    target_rate_kg_ha: float        # that the ground at the outlet's present place was meant to get
+
+
+def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
+                  orders: Sequence[tuple[float, Order]] | None = None) -> Iterator[Step]:
+    """Ticks of `plant.dt_s` for `seconds`. `orders`: (time_s, order) of the operator; None: ready, start, and start
+    again whenever work was held at a refill."""
+    measuring = Measuring(plant.machine.geometry.heads)
+    waiting = sorted(orders or (), key=lambda item: item[0])
+    opening = plant.machine.set_points.opening_mm
+    sensed = plant.step(DriveCommand(0.0, opening), False)
+    operator = _Operator() if orders is None else None
+    for _ in range(int(round(seconds / plant.dt_s))):
+        while waiting and waiting[0][0] <= sensed.time_s:
+            loop.order(waiting.pop(0)[1])
+        tick = loop.tick(measuring.take(sensed))
+        if operator is not None:
+            operator.act(tick, plant.truth, loop.order)
+        target = loop.target_at(tick.sensed.track_m)
+        sensed = plant.step(tick.command, tick.enabled)
+        assert plant.truth is not None
+        yield Step(tick, plant.truth, target.rate_kg_ha)
+
+
+class _Operator:
+    """Starts when the machine moves, tells a refill, starts again after it."""
+
+    def __init__(self) -> None:
+        self._wait_s = 0.0
+
+    def act(self, tick: Tick, truth: Truth | None, order: Callable[[Order], object]) -> None:
+        now = tick.row.time_s
+        state = tick.row.state
+        if truth is not None and truth.refill_kg > REFILL_SEEN_KG:
+            order(Order(Do.REFILL, round(truth.refill_kg, 1)))
+        if now < self._wait_s:
+            return
+        if state == State.OFF:
+            order(Order(Do.READY))
+        elif state in (State.READY, State.HELD) and (tick.sensed.speed_mps or 0.0) > 0.6:
+            order(Order(Do.ACKNOWLEDGE, ""))
+            if state == State.HELD:
+                order(Order(Do.READY))
+            order(Order(Do.START))
+            self._wait_s = now + 1.0
+
+
+class Record:
+    """What is kept of a run to judge it: columns of numbers, a row a tick."""
+
+    NAMES = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "driven_m", "speed_mps", "east_m", "north_m",
+             "in_pass", "target_kg_ha", "working", "track_m")
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, ...]] = []
+        self.fired: list[Fired] = []
+
+    def add(self, step: Step) -> None:
+        t = step.truth
+        self.fired.extend(step.tick.fired)
+        self._rows.append((t.time_s, t.shaft_rpm, t.opening_mm, t.flow_kg_s, t.drop_s, t.driven_m, t.speed_mps,
+                           t.east_m, t.north_m, float(t.in_pass), step.target_rate_kg_ha,
+                           float(step.tick.row.state == State.WORKING), step.tick.sensed.track_m))
+
+    def columns(self) -> dict[str, Array]:
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.NAMES))
+        return {name: table[:, k] for k, name in enumerate(self.NAMES)}

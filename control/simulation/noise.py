@@ -1,0 +1,36 @@
+"""Seeded sensor noise, drawn in blocks because single draws are slow."""
+from __future__ import annotations
+
+from math import exp, sqrt
+
+import numpy as np
+
+BLOCK = 8192
+
+
+class Normals:
+    """Standard normal numbers, one at a time."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._block: list[float] = []
+
+    def next(self) -> float:
+        if not self._block:
+            self._block = self._rng.standard_normal(BLOCK).tolist()
+        return self._block.pop()
+
+
+class Slow:
+    """First-order correlated noise of a given standard deviation and correlation time."""
+
+    def __init__(self, normals: Normals, sd: float, correlation_s: float) -> None:
+        self._normals = normals
+        self._sd = sd
+        self._correlation_s = correlation_s
+        self.value = sd * normals.next()
+
+    def step(self, dt_s: float) -> float:
+        keep = exp(-dt_s / self._correlation_s)
+        self.value = keep * self.value + self._sd * sqrt(1.0 - keep * keep) * self._normals.next()
+        return self.value

@@ -1,0 +1,212 @@
+"""The machine in its field, as the model has it: commands in, what the sensors read out, and the truth kept apart."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from math import cos, degrees, radians, sin
+from typing import NamedTuple
+
+from control.field.job import Job
+from control.geodesy import TangentPlane
+from control.machine.elements import stepped
+from control.machine.fall import FallInput, fall_start, fall_step
+from control.machine.flow import FlowInput, flow_start, flow_step
+from control.machine.gate import GateInput, gate_start, gate_step
+from control.machine.heads import HeadInput, head_reads
+from control.machine.machine import Machine
+from control.machine.planting import Planted, schedule
+from control.machine.scale import ScaleInput, scale_reads
+from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.machine.speed import SpeedInput, speed_start, speed_step
+from control.readings import DriveCommand, GnssFix
+
+from .canopy import CanopyField
+from .noise import Normals, Slow
+from .tractor import Driver, Path, Pose, field_path
+
+MODEL_STEPS = 4             # model steps a control tick
+BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)      # the decision paper's day of topdressing
+SUPPLY_WANDER_V = 0.25      # engine speed and consumers, 1 s.d.
+CHANGE_SHOWS_S = 1.0        # a rise or fall of the flow counts as such for this long
+
+
+class Sensed(NamedTuple):
+    """What the sensors of the machine read at `time_s`; None where a sensor gave nothing in this step."""
+
+    time_s: float
+    gnss: GnssFix | None
+    wheel_mps: float
+    wheel_pulses: int
+    ndvi: tuple[float, ...] | None
+    shaft_rpm: float
+    opening_mm: float
+    hopper_kg: float
+    supply_v: float
+    pitch_deg: float
+    roll_deg: float
+    work_switch: bool | None
+
+
+class Truth(NamedTuple):
+    """What really happened in the step that ended at `time_s`."""
+
+    time_s: float
+    shaft_rpm: float
+    opening_mm: float
+    flow_kg_s: float            # mean over the step
+    drop_s: float               # of what was released in it
+    driven_m: float             # outlet along its path, at the step's end
+    speed_mps: float
+    hopper_kg: float
+    east_m: float
+    north_m: float
+    in_pass: bool
+    refill_kg: float
+
+
+class Plant:
+    """One simulated machine on one job. `step` advances it by `dt_s`; it reads no clock."""
+
+    def __init__(self, machine: Machine, job: Job, seed: int, dt_s: float = 0.05, planted: Sequence[Planted] = (),
+                 path: Path | None = None, keep: Callable[[Truth], None] | None = None) -> None:
+        sim = job.simulated
+        self.machine = machine
+        self.dt_s = dt_s
+        self.truth: Truth | None = None
+        self._sim = sim
+        self._keep = keep
+        self._stages = schedule(machine, planted)
+        self._true = self._stages[0][1]
+        width = machine.geometry.working_width_m
+        self._path = path or field_path(sim, width, job.field.pass_heading_deg)
+        self._heading0 = job.field.pass_heading_deg
+        self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
+        reach = sim.pass_length_m + 4.0 * sim.run_in_m + sim.passes * width
+        self._canopy = CanopyField(sim.canopy, (-reach / 2.0, reach / 2.0), (-reach / 2.0, reach / 2.0), seed)
+        self._driver = Driver(sim)
+        self._normal = Normals(seed + 1)
+        noise = machine.noise
+        self._scale_noise = Slow(self._normal, noise.scale_kg, noise.scale_correlation_s)
+        self._supply = Slow(self._normal, SUPPLY_WANDER_V, 30.0)
+        self._pitch = Slow(self._normal, sim.roughness_deg, 3.0)
+        self._roll = Slow(self._normal, sim.roughness_deg, 3.0)
+        self._ticks = 0
+        self._driven_m = 0.0
+        self._wheel_m = 0.0
+        self._shaft = shaft_start(0.0)
+        self._gate = gate_start(machine.set_points.opening_mm)
+        self._flow = flow_start(min(sim.hopper_kg, machine.flow.full_kg))
+        self._speed = speed_start(0.0)
+        self._fall = fall_start()
+        self._shaft_out = (0.0, 0.0)
+        self._gate_out = (machine.set_points.opening_mm, machine.set_points.opening_mm)
+        self._next_gnss_s = 0.0
+        self._next_heads_s = 0.0
+        self._standing_s = 0.0
+        self._flow_before = 0.0
+        self._change = (0.0, -1e9)
+
+    @property
+    def time_s(self) -> float:
+        return self._ticks * self.dt_s
+
+    def step(self, command: DriveCommand, enabled: bool) -> Sensed:
+        """Advance by `dt_s` with the command held, and read the sensors at the end of it."""
+        dt, begin = self.dt_s, self.time_s
+        while len(self._stages) > 1 and begin >= self._stages[1][0]:
+            self._stages.pop(0)
+            self._true = self._stages[0][1]
+        speed = self._driver.step(begin, self._stopped(), self._normal.next(), dt)
+        self._driven_m += speed * dt
+        pose = self._path.at(self._driven_m)
+        pitch = self._sim.slope_deg * cos(radians(pose.heading_deg - self._heading0)) + self._pitch.step(dt)
+        supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
+        refill = self._refill(speed, dt)
+        rpm = command.shaft_rpm if enabled else 0.0
+        flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
+        self._ticks += 1
+        drop = self._drop(flow)
+        self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop, self._driven_m, speed,
+                           self._flow.hopper_kg, pose.east_m, pose.north_m, pose.in_pass, refill)
+        if self._keep is not None:
+            self._keep(self.truth)
+        return self._read(speed, pose, pitch, supply, flow)
+
+    def _stopped(self) -> bool:
+        return self._sim.refill_at_kg > 0.0 and self._flow.hopper_kg <= self._sim.refill_at_kg
+
+    def _refill(self, speed: float, dt: float) -> float:
+        if not self._stopped() or speed > 0.0:
+            self._standing_s = 0.0
+            return 0.0
+        self._standing_s += dt
+        if self._standing_s < self._sim.refill_stop_s:
+            return 0.0
+        return self._true.flow.full_kg - self._flow.hopper_kg
+
+    def _move(self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float) -> float:
+        true, step = self._true, self.dt_s / MODEL_STEPS
+        total = 0.0
+        for k in range(MODEL_STEPS):
+            self._shaft, shaft = shaft_step(true.shaft, self._shaft, ShaftInput(rpm, self._gate_out[0], supply), step)
+            self._gate, gate = gate_step(true.gate, self._gate, GateInput(opening_mm), step)
+            self._flow, flow = flow_step(true.flow, self._flow, FlowInput(
+                shaft.rpm, gate.opening_mm, pitch, refill if k == 0 else 0.0), step)
+            self._shaft_out = (shaft.rpm, shaft.measured_rpm)
+            self._gate_out = (gate.opening_mm, gate.measured_mm)
+            total += flow.flow_kg_s
+        return total / MODEL_STEPS
+
+    def _drop(self, flow: float) -> float:
+        if abs(flow - self._flow_before) > 0.02 * max(flow, self._flow_before):
+            self._change = (1.0 if flow > self._flow_before else -1.0, self.time_s)
+        self._flow_before = flow
+        change = self._change[0] if self.time_s - self._change[1] < CHANGE_SHOWS_S else 0.0
+        self._fall, drop = fall_step(self._true.fall, self._fall, FallInput(self._shaft_out[0], flow, change), self.dt_s)
+        return drop
+
+    def _read(self, speed: float, pose: Pose, pitch: float, supply: float, flow: float) -> Sensed:
+        now, dt, normal = self.time_s, self.dt_s, self._normal.next
+        true, noise = self._true, self.machine.noise
+        self._speed, reads = speed_step(true.speed, self._speed, SpeedInput(
+            abs(speed), 1.0 if flow > 0.0 else 0.0, pitch), dt)
+        wheel = max(0.0, reads.wheel_mps + (noise.wheel_mps * normal() if speed != 0.0 else 0.0))
+        self._wheel_m += wheel * dt
+        pulses = int(self._wheel_m * true.speed.pulses_per_turn / true.speed.wheel_circumference_m)
+        scale = scale_reads(true.scale, ScaleInput(self._flow.hopper_kg, now, pitch)) + self._scale_noise.step(dt)
+        return Sensed(
+            now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, pulses, self._ndvi(pose),
+            max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
+            stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
+            pitch + noise.pitch_deg * normal(), self._roll.step(dt), None)
+
+    def _gnss(self, pose: Pose, speed: float, backwards: bool) -> GnssFix | None:
+        now = self.time_s
+        if now < self._next_gnss_s - 1e-9:
+            return None
+        self._next_gnss_s += 1.0 / self._sim.gnss_hz
+        noise, normal = self.machine.noise, self._normal.next
+        ahead, angle = self.machine.geometry.antenna_m, radians(pose.heading_deg)
+        lat, lon = self._plane.to_deg(pose.east_m + ahead * sin(angle) + noise.gnss_m * normal(),
+                                             pose.north_m + ahead * cos(angle) + noise.gnss_m * normal())
+        course = pose.heading_deg + (180.0 if backwards else 0.0)
+        course += degrees(noise.gnss_mps / max(0.1, speed)) * normal()
+        utc = (BEGIN_UTC + timedelta(seconds=round(now, 3))).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        return GnssFix(now, lat, lon, 4, 14, 0.8, max(0.0, speed + noise.gnss_mps * normal()), course % 360.0, utc)
+
+    def _ndvi(self, pose: Pose) -> tuple[float, ...] | None:
+        now = self.time_s
+        if now < self._next_heads_s - 1e-9:
+            return None
+        self._next_heads_s += 1.0 / self._sim.heads_hz
+        geometry, angle = self.machine.geometry, radians(pose.heading_deg)
+        east = pose.east_m + geometry.heads_m * sin(angle)
+        north = pose.north_m + geometry.heads_m * cos(angle)
+        spacing = geometry.working_width_m / geometry.heads
+        readings = []
+        for head in range(geometry.heads):
+            aside = (head - 0.5 * (geometry.heads - 1)) * spacing
+            here = self._canopy.at(east + aside * cos(angle), north - aside * sin(angle))
+            reads = head_reads(self._true.heads, HeadInput(here, head + 1.0, now))
+            readings.append(min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next())))
+        return tuple(readings)

@@ -1,0 +1,128 @@
+"""The tractor: passes up and down a field with half-circle turns, and how fast it goes."""
+from __future__ import annotations
+
+from bisect import bisect_right
+from math import cos, pi, radians, sin
+from typing import NamedTuple
+
+from control.field.job import Simulated
+
+BLOCK = 8               # passes are taken in blocks, four apart, so that the turns are wide enough to drive
+
+
+class Pose(NamedTuple):
+    east_m: float
+    north_m: float
+    heading_deg: float
+    in_pass: bool
+
+
+class Leg(NamedTuple):
+    """A straight (turn_deg 0) or an arc, from a pose on, of a length."""
+
+    east_m: float
+    north_m: float
+    heading_deg: float
+    length_m: float
+    turn_deg: float
+
+
+class Path:
+    """The way of the outlets' middle, by distance driven."""
+
+    def __init__(self, legs: list[Leg]) -> None:
+        self._legs = legs
+        self._begin_m: list[float] = [0.0]
+        for leg in legs:
+            self._begin_m.append(self._begin_m[-1] + leg.length_m)
+        self.length_m = self._begin_m[-1]
+
+    def at(self, driven_m: float) -> Pose:
+        """Pose after a distance; beyond both ends straight on."""
+        k = min(len(self._legs) - 1, max(0, bisect_right(self._begin_m, driven_m) - 1))
+        leg = self._legs[k]
+        along = driven_m - self._begin_m[k]
+        heading = radians(leg.heading_deg)
+        if leg.turn_deg == 0.0:
+            return Pose(leg.east_m + along * sin(heading), leg.north_m + along * cos(heading), leg.heading_deg, True)
+        turned = radians(leg.turn_deg) * along / leg.length_m
+        radius = leg.length_m / radians(leg.turn_deg)          # right turns positive
+        centre_e = leg.east_m + radius * cos(heading)
+        centre_n = leg.north_m - radius * sin(heading)
+        angle = heading + turned
+        return Pose(centre_e - radius * cos(angle), centre_n + radius * sin(angle),
+                    (leg.heading_deg + leg.turn_deg * along / leg.length_m) % 360.0, False)
+
+
+def pass_order(passes: int) -> list[int]:
+    """0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in time lie three or four widths apart."""
+    order: list[int] = []
+    for block in range(0, passes, BLOCK):
+        members = list(range(block, min(block + BLOCK, passes)))
+        half = (len(members) + 1) // 2
+        for low, high in zip(members[:half], [*members[half:], None], strict=False):
+            order.append(low)
+            if high is not None:
+                order.append(high)
+    return order
+
+
+def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
+    """Passes of the simulated field; the first begins at the origin, the next ones lie to its right."""
+    north = radians(heading_deg)
+    ahead = (sin(north), cos(north))
+    right = (cos(north), -sin(north))
+
+    def place(along: float, across: float) -> tuple[float, float]:
+        return along * ahead[0] + across * right[0], along * ahead[1] + across * right[1]
+
+    legs: list[Leg] = []
+    order = pass_order(sim.passes)
+    for number, k in enumerate(order):
+        up = number % 2 == 0
+        across = (k + 0.5) * width_m
+        begin = -sim.run_in_m if up else sim.pass_length_m + sim.run_in_m
+        course = heading_deg if up else (heading_deg + 180.0) % 360.0
+        e, n = place(begin, across)
+        legs.append(Leg(e, n, course, sim.pass_length_m + 2.0 * sim.run_in_m, 0.0))
+        if number + 1 == len(order):
+            break
+        sideways = (order[number + 1] - k) * width_m
+        to_right = (sideways > 0.0) == up
+        e, n = place(sim.pass_length_m + sim.run_in_m if up else -sim.run_in_m, across)
+        legs.append(Leg(e, n, course, pi * abs(sideways) / 2.0, 180.0 if to_right else -180.0))
+    return Path(legs)
+
+
+def field_boundary(sim: Simulated, width_m: float, heading_deg: float) -> tuple[tuple[float, float], ...]:
+    """The rectangle that the passes cover, east and north, m."""
+    north = radians(heading_deg)
+    corners = [(0.0, 0.0), (sim.pass_length_m, 0.0), (sim.pass_length_m, sim.passes * width_m),
+               (0.0, sim.passes * width_m)]
+    return tuple((a * sin(north) + c * cos(north), a * cos(north) - c * sin(north)) for a, c in corners)
+
+
+class Driver:
+    """Wanted speed to speed: bounded acceleration, a slow wander of the throttle, stops for refills."""
+
+    def __init__(self, sim: Simulated) -> None:
+        self._sim = sim
+        self._changes = sorted(sim.speed_changes, key=lambda change: change.at_s)
+        self.speed_mps = 0.0
+        self._wander = 0.0
+
+    def step(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
+        """Speed at the end of the step, m/s; `kick`: one standard normal number."""
+        wanted, most = self._sim.speed_kmh / 3.6, 0.5
+        for change in self._changes:
+            if change.at_s <= time_s:
+                wanted, most = change.speed_kmh / 3.6, change.acceleration_mps2
+        keep = 1.0 - dt_s / 8.0
+        share = self._sim.speed_wander_percent / 100.0
+        self._wander = keep * self._wander + share * (2.0 * dt_s / 8.0) ** 0.5 * kick
+        wanted = 0.0 if stopped else wanted * (1.0 + self._wander)
+        step = min(most * dt_s, max(-most * dt_s, wanted - self.speed_mps))
+        self.speed_mps += step
+        return self.speed_mps
+
+

@@ -1,0 +1,57 @@
+"""Canopy mode: fused NDVI under the heads, collected for a decision period, becomes a stretch of decided rate."""
+from __future__ import annotations
+
+from control.agronomy.noa import Rule
+
+from .profile import Stretches
+
+STRAIGHT_DEG_S = 8.0            # turning faster, the outlets do not follow the heads: samples are left out
+SILENT_HOLDS_S = 2.0            # heads silent: the last decision holds this long
+
+
+class CanopyDecisions:
+    """Turns samples into decisions at `decision_hz` and keeps them along the track (decision paper, section 1.2)."""
+
+    def __init__(self, rule: Rule, heads_m: float, decision_hz: float, stretches: Stretches) -> None:
+        self.rule = rule
+        self.stretches = stretches
+        self.period_s = 1.0 / decision_hz
+        self.ndvi: float | None = None              # of the last decision
+        self.rate_kg_ha: float | None = None
+        self._heads_m = heads_m
+        self._samples: list[float] = []
+        self._from_m: float | None = None
+        self._begun_s = 0.0
+        self._sampled_s: float | None = None
+
+    def sample(self, ndvi: float | None, track_m: float, now_s: float, turn_deg_s: float) -> None:
+        """One fused reading (None: none valid), with the outlets at `track_m`."""
+        if abs(turn_deg_s) > STRAIGHT_DEG_S:
+            self._samples.clear()
+            self._from_m = None
+            self.stretches.forget()
+            return
+        if ndvi is None:
+            return
+        if self._from_m is None:
+            self._from_m, self._begun_s = track_m + self._heads_m, now_s
+        self._samples.append(ndvi)
+        self._sampled_s = now_s
+
+    def decide(self, track_m: float, now_s: float) -> bool:
+        """Once a decision period has passed: a new stretch. True when the decision was made in this tick."""
+        if self._from_m is None or now_s - self._begun_s < self.period_s - 1e-6:
+            return False
+        here = track_m + self._heads_m
+        if self._samples:
+            self.ndvi = sum(self._samples) / len(self._samples)
+            self.rate_kg_ha = self.rule.decide(self.ndvi).rate_kg_ha
+        elif self._sampled_s is None or now_s - self._sampled_s > SILENT_HOLDS_S:
+            self._from_m = None
+            return False
+        if here > self._from_m and self.rate_kg_ha is not None:
+            self.stretches.append(self._from_m, here, self.rate_kg_ha)
+            self._from_m = here
+        self._samples.clear()
+        self._begun_s = now_s
+        return True

@@ -1,0 +1,72 @@
+"""The field's edge seen along the working line: outside it the target is nothing."""
+from __future__ import annotations
+
+from typing import Protocol
+
+from control.orders import TargetSource
+
+from .profile import Change, Profile, Target
+
+OUTSIDE = Target(0.0, TargetSource.NONE)
+LOOK_M = 40.0
+SAME_M = 2.0            # crossings seen this near to each other are one
+
+
+class Edge(Protocol):
+    """A boundary on the plane."""
+
+    def contains(self, east_m: float, north_m: float) -> bool: ...
+
+    def crossings_m(self, east_m: float, north_m: float, heading_deg: float, farthest_m: float) -> list[float]:
+        """Distances along the heading at which the boundary is crossed, rising."""
+        ...
+
+
+class Fence:
+    """Where along the track, straight ahead, the field begins and ends; looked at once a tick."""
+
+    def __init__(self, edge: Edge) -> None:
+        self._edge = edge
+        self._inside_here = False
+        self.places_m: list[float] = []
+
+    def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float) -> None:
+        """Look from the outlet straight ahead. A crossing up to `fired_to_m`, where changes have been made, stays
+        where it was seen then: a jitter of the heading must not make it once more."""
+        self._inside_here = self._edge.contains(east_m, north_m)
+        seen = [track_m + d for d in self._edge.crossings_m(east_m, north_m, heading_deg, LOOK_M)]
+        made = [place for place in self.places_m if place <= fired_to_m]
+        self.places_m = [next((old for old in made if abs(old - place) < SAME_M), place) for place in seen]
+
+    def lost(self) -> None:
+        """No place known: nothing ahead counts as inside."""
+        self._inside_here = False
+        self.places_m = []
+
+    def inside(self, place_m: float) -> bool:
+        crossed = sum(1 for place in self.places_m if place <= place_m)
+        return self._inside_here != (crossed % 2 == 1)
+
+
+class Fenced:
+    """A profile that is nothing outside the fence."""
+
+    def __init__(self, inner: Profile, fence: Fence) -> None:
+        self._inner = inner
+        self._fence = fence
+
+    def at(self, place_m: float) -> Target:
+        return self._inner.at(place_m) if self._fence.inside(place_m) else OUTSIDE
+
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+        begin = after_m
+        for end in [*(p for p in self._fence.places_m if after_m < p <= before_m), before_m]:
+            if not self._fence.inside(begin):
+                if holding != OUTSIDE:
+                    return Change(begin, OUTSIDE)
+            else:
+                change = self._inner.next_change(begin, end, holding)
+                if change is not None and (change.place_m < end or end == before_m):
+                    return change
+            begin = end
+        return None

@@ -1,0 +1,111 @@
+"""A target along the track: what holds at a place, and where it changes next."""
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import NamedTuple, Protocol
+
+from control.orders import TargetSource
+
+
+class Target(NamedTuple):
+    rate_kg_ha: float
+    source: TargetSource
+
+
+class Change(NamedTuple):
+    """At `place_m` along the track the target becomes `target`."""
+
+    place_m: float
+    target: Target
+
+
+class Profile(Protocol):
+    """What every source of targets answers. Places are metres along the track of the outlets."""
+
+    def at(self, place_m: float) -> Target: ...
+
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+        """The first place in (after_m, before_m] at which the target differs from `holding`."""
+        ...
+
+
+class Everywhere:
+    """One rate wherever the machine goes: manual."""
+
+    def __init__(self, rate_kg_ha: float) -> None:
+        self.target = Target(rate_kg_ha, TargetSource.MANUAL)
+
+    def at(self, place_m: float) -> Target:
+        return self.target
+
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+        return Change(after_m, self.target) if holding != self.target else None
+
+
+class Stretches:
+    """Decided rates for stretches of the track, appended in order; where there is none within reach: the fallback."""
+
+    KEEP_M = 60.0       # stretches that lie further back than this are forgotten
+
+    def __init__(self, fallback_rate_kg_ha: float, reach_m: float = 1.5) -> None:
+        self.fallback = Target(fallback_rate_kg_ha, TargetSource.FALLBACK)
+        self.reach_m = reach_m
+        self._from: list[float] = []
+        self._to: list[float] = []
+        self._target: list[Target] = []
+
+    def append(self, from_m: float, to_m: float, rate_kg_ha: float) -> None:
+        """A decision for [from_m, to_m). What it overlaps of an earlier one is decided anew."""
+        while self._from and self._from[-1] >= from_m:
+            self._from.pop()
+            self._to.pop()
+            self._target.pop()
+        if self._to and self._to[-1] > from_m:
+            self._to[-1] = from_m
+        self._from.append(from_m)
+        self._to.append(to_m)
+        self._target.append(Target(rate_kg_ha, TargetSource.CANOPY))
+        if self._to[0] < from_m - self.KEEP_M:
+            del self._from[0], self._to[0], self._target[0]
+
+    def forget(self) -> None:
+        self._from.clear()
+        self._to.clear()
+        self._target.clear()
+
+    def newest_m(self) -> float | None:
+        return self._to[-1] if self._to else None
+
+    def at(self, place_m: float) -> Target:
+        """The decided target there, or that of the nearest stretch within reach, or the fallback."""
+        if not self._from:
+            return self.fallback
+        k = bisect_right(self._from, place_m) - 1
+        if k >= 0 and place_m < self._to[k]:
+            return self._target[k]
+        behind = place_m - self._to[k] if k >= 0 else float("inf")
+        ahead = self._from[k + 1] - place_m if k + 1 < len(self._from) else float("inf")
+        if min(behind, ahead) > self.reach_m:
+            return self.fallback
+        return self._target[k] if behind <= ahead else self._target[k + 1]
+
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+        for place in self._edges(after_m, before_m):
+            target = self.at(place)
+            if target != holding:
+                return Change(place, target)
+        return None
+
+    def _edges(self, after_m: float, before_m: float) -> list[float]:
+        """Every place in (after_m, before_m] where `at` may change, and `after_m` itself first."""
+        places = [after_m]
+        k = max(0, bisect_right(self._from, after_m) - 1)
+        for j in range(k, len(self._from)):
+            following = self._from[j + 1] if j + 1 < len(self._from) else float("inf")
+            gap = following - self._to[j]
+            places.append(self._from[j])
+            if gap > 2.0 * self.reach_m:
+                places += [self._to[j] + self.reach_m, following - self.reach_m]
+            elif gap > 0.0:
+                places.append(self._to[j] + 0.5 * gap)
+        return sorted(p for p in places if after_m <= p <= before_m)
