@@ -112,12 +112,12 @@ class FakeWriter:
 
     def __init__(self) -> None:
         self.rows: list[LogRow] = []
-        self.trouble: str | None = None
+        self.trouble = ""
         self.closed = False
 
     @property
     def ok(self) -> bool:
-        return self.trouble is None
+        return not self.trouble
 
     def append(self, row: LogRow) -> None:
         self.rows.append(row)

@@ -23,7 +23,8 @@ def test_every_order_comes_through(do):
     assert parse(line(do=do.value), TOKEN) == Request(7, Order(do))
 
 
-@pytest.mark.parametrize(("sent", "taken"), [(5, 5.0), (-2.5, -2.5), ("map", "map"), (True, True), (None, None), (0, 0.0)])
+@pytest.mark.parametrize(("sent", "taken"), [
+    (5, 5.0), (-2.5, -2.5), ("map", "map"), (True, True), (None, None), (0, 0.0)])
 def test_values_keep_their_kind(sent, taken):
     order = parse(line(do="nudge", value=sent), TOKEN).what
     assert order.value == taken and type(order.value) is type(taken)
@@ -70,7 +71,7 @@ def test_no_bytes_raise(data):
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text("ab\n", max_size=5)
-json_values = scalars | st.lists(scalars, max_size=3) | st.dictionaries(st.sampled_from(["a", "b"]), scalars, max_size=2)
+json_values = scalars | st.lists(scalars, max_size=2) | st.dictionaries(st.just("a"), scalars, max_size=1)
 
 
 @relaxed

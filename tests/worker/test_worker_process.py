@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -122,26 +123,30 @@ CONSOLE = textwrap.dedent("""
 
 
 @posix
-@pytest.mark.parametrize("how", ["SIGKILL", "SIGSTOP", "SIGHUP"])
-async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(how, running, attach, log_of):
-    where = running(name=how)
-    say = json.dumps({"port": where.port, "token": where.token, "pid": where.pid})
-    console = subprocess.Popen([sys.executable, "-P", "-c", CONSOLE, say], stdout=subprocess.PIPE)
-    try:
-        assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
-        watcher = await attach(where.looking_only())
-        os.kill(console.pid, getattr(signal, how))
-        await until(lambda: watcher.newest.row.state == "held", 4.0)
-        await until(lambda: log_of(where)[-1]["state"] == "held")      # the log's own thread is a little behind
+async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running, attach, log_of, tmp_path):
+    """Three consoles, each with a worker of its own, end in three ways at the same time."""
+
+    async def one(how: str) -> None:
+        where = running(name=how)
+        say = json.dumps({"port": where.port, "token": where.token, "pid": where.pid})
+        console = subprocess.Popen([sys.executable, "-P", "-c", CONSOLE, say], stdout=subprocess.PIPE)
+        try:
+            assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
+            watcher = await attach(where.looking_only())
+            os.kill(console.pid, getattr(signal, how))
+            await until(lambda: watcher.newest.row.state == "held", 4.0)
+            await until(lambda: log_of(where)[-1]["state"] == "held")     # the log's own thread is a little behind
+        finally:
+            console.kill()
+            console.wait()
+            console.stdout.close()
         rows = log_of(where)
-        held = next(row for row in rows if row["state"] == "held")
-        assert 2.0 < held["age_s"] < 2.2
-        before = [row["time_s"] for row in rows]
-        assert max(b - a for a, b in zip(before, before[1:], strict=False)) < 0.3     # the loop did not even stumble
-        assert find_running(Path(where.log_path).parent / "run" / f"{how}.json").pid == where.pid
-    finally:
-        console.kill()
-        console.wait()
+        assert 2.0 < next(row for row in rows if row["state"] == "held")["age_s"] < 2.2
+        gaps = [b["time_s"] - a["time_s"] for a, b in pairwise(rows)]
+        assert max(gaps) < 0.3                                            # the loop did not even stumble
+        assert find_running(tmp_path / "run" / f"{how}.json") == where    # and a new console may attach
+
+    await asyncio.gather(one("SIGKILL"), one("SIGSTOP"), one("SIGHUP"))
 
 
 @posix
@@ -314,7 +319,7 @@ def test_a_worker_that_cannot_start_says_why_in_one_line(running, tmp_path, args
 
 def test_a_worker_that_says_nothing_is_ended(tmp_path):
     began = time.monotonic()
-    with pytest.raises(WorkerFailed, match="said nothing for 0.2 s"):
+    with pytest.raises(WorkerFailed, match="said nothing for"):
         start_worker([], tmp_path / "trouble", run_file=tmp_path / "w.json", timeout_s=0.2,
                      program=("-c", "import time; time.sleep(5)"))
     assert time.monotonic() - began < 1.5

@@ -1,0 +1,46 @@
+"""What each program pulls in. import-linter does not see what an __init__ of ours imports; the interpreter does."""
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = {"textual", "rich", "numba", "scipy", "polars", "matplotlib"}
+
+
+def loaded_by(start: str) -> set[str]:
+    """Top-level names of all modules that a fresh interpreter holds after importing `start`."""
+    code = f"import {start}, sys; print(*{{m.split('.')[0] for m in sys.modules}})"
+    ended = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr
+    return set(ended.stdout.split())
+
+
+def is_there(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("start", [
+    "console.worker.__main__", "console.worker.thread_host", "console.link", "console.frame",
+    "control.loop", "drivers", "drivers.cab", "drivers.virtual", "drivers.files.run_log",
+])
+def test_starts_light(start: str) -> None:
+    if not is_there(start):
+        pytest.skip(f"{start} is not there yet")
+    assert not loaded_by(start) & HEAVY
+
+
+def test_the_console_end_needs_no_configuration_code() -> None:
+    """The first paint waits for it."""
+    assert not loaded_by("console.link") & {"numpy", "pydantic", "yaml", "serial"}
+
+
+def test_control_is_ours() -> None:
+    """python-control on PyPI installs into the same folder `control/`."""
+    import control
+    assert not hasattr(control, "StateSpace")

@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from console import link
+from console.frame import DeviceView, Frame, from_json
+from console.worker import wire
+from control.log_row import LogRow
+from control.orders import Alarm, Answer, Severity
+
+
+def test_a_frame_comes_back_as_it_was():
+    frame = Frame(3, 1.5, LogRow(1.5, state="working", ndvi_3=0.61), alarms=(
+        Alarm("rate_off", Severity.AMBER, 1.0, details=(("percent", 12.0), ("word", "x"))),), dropped_heads=(2,),
+        place_m=(1.0, 2.0), devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA"),), notes=("n",))
+    assert from_json(json.loads(wire.framed(frame))) == frame
+
+
+def test_one_value_that_is_not_finite_does_not_blind_the_console():
+    frame = Frame(3, 1.5, LogRow(1.5, shaft_rpm=float("nan"), hopper_kg=float("inf"), ndvi=0.5))
+    row = from_json(json.loads(wire.framed(frame))).row
+    assert row == LogRow(1.5, shaft_rpm=None, hopper_kg=None, ndvi=0.5)
+    with pytest.raises(ValueError):
+        wire.framed(Frame(3, float("nan"), LogRow(1.5)))
+
+
+def test_every_message_is_one_line():
+    for line in (wire.greeting(7), wire.answered(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
+                 wire.framed(Frame(1, 0.0, LogRow(0.0, events="mark a\nb")))):
+        assert line.endswith(b"\n") and line.count(b"\n") == 1
+
+
+def test_both_ends_greet_alike():
+    """The console may not import the worker: what both must say alike is held equal here."""
+    assert link.GREETING == wire.GREETING
