@@ -188,7 +188,7 @@ class SerialStream:
 
 
 class SocketStream:
-    """A TCP line. pyserial's own `socket://` gives away one byte a call or waits for its time-out; this does neither."""
+    """A TCP line. pyserial's own `socket://` gives one byte a call or waits for its time-out; this does neither."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection

@@ -1,0 +1,167 @@
+"""Frames of the slave board's line protocol, version 1, both directions: text to records and back.
+
+The protocol is described in docs/protocol-slave-board.md; the names and ranges here are the same as there.
+"""
+from __future__ import annotations
+
+import binascii
+import math
+import re
+from typing import NamedTuple
+
+VERSION = 1
+COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
+SEQUENCES = 1 << 16
+COUNTERS = 1 << 32              # micros and pulses run over here
+REPEAT_WINDOW = 16              # a sequence number this little behind the last one is an old frame
+HEARTBEAT_HZ = 10.0             # commands come at least this often
+SILENT_HOST_S = 1.0             # the board stops by itself after this
+
+FLAG_ENABLED = 1                # the drives follow the set-points
+FLAG_HEARTBEAT_LOST = 2         # the host was silent too long; stopped until it sends enable 0
+FLAG_DRIVER_FAULT = 4           # a motor driver reports a fault; stopped
+
+COMMAND_SHAFT_RPM = (0.0, 300.0)
+COMMAND_OPENING_MM = (0.0, 100.0)
+STATUS_RANGES: dict[str, tuple[float, float]] = {
+    "shaft_rpm": (-10.0, 400.0),
+    "opening_mm": (-10.0, 110.0),
+    "hopper_kg": (-100.0, 5000.0),
+    "supply_v": (0.0, 60.0),
+    "pitch_deg": (-60.0, 60.0),
+    "roll_deg": (-60.0, 60.0),
+}
+MEASURED = tuple(STATUS_RANGES)
+
+_CRC = re.compile(r"[0-9A-Fa-f]{4}")
+_NUMBER = re.compile(r"-?\d{1,6}(\.\d{1,6})?")
+_WHOLE = re.compile(r"\d{1,10}")
+
+
+class BadFrame(Exception):
+    """A frame that is wrong; the argument is the kind under which it is counted."""
+
+
+class CommandFrame(NamedTuple):
+    """Host to board: set-points. Every frame is also the heartbeat."""
+
+    seq: int
+    shaft_rpm: float
+    opening_mm: float
+    enable: bool
+
+
+class StatusFrame(NamedTuple):
+    """Board to host. `None`: not fitted."""
+
+    seq: int
+    echo: int                       # sequence number of the last command accepted
+    micros: int                     # the board's clock now
+    pulses: int                     # of the wheel, since power-on
+    pulse_micros: int               # the board's clock at the last pulse
+    shaft_rpm: float
+    opening_mm: float
+    hopper_kg: float | None = None
+    supply_v: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+    work_switch: bool | None = None
+    flags: int = 0
+
+
+def crc16(payload: bytes) -> int:
+    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected; `123456789` gives 0x29B1."""
+    return binascii.crc_hqx(payload, 0xFFFF)
+
+
+def is_repeat(seq: int, last: int | None) -> bool:
+    """True for the last sequence number and for those shortly before it, over the wrap at 65536."""
+    return last is not None and (last - seq) % SEQUENCES < REPEAT_WINDOW
+
+
+def encode_command(frame: CommandFrame) -> bytes:
+    """The line with its CRC and line end.
+
+    Raises
+    ------
+    ValueError : a set-point that is not finite or that the protocol does not allow.
+    """
+    for name, value, (low, high) in (("shaft_rpm", frame.shaft_rpm, COMMAND_SHAFT_RPM),
+                                     ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM)):
+        if not low <= value <= high:
+            raise ValueError(f"board command: {name} {value}, allowed is {low:g} to {high:g}")
+    return _seal(f"{COMMAND},{frame.seq % SEQUENCES},{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}")
+
+
+def encode_status(frame: StatusFrame) -> bytes:
+    """The line with its CRC and line end; an optional value that is not finite is sent as not fitted."""
+    values = [_text(getattr(frame, name)) for name in MEASURED]
+    switch = "" if frame.work_switch is None else f"{frame.work_switch:d}"
+    return _seal(",".join([STATUS, str(frame.seq % SEQUENCES), str(frame.echo % SEQUENCES),
+                           str(frame.micros % COUNTERS), str(frame.pulses % COUNTERS),
+                           str(frame.pulse_micros % COUNTERS), *values, switch, str(frame.flags)]))
+
+
+def decode_command(frame: bytes) -> CommandFrame:
+    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    fields = _open(frame, COMMAND, 4)
+    seq, enable = _whole(fields[0], SEQUENCES - 1), _whole(fields[3], 1)
+    return CommandFrame(seq, _number(fields[1], *COMMAND_SHAFT_RPM), _number(fields[2], *COMMAND_OPENING_MM),
+                        bool(enable))
+
+
+def decode_status(frame: bytes) -> StatusFrame:
+    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    fields = _open(frame, STATUS, 13)
+    seq, echo = (_whole(text, SEQUENCES - 1) for text in fields[:2])
+    micros, pulses, pulse_micros = (_whole(text, COUNTERS - 1) for text in fields[2:5])
+    shaft_rpm = _number(fields[5], *STATUS_RANGES["shaft_rpm"])
+    opening_mm = _number(fields[6], *STATUS_RANGES["opening_mm"])
+    fitted = [_number(text, *STATUS_RANGES[name]) if text else None
+              for name, text in zip(MEASURED[2:], fields[7:11], strict=True)]
+    hopper_kg, supply_v, pitch_deg, roll_deg = fitted
+    work_switch = bool(_whole(fields[11], 1)) if fields[11] else None
+    return StatusFrame(seq, echo, micros, pulses, pulse_micros, shaft_rpm, opening_mm, hopper_kg, supply_v,
+                       pitch_deg, roll_deg, work_switch, _whole(fields[12], 255))
+
+
+def _seal(payload: str) -> bytes:
+    data = payload.encode("ascii")
+    return b"$%b*%04X\r\n" % (data, crc16(data))
+
+
+def _open(frame: bytes, kind: str, count: int) -> list[str]:
+    """The fields after the frame's name, once CRC, name and number of fields are right."""
+    payload, star, crc = frame.partition(b"*")
+    text_crc = crc.strip().decode("latin-1")
+    if not star or not text_crc:
+        raise BadFrame("missing_crc")
+    if not _CRC.fullmatch(text_crc) or int(text_crc, 16) != crc16(payload):
+        raise BadFrame("bad_crc")
+    name, *fields = payload.decode("latin-1").split(",")
+    if name != kind:
+        raise BadFrame("unknown_frame")
+    if len(fields) != count:
+        raise BadFrame("wrong_length")
+    return fields
+
+
+def _whole(text: str, high: int) -> int:
+    if not _WHOLE.fullmatch(text):
+        raise BadFrame("not_a_number")
+    if int(text) > high:
+        raise BadFrame("out_of_range")
+    return int(text)
+
+
+def _number(text: str, low: float, high: float) -> float:
+    if not _NUMBER.fullmatch(text):
+        raise BadFrame("not_a_number")
+    value = float(text)
+    if not low <= value <= high:
+        raise BadFrame("out_of_range")
+    return value
+
+
+def _text(value: float | None) -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value:.3f}"

@@ -1,0 +1,127 @@
+"""Canopy heads that write one ASCII line a sample: GreenSeeker, Crop Circle ACS-430 and ACS-435.
+
+Six heads come on six ports, one decoder each, or on one multiplexed line on which every line is preceded by the head
+that it belongs to, counted from 1 at the left: `H3,<the head's own line>`. See docs/protocol-heads.md.
+"""
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from drivers.devices.lines import Counts, LineCutter
+
+LOWEST_NDVI = -1.0
+HIGHEST_NDVI = 1.0
+_NUMBER = re.compile(rb"[+-]?(\d{1,9}\.?\d{0,9}|\.\d{1,9})")
+_HEAD = re.compile(rb"H([1-9]\d?)")
+
+
+class FieldMap(NamedTuple):
+    """Which field of a head's line means what; the first field is 1, and 0 stands for "not on the line"."""
+
+    fields: int
+    ndvi: int
+    index_2: int = 0        # the head's second index, e.g. NDRE
+    baud: int = 38400
+
+
+PROTOCOLS: dict[str, FieldMap] = {
+    "greenseeker": FieldMap(fields=5, ndvi=3, index_2=4),
+    "acs430": FieldMap(fields=5, ndvi=2, index_2=1),
+    "acs435": FieldMap(fields=8, ndvi=2, index_2=1),
+}
+
+
+class HeadSample(NamedTuple):
+    """One accepted sample of one head."""
+
+    time_s: float               # arrival on the loop's clock
+    head: int                   # 1-based, from the left
+    ndvi: float
+    index_2: float | None = None
+
+
+class HeadDecoder:
+    """Bytes of one head, or of several heads on one line, to samples.
+
+    Parameters
+    ----------
+    fields : the line's layout, one of `PROTOCOLS` or the user's own.
+    head : the head (1-based) on this port; None where the line is multiplexed.
+    heads : how many heads there are; a higher number on a multiplexed line is rejected.
+
+    Raises
+    ------
+    ValueError : a field map that points outside the line.
+
+    Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to 1, or a second index
+    beyond 100 either way), `unknown_head` (multiplexed: no `H<n>` in front, or no such head), `overlong`. Counted as
+    ignored: `partial_first` (the line that was under way when the port was opened), `comment` (lines beginning with
+    #). The lines carry no checksum: a digit changed on the wire into another digit cannot be seen here; the fusion of
+    six heads by their median is what withstands it.
+    """
+
+    def __init__(self, fields: FieldMap, head: int | None = 1, heads: int = 6) -> None:
+        for what, number in (("ndvi", fields.ndvi), ("index_2", fields.index_2)):
+            lowest = 1 if what == "ndvi" else 0
+            if not lowest <= number <= fields.fields:
+                raise ValueError(f"field map: {what} is field {number}, allowed is {lowest} to {fields.fields}")
+        self.counts = Counts()
+        self._map = fields
+        self._head = head
+        self._heads = heads
+        self._cutter = LineCutter(longest=200)
+        self._overlong = 0
+        self._first = True
+
+    def feed(self, data: bytes, time_s: float) -> list[HeadSample]:
+        """Samples completed by `data`, which arrived at `time_s`; oldest first."""
+        samples = self._read(self._cutter.feed(data), time_s)
+        if self._cutter.overlong != self._overlong:
+            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
+            self._overlong = self._cutter.overlong
+        return samples
+
+    def flush(self, time_s: float) -> list[HeadSample]:
+        """At the end of a recording: the last line, where it has no line end."""
+        return self._read(self._cutter.flush(), time_s)
+
+    def _read(self, lines: list[bytes], time_s: float) -> list[HeadSample]:
+        samples = []
+        for line in lines:
+            first, self._first = self._first, False
+            if line.startswith(b"#"):
+                self.counts.ignore("comment")
+                continue
+            found = self._sample(line.strip(), time_s)
+            if isinstance(found, HeadSample):
+                self.counts.accept()
+                samples.append(found)
+            elif first:
+                self.counts.ignore("partial_first")
+            else:
+                self.counts.reject(found)
+        return samples
+
+    def _sample(self, line: bytes, time_s: float) -> HeadSample | str:
+        """The sample, or the kind of what is wrong with the line."""
+        head = self._head
+        if head is None:
+            prefix, _, line = line.partition(b",")
+            match = _HEAD.fullmatch(prefix)
+            head = int(match[1]) if match else 0
+            if not 1 <= head <= self._heads:
+                return "unknown_head"
+        texts = line.split(b",")
+        if len(texts) != self._map.fields:
+            return "wrong_field_count"
+        values = []
+        for number in (self._map.ndvi, self._map.index_2):
+            text = texts[number - 1].strip() if number else b"0"
+            if not _NUMBER.fullmatch(text):
+                return "not_a_number"
+            values.append(float(text))
+        ndvi, index_2 = values
+        if not LOWEST_NDVI <= ndvi <= HIGHEST_NDVI or abs(index_2) > 100.0:
+            return "out_of_range"
+        return HeadSample(time_s, head, ndvi, index_2 if self._map.index_2 else None)

@@ -1,0 +1,87 @@
+"""A raw capture of one device, read through its real driver: what `topdress decode` shows."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from control.readings import GnssFix
+from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
+from drivers.devices.canopy_heads import FieldMap, HeadDecoder, HeadSample
+from drivers.devices.gnss import GnssDecoder
+from drivers.devices.lines import Counts
+from drivers.devices.slave_board import BoardReadings, SlaveBoard
+
+Record = dict[str, float | int | str | None]
+
+# A capture holds no arrival times: bytes are taken to have come at 9600 baud, the usual rate of a receiver. Only what
+# depends on the order of seconds uses it (when a receiver's clock that jumped back is believed).
+BYTES_PER_S = 960.0
+PIECE_BYTES = 96
+
+
+def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
+    """Every accepted measurement of a capture, with the run log's column names, and the counts by kind.
+
+    Parameters
+    ----------
+    protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it is the multiplexed line.
+    data : the capture, whole.
+
+    Returns
+    -------
+    records : one dict per accepted epoch, sample or status line, in order; None where the device did not say.
+    counts : sentences or frames read, accepted, rejected by kind, ignored by kind.
+
+    Raises
+    ------
+    ValueError : an unknown protocol; the message lists the known ones.
+    """
+    if protocol not in PROTOCOLS:
+        raise ValueError(f"protocol {protocol!r}: allowed is one of {', '.join(sorted(PROTOCOLS))}")
+    return PROTOCOLS[protocol](data)
+
+
+def _through(decoder: Any, to_record: Callable[[Any], Record], data: bytes) -> tuple[list[Record], Counts]:
+    readings = []
+    for start in range(0, len(data), PIECE_BYTES):
+        readings += decoder.feed(data[start:start + PIECE_BYTES], start / BYTES_PER_S)
+    readings += decoder.flush(len(data) / BYTES_PER_S)
+    counts: Counts = decoder.counts
+    return [to_record(reading) for reading in readings], counts
+
+
+def _gnss(data: bytes) -> tuple[list[Record], Counts]:
+    return _through(GnssDecoder(live=False), _fix_record, data)
+
+
+def _heads(layout: FieldMap, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:
+    return _through(HeadDecoder(layout, head=None if multiplexed else 1), _head_record, data)
+
+
+def _board(data: bytes) -> tuple[list[Record], Counts]:
+    return _through(SlaveBoard(), _board_record, data)
+
+
+def _fix_record(fix: GnssFix) -> Record:
+    return {"utc": fix.utc, "lat_deg": fix.lat_deg, "lon_deg": fix.lon_deg, "fix_quality": fix.fix_quality,
+            "satellites": fix.satellites, "hdop": fix.hdop, "heading_deg": fix.heading_deg, "speed_mps": fix.speed_mps}
+
+
+def _head_record(sample: HeadSample) -> Record:
+    return {f"ndvi_{sample.head}": sample.ndvi}
+
+
+def _board_record(readings: BoardReadings) -> Record:
+    names = ("wheel_speed_mps", "pitch_deg", "roll_deg", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v")
+    record: Record = {name: value.value if (value := getattr(readings, name)) is not None else None for name in names}
+    record["work_switch"] = None if readings.work_switch is None else int(readings.work_switch)
+    return record
+
+
+PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
+    "gnss": _gnss,
+    "board": _board,
+    **{name: partial(_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
+    **{f"{name}-multi": partial(_heads, layout, True) for name, layout in HEAD_PROTOCOLS.items()},
+}

@@ -1,0 +1,134 @@
+"""Host side of the slave board: status lines to readings, set-points to command lines."""
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from control.readings import DriveCommand, Reading
+from drivers.devices.board_frames import (
+    FLAG_DRIVER_FAULT,
+    FLAG_ENABLED,
+    FLAG_HEARTBEAT_LOST,
+    SEQUENCES,
+    BadFrame,
+    CommandFrame,
+    StatusFrame,
+    decode_status,
+    encode_command,
+    is_repeat,
+)
+from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.wheel import WheelGeometry, WheelSpeed
+
+
+class DriveLimits(NamedTuple):
+    """Set-points are cut to 0 ... these before they are sent."""
+
+    max_shaft_rpm: float = 100.0
+    max_opening_mm: float = 60.0
+
+
+class BoardReadings(NamedTuple):
+    """One accepted status line. `None`: not fitted, or (wheel) not to be known."""
+
+    time_s: float
+    shaft_rpm: Reading
+    opening_mm: Reading
+    wheel_speed_mps: Reading | None
+    hopper_kg: Reading | None
+    supply_v: Reading | None
+    pitch_deg: Reading | None
+    roll_deg: Reading | None
+    work_switch: bool | None
+    pulses: int
+    echo: int
+    enabled: bool
+    heartbeat_lost: bool
+    driver_fault: bool
+
+
+class SlaveBoard:
+    """Bytes of the board to readings, commands to bytes. Opens nothing and reads no clock.
+
+    Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version), `wrong_length` (number
+    of fields), `not_a_number`, `out_of_range`, `repeated_sequence`, `garbage`, `overlong`. `missed` counts the status
+    lines that the sequence numbers say were sent and never came.
+    """
+
+    def __init__(self, limits: DriveLimits | None = None, wheel: WheelGeometry | None = None) -> None:
+        self.counts = Counts()
+        self.missed = 0
+        self._limits = limits or DriveLimits()
+        self._wheel = WheelSpeed(wheel or WheelGeometry())
+        self._cutter = LineCutter(longest=200)
+        self._overlong = 0
+        self._last_seq: int | None = None
+        self._next_command = 0
+        self._sent_opening_mm = 0.0
+
+    def feed(self, data: bytes, time_s: float) -> list[BoardReadings]:
+        """Readings completed by `data`, which arrived at `time_s`; oldest first."""
+        readings = self._read(self._cutter.feed(data), time_s)
+        if self._cutter.overlong != self._overlong:
+            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
+            self._overlong = self._cutter.overlong
+        return readings
+
+    def flush(self, time_s: float) -> list[BoardReadings]:
+        """At the end of a recording: the last line, where it has no line end."""
+        return self._read(self._cutter.flush(), time_s)
+
+    def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
+        """The next command line, heartbeat included; to be sent 10 times a second or more.
+
+        Set-points are cut to the drive limits. Not enabled, or no command: the shaft's set-point is 0 and the gate's
+        stays where it was.
+
+        Raises
+        ------
+        ValueError : a set-point that is not finite. Nothing is sent then; send a stop.
+        """
+        running = enabled and command is not None
+        shaft_rpm, opening_mm = 0.0, self._sent_opening_mm
+        if command is not None:
+            if not (math.isfinite(command.shaft_rpm) and math.isfinite(command.opening_mm)):
+                raise ValueError(f"board command: shaft_rpm {command.shaft_rpm}, opening_mm {command.opening_mm}: "
+                                 "allowed are finite numbers")
+            opening_mm = min(max(command.opening_mm, 0.0), self._limits.max_opening_mm)
+            shaft_rpm = min(max(command.shaft_rpm, 0.0), self._limits.max_shaft_rpm) if running else 0.0
+        line = encode_command(CommandFrame(self._next_command, shaft_rpm, opening_mm, running))
+        self._next_command = (self._next_command + 1) % SEQUENCES
+        self._sent_opening_mm = opening_mm
+        return line
+
+    def _read(self, lines: list[bytes], time_s: float) -> list[BoardReadings]:
+        readings = []
+        for line in lines:
+            before, *frames = line.split(b"$")
+            if before.strip():
+                self.counts.reject("garbage")
+            for frame in frames:
+                try:
+                    readings.append(self._take(decode_status(frame), time_s))
+                except BadFrame as kind:
+                    self.counts.reject(str(kind))
+        return readings
+
+    def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
+        if is_repeat(status.seq, self._last_seq):
+            raise BadFrame("repeated_sequence")
+        if self._last_seq is not None:
+            skipped = (status.seq - self._last_seq - 1) % SEQUENCES
+            self.missed += skipped if skipped < SEQUENCES // 2 else 0
+        self._last_seq = status.seq
+        self.counts.accept()
+        speed_mps = self._wheel.update(status.micros, status.pulses, status.pulse_micros)
+
+        def reading(value: float | None) -> Reading | None:
+            return None if value is None else Reading(value, time_s)
+
+        return BoardReadings(
+            time_s, Reading(status.shaft_rpm, time_s), Reading(status.opening_mm, time_s), reading(speed_mps),
+            reading(status.hopper_kg), reading(status.supply_v), reading(status.pitch_deg), reading(status.roll_deg),
+            status.work_switch, status.pulses, status.echo, bool(status.flags & FLAG_ENABLED),
+            bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT))
