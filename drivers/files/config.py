@@ -18,6 +18,7 @@ from pydantic import BaseModel, ValidationError
 
 from drivers.files.atomic import write_atomically
 from drivers.files.config_words import explain, nearest
+from drivers.files.plain import plain, schema_of
 from drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
 
 MAX_BYTES = 2_000_000
@@ -91,14 +92,14 @@ def validated(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
 
 def save(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
     """Writes a configuration that `load` reads back to an equal model, whole or not at all. Raises OSError."""
-    data = {"format": kind.format} | model.model_dump(mode="json", by_alias=True)
+    data = {"format": kind.format} | plain(model)
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     write_atomically(path, head + dump_yaml(data))
 
 
 def schema(kind: Kind[Any]) -> dict[str, Any]:
     """JSON schema (2020-12) of one kind, for editors; the `format` field is in it."""
-    body = kind.model.model_json_schema(by_alias=True)
+    body = schema_of(kind.model)
     properties = {"format": {"const": kind.format}} | {
         k: v for k, v in body.get("properties", {}).items() if k != "format"}
     required = ["format", *(k for k in body.get("required", []) if k != "format")]

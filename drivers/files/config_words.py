@@ -9,6 +9,7 @@ from typing import Any, cast
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from drivers.files.plain import schema_of
 from drivers.files.yaml_text import KeyPath
 
 _MAX_VALUE_LENGTH = 60
@@ -54,9 +55,9 @@ def allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
 
 def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping[str, Any]) -> str:
     kind, key = detail["type"], _name(path)
-    if kind == "missing":
+    if kind in ("missing", "missing_argument"):
         return f"key {key}: missing{_or_nothing(': allowed ', allowed(_at_path(schema, path), schema))}"
-    if kind == "extra_forbidden":
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         names = _names(_at_path(schema, path[:-1]), schema)
         listed = f": allowed {', '.join(names)}" if 0 < len(names) <= _MAX_NAMES else ""
         return f"key {key}: unknown key{nearest(str(path[-1]), names)}{listed}"
@@ -72,7 +73,7 @@ def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping
 
 def _schema_of(model: type[BaseModel]) -> Mapping[str, Any]:
     try:
-        return model.model_json_schema(by_alias=True)
+        return schema_of(model)
     except Exception:    # a model with parts that no schema describes still gets its lines, without ranges
         return {}
 
@@ -99,7 +100,7 @@ def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
         if inner is not _NOWHERE:
             path.append(step)
             data = inner
-        elif index == last and detail["type"] == "missing":
+        elif index == last and detail["type"].startswith("missing"):
             path.append(step)
     return tuple(path)
 
@@ -125,7 +126,7 @@ def _at(line: int | None) -> str:
 
 def _show(value: object) -> str:
     if isinstance(value, str):
-        text = value if value and value == value.strip() else f'"{value}"'
+        text = value if value[:1].isalpha() and value == value.strip() else f'"{value}"'
     elif value is None:
         text = "nothing"
     else:

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
+from drivers.files.plain import plain
 from drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
 
 FORMAT = "topdress-run-log/1"
@@ -74,7 +75,7 @@ def meta_from_yaml(text: str) -> RunMeta:
 
 
 def _plain(value: BaseModel | Resolved | None) -> Resolved | None:
-    return value.model_dump(mode="json") if isinstance(value, BaseModel) else value
+    return None if value is None else dict(plain(value))
 
 
 def _mapping(value: object) -> Resolved | None:

@@ -104,6 +104,12 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
+def _list_of_numbers_in_a_line(dumper: _Dumper, data: list[Any]) -> yaml.Node:
+    plain = all(isinstance(item, int | float) for item in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
+
+
+_Dumper.add_representer(list, _list_of_numbers_in_a_line)
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
 
 

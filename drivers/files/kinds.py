@@ -1,0 +1,11 @@
+"""The kinds of configuration files that topdress knows."""
+from __future__ import annotations
+
+from control.agronomy.crop import Crop
+from control.machine.machine import Machine
+from drivers.files.config import Kind, Kinds
+
+MACHINE = Kind("topdress-machine/1", "machines", Machine)
+CROP = Kind("topdress-crop/1", "crops", Crop)
+
+KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP)}

@@ -1,0 +1,57 @@
+"""Models as plain data and as JSON schema, NamedTuples by their names (pydantic alone would write them as lists)."""
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from enum import Enum
+from pathlib import PurePath
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
+
+def plain(value: Any) -> Any:
+    """Models, NamedTuples, enums, dates and paths as mappings, lists, texts and numbers; TypeError for anything else."""
+    if isinstance(value, BaseModel):
+        return {info.alias or name: plain(getattr(value, name)) for name, info in type(value).model_fields.items()}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return {name: plain(part) for name, part in value._asdict().items()}
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(part) for part in value]
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, dt.date | dt.time):
+        return value.isoformat()
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise TypeError(f"{type(value).__name__} has no place in a configuration file")
+
+
+class _ByName(GenerateJsonSchema):
+    """NamedTuples as objects with properties, and so are their defaults."""
+
+    def named_tuple_schema(self, schema: Any) -> JsonSchemaValue:
+        fields = {field["name"]: field["schema"] for field in schema["fields"]}
+        json_schema: JsonSchemaValue = {
+            "type": "object", "properties": {name: self.generate_inner(inner) for name, inner in fields.items()},
+            "additionalProperties": False}
+        required = [name for name, inner in fields.items() if inner["type"] != "default"]
+        return json_schema | {"required": required} if required else json_schema
+
+    def arguments_schema(self, schema: core_schema.ArgumentsSchema) -> JsonSchemaValue:
+        """The same for pydantic before 2.13, to which a NamedTuple is a call with arguments."""
+        return self.kw_arguments_schema(schema["arguments_schema"], schema.get("var_kwargs_schema"))
+
+    def encode_default(self, dft: Any) -> Any:
+        return plain(dft)
+
+
+def schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    """JSON schema of what a file may hold."""
+    return model.model_json_schema(by_alias=True, schema_generator=_ByName)

@@ -1,0 +1,109 @@
+"""Daily weather from a CSV file, and a crop's growing days counted from it.
+
+Columns: `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c` (mean = half their sum, the
+rule behind the published yield curves). Other columns are left alone; an empty temperature is a day not known.
+"""
+from __future__ import annotations
+
+import csv
+import datetime as dt
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.agronomy.crop import Crop
+from control.agronomy.days import days_above_base
+
+COLDEST_C, HOTTEST_C = -90.0, 60.0
+
+
+class WeatherError(ValueError):
+    """One line: file, row, value, what is allowed."""
+
+
+class Weather(NamedTuple):
+    dates: npt.NDArray[np.datetime64]          # (n,) days, as they stand in the file
+    mean_temp_c: npt.NDArray[np.float64]       # (n,) degC, NaN where not known
+
+
+def read_weather(path: Path) -> Weather:
+    """Reads a weather file (UTF-8, with or without a byte order mark). Raises WeatherError in one line."""
+    try:
+        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except OSError as error:
+        raise WeatherError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise WeatherError(f"{path}: is not a UTF-8 CSV file ({error})") from error
+    if not lines:
+        raise WeatherError(f"{path}: is empty; columns date and mean_temp_c are needed")
+    header = [name.strip().lower() for name in lines[0]]
+    wanted = _temperature_columns(path, header)
+    dates: list[dt.date] = []
+    temps: list[float] = []
+    for number, cells in enumerate(lines[1:], start=2):
+        if not any(cell.strip() for cell in cells):
+            continue
+        where = f"{path}: row {number}"
+        if len(cells) < len(header):
+            raise WeatherError(f"{where}: {len(cells)} cells, the header has {len(header)}")
+        dates.append(_date(where, cells[header.index("date")]))
+        values = [_temperature(where, name, cells[header.index(name)]) for name in wanted]
+        if len(values) == 2 and values[0] > values[1]:
+            raise WeatherError(f"{where}: min_temp_c {values[0]:g} is above max_temp_c {values[1]:g}")
+        temps.append(sum(values) / len(values))
+    if not dates:
+        raise WeatherError(f"{path}: no rows below the header")
+    return Weather(np.array(dates, dtype="datetime64[D]"), np.array(temps, dtype=np.float64))
+
+
+def growing_days(crop: Crop, folder: Path, today: dt.date) -> int:
+    """D of paper A, eq 4, for a crop: as written in its file, or counted from its weather file by its own day rule.
+
+    folder: where the crop file lies; the weather file is found from there. today: the day of work, taken as the day of
+    sensing where the crop gives none. Raises WeatherError in one line.
+    """
+    days = crop.days
+    if days.count is not None:
+        return days.count
+    if days.weather is None or days.sown is None:
+        raise WeatherError(f"crop {crop.id}: days: neither a count nor weather with sown")
+    path = folder / days.weather
+    weather = read_weather(path)
+    sensed = days.sensed if days.sensed is not None else today
+    try:
+        return days_above_base(weather.dates, weather.mean_temp_c, days.sown, sensed, crop.yield_potential.base_temp_c)
+    except ValueError as error:
+        raise WeatherError(f"{path}: {error}") from error
+
+
+def _temperature_columns(path: Path, header: list[str]) -> list[str]:
+    if "date" not in header:
+        raise WeatherError(f"{path}: no column date; found {', '.join(header)}")
+    if "mean_temp_c" in header:
+        return ["mean_temp_c"]
+    if "min_temp_c" in header and "max_temp_c" in header:
+        return ["min_temp_c", "max_temp_c"]
+    raise WeatherError(f"{path}: no column mean_temp_c, nor min_temp_c and max_temp_c; found {', '.join(header)}")
+
+
+def _date(where: str, text: str) -> dt.date:
+    try:
+        return dt.date.fromisoformat(text.strip())
+    except ValueError:
+        raise WeatherError(f"{where}: date {text.strip()!r}: allowed is year-month-day, e.g. 2013-11-01") from None
+
+
+def _temperature(where: str, name: str, text: str) -> float:
+    if not text.strip():
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not COLDEST_C <= value <= HOTTEST_C:
+        raise WeatherError(f"{where}: {name} {text.strip()!r}: allowed is {COLDEST_C:g} to {HOTTEST_C:g} degC, "
+                           "or nothing")
+    return value
