@@ -1,0 +1,14 @@
+"""Safety: states, interlocks, alarms, and the last gate before the drives. Pure; see docs/safety.md."""
+from __future__ import annotations
+
+from control.safety.alarms import ALARMS, AlarmKind
+from control.safety.drive_gate import limited
+from control.safety.interlocks import INTERLOCKS
+from control.safety.limits import DriveLimits, SafetyLimits
+from control.safety.watchdog import Safety
+from control.safety.words import REFUSALS, STATE_REASONS, Situation, Verdict, read_refusal
+
+__all__ = [
+    "ALARMS", "INTERLOCKS", "REFUSALS", "STATE_REASONS", "AlarmKind", "DriveLimits", "Safety", "SafetyLimits",
+    "Situation", "Verdict", "limited", "read_refusal",
+]

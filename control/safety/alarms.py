@@ -1,0 +1,112 @@
+"""The published list of alarms, and how they live: raised, latched, acknowledged, gone."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from control.orders import Alarm, Severity, State
+from control.safety.words import N_, Details
+
+
+class AlarmKind(NamedTuple):
+    """One row of the list. `text` and `todo` are filled with the alarm's details by `str.format`."""
+
+    id: str
+    severity: Severity
+    text: str
+    todo: str
+    place: str                          # where to look
+    leads_to: State | None = None       # the state it brings about; None: none
+
+
+_AMBER, _RED = Severity.AMBER, Severity.RED
+
+_KINDS = (
+    AlarmKind("shaft_silent", _RED, N_("The metering shaft does not answer."),
+              N_("Stop. Check power and cable of the drive board."), N_("drive board"), State.FAULT),
+    AlarmKind("gate_silent", _RED, N_("The opening does not answer."),
+              N_("Stop. Check power and cable of the drive board."), N_("drive board"), State.FAULT),
+    AlarmKind("calibration_moved", _RED, N_("The machine moved while calibrating ({speed_mps} m/s)."),
+              N_("Secure the machine against rolling, then begin again."), N_("machine"), State.FAULT),
+    AlarmKind("flow_missing", _RED, N_("The hopper loses less than {percent} % of what it should."),
+              N_("Look for a bridge in the hopper and blocked outlets."), N_("hopper"), State.HELD),
+    AlarmKind("hopper_empty", _RED, N_("The hopper is empty ({hopper_kg} kg)."),
+              N_("Refill."), N_("hopper"), State.HELD),
+    AlarmKind("rate_above_limit", _RED, N_("{applied_kg_ha} kg/ha applied; the limit is {limit_kg_ha} kg/ha."),
+              N_("Check the opening and the travel speed before going on."), N_("metering"), State.HELD),
+    AlarmKind("speed_silent", _RED, N_("No travel speed: GNSS and wheel are both silent."),
+              N_("Check the wheel sensor and the GNSS receiver."), N_("speed"), State.HELD),
+    AlarmKind("console_silent", _RED, N_("The console was not heard for {limit_s} s."),
+              N_("Look at the machine, then start again."), N_("console"), State.HELD),
+    AlarmKind("log_failed", _RED, N_("The log cannot be written."),
+              N_("Free disk space, or order to go on without a log."), N_("log")),
+    AlarmKind("position_lost", _RED, N_("No usable position; flow is stopped."),
+              N_("Wait for GNSS, or change to canopy or manual."), N_("GNSS")),
+    AlarmKind("wheel_fault", _RED, N_("The wheel sensor gives no pulses at {speed_mps} m/s."),
+              N_("Check the wheel sensor, its gap and its cable."), N_("wheel sensor")),
+    AlarmKind("target_refused", _RED, N_("A target above {limit_kg_ha} kg/ha, or none that is a number, was refused."),
+              N_("Check crop, prescription and manual rate."), N_("target")),
+    AlarmKind("rate_far_off", _RED, N_("The rate is off by {error_percent} %."),
+              N_("Hold and check opening, shaft and hopper."), N_("metering")),
+    AlarmKind("rate_off", _AMBER, N_("The rate is off by {error_percent} %."),
+              N_("Watch it; slow down if the machine is at its limit."), N_("metering")),
+    AlarmKind("gnss_silent", _AMBER, N_("GNSS is silent or has no fix."),
+              N_("Check the antenna and the receiver. The wheel gives the speed."), N_("GNSS")),
+    AlarmKind("ndvi_silent", _AMBER, N_("The canopy heads are silent; the fallback rate is used."),
+              N_("Check the heads and their cable."), N_("canopy heads")),
+    AlarmKind("heads_few", _AMBER, N_("Only {valid_heads} canopy heads agree; at least {limit} are wanted."),
+              N_("Clean and check the heads that are marked."), N_("canopy heads")),
+    AlarmKind("hopper_low", _AMBER, N_("{hopper_kg} kg left in the hopper, enough for {metres_left} m."),
+              N_("Plan the refill."), N_("hopper")),
+    AlarmKind("lead_short", _AMBER, N_("Too fast for the heads' lead; at most {usable_speed_mps} m/s."),
+              N_("Slow down."), N_("travel speed")),
+    AlarmKind("scale_silent", _AMBER, N_("The hopper scale is silent; bridging would not be noticed."),
+              N_("Check the scale; look at the flow yourself."), N_("hopper scale")),
+)
+
+ALARMS: Mapping[str, AlarmKind] = MappingProxyType({kind.id: kind for kind in _KINDS})
+_RANK = {kind.id: rank for rank, kind in enumerate(_KINDS)}
+
+
+class Live(NamedTuple):
+    """An alarm on the book."""
+
+    alarm: Alarm
+    seen_s: float           # when its cause was last there
+
+
+def booked(live: tuple[Live, ...], now_s: float, troubles: Mapping[str, Details], clear_s: float) -> tuple[Live, ...]:
+    """The book after this tick, worst first.
+
+    An alarm goes when its cause has been away for `clear_s`, a red one only once acknowledged too.
+    """
+    if not live and not troubles:
+        return live
+    kept = []
+    for entry in live:
+        alarm = entry.alarm
+        details = troubles.get(alarm.id)
+        if details is not None:
+            kept.append(Live(alarm if details == alarm.details else alarm._replace(details=details), now_s))
+        elif now_s - entry.seen_s < clear_s or (alarm.severity is Severity.RED and not alarm.acknowledged):
+            kept.append(entry)
+    known = {entry.alarm.id for entry in kept}
+    new = [Live(Alarm(i, ALARMS[i].severity, now_s, False, details), now_s)
+           for i, details in troubles.items() if i not in known]
+    return tuple(sorted(kept + new, key=_worst_first)) if new else tuple(kept)
+
+
+def acknowledged(live: tuple[Live, ...], alarm_id: str) -> tuple[Live, ...]:
+    """The book with one alarm acknowledged, or all for an empty id."""
+    return tuple(e._replace(alarm=e.alarm._replace(acknowledged=True)) if alarm_id in ("", e.alarm.id) else e
+                 for e in live)
+
+
+def unacknowledged_red(live: tuple[Live, ...]) -> str | None:
+    """The worst red alarm that nobody has acknowledged, or None."""
+    return next((e.alarm.id for e in live if e.alarm.severity is Severity.RED and not e.alarm.acknowledged), None)
+
+
+def _worst_first(entry: Live) -> tuple[int, float]:
+    return _RANK[entry.alarm.id], entry.alarm.since_s

@@ -1,0 +1,37 @@
+"""The last gate before every drive: no number passes that is not finite and inside the limits."""
+from __future__ import annotations
+
+from math import isfinite
+
+from control.readings import DriveCommand
+from control.safety.limits import DriveLimits
+
+
+def limited(cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool,
+            opening_now_mm: float | None = None) -> DriveCommand:
+    """The command that may be sent.
+
+    `opening_now_mm` is the gate's present set-point. Without flow, or when either number is not finite, the shaft
+    stops and the gate stays there; where it is not given, the gate goes to the commanded opening if that is a
+    number, else to `opening_min_mm`. A shaft speed below half the slowest turning becomes 0, between that and the
+    slowest the slowest. Units: r/min, mm. Never raises.
+    """
+    opening_mm = _clamped(cmd.opening_mm, limits)
+    if flow_allowed and opening_mm is not None and isfinite(cmd.shaft_rpm):
+        return DriveCommand(_turning(cmd.shaft_rpm, limits), opening_mm)
+    staying_mm = None if opening_now_mm is None else _clamped(opening_now_mm, limits)
+    if staying_mm is None:
+        staying_mm = limits.opening_min_mm if opening_mm is None else opening_mm
+    return DriveCommand(0.0, staying_mm)
+
+
+def _clamped(opening_mm: float, limits: DriveLimits) -> float | None:
+    if not isfinite(opening_mm):
+        return None
+    return min(max(opening_mm, limits.opening_min_mm), limits.opening_max_mm)
+
+
+def _turning(shaft_rpm: float, limits: DriveLimits) -> float:
+    if shaft_rpm <= 0 or shaft_rpm < limits.shaft_min_rpm / 2:
+        return 0.0
+    return min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm)

@@ -1,0 +1,102 @@
+"""Every time-out and threshold of the safety rules, with its unit in its name. Defaults are the published table.
+
+Nothing else in this package holds a number that decides.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import isfinite
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyLimits:
+    """When flow stops, when the state changes, when an alarm is raised.
+
+    Raises ValueError, one line naming key, value and what is allowed, when a value is not a finite number of at
+    least zero or a pair is the wrong way round.
+    """
+
+    # speed and movement
+    start_speed_mps: float = 0.5            # flow starts at or above
+    stop_speed_mps: float = 0.3             # flow stops below; a sensor "moves" at or above
+    both_speeds_to_start: bool = True       # GNSS and wheel must both move; False only where one is not fitted
+    standstill_speed_mps: float = 0.1       # below: standing, also without news from the wheel
+    standstill_hold_s: float = 10.0         # standing this long while working: held
+    speed_silent_s: float = 2.0             # both speeds silent this long: held
+    wheel_silent_s: float = 0.8             # a wheel reading older than this says nothing
+    wheel_fault_speed_mps: float = 0.5      # GNSS above this while the wheel stands: wheel fault ...
+    wheel_fault_s: float = 0.5              # ... once it lasts this long (a GNSS speed comes up to 1 s late)
+    reverse_flip_deg: float = 120.0         # course change across a standstill that means reversing
+    course_speed_mps: float = 0.2           # GNSS speed from which its course is believed
+    # devices
+    drive_silent_s: float = 0.5
+    gnss_silent_s: float = 0.5              # silent after the larger of this ...
+    gnss_silent_periods: float = 2.5        # ... and this many epochs
+    gnss_period_max_s: float = 2.0          # a longer observed period counts as this
+    ndvi_silent_s: float = 2.0
+    heads_min: int = 4
+    scale_silent_s: float = 2.0
+    console_hold_s: float = 2.0
+    console_off_s: float = 60.0
+    # rate
+    rate_floor_kg_ha: float = 50.0          # errors are relative to the larger of target and this
+    rate_amber_percent: float = 10.0
+    rate_amber_s: float = 3.0
+    rate_red_percent: float = 20.0
+    rate_red_s: float = 2.0
+    rate_max_kg_ha: float = 1000.0          # the product's absolute limit
+    rate_max_s: float = 1.0                 # applied above it this long: held
+    # hopper
+    flow_low_percent: float = 50.0
+    flow_low_s: float = 20.0                # flow entirely gone is found after this
+    flow_low_kg: float = 1.5                # and not judged on less expected mass than this
+    flow_window_max_s: float = 120.0        # older scale readings say more about drift than about flow
+    flow_min_kg_s: float = 0.005            # expected flow below this is not judged
+    refill_rise_kg: float = 1.5             # the scale rising this much is a refill
+    hopper_empty_kg: float = 0.5
+    hopper_low_kg: float = 30.0
+    hopper_clear_kg: float = 1.0            # the low alarm goes this far above its limit
+    hopper_confirm_s: float = 1.0           # empty and low must last this long
+    # calibrating
+    calibrate_speed_mps: float = 0.1        # to begin: wheel and GNSS below
+    calibrate_fault_speed_mps: float = 0.2  # above, while calibrating: fault
+    calibrate_max_s: float = 120.0          # one run
+    calibrate_confirm_s: float = 0.5        # hold-to-run: the order must be repeated sooner than this
+    # alarms
+    alarm_clear_s: float = 1.0              # an alarm goes when its cause has been away this long
+
+    def __post_init__(self) -> None:
+        _refuse_bad_numbers(self)
+        _refuse_order(self, "stop_speed_mps", "start_speed_mps")
+        _refuse_order(self, "calibrate_speed_mps", "calibrate_fault_speed_mps")
+        _refuse_order(self, "rate_amber_percent", "rate_red_percent")
+        _refuse_order(self, "console_hold_s", "console_off_s")
+        _refuse_order(self, "flow_low_s", "flow_window_max_s")
+
+
+@dataclass(frozen=True, slots=True)
+class DriveLimits:
+    """What may ever be sent to the drives. Raises ValueError as `SafetyLimits` does."""
+
+    shaft_min_rpm: float = 10.0       # slowest turning; 0 = stopped is always allowed
+    shaft_max_rpm: float = 100.0
+    opening_min_mm: float = 0.0
+    opening_max_mm: float = 60.0
+
+    def __post_init__(self) -> None:
+        _refuse_bad_numbers(self)
+        _refuse_order(self, "shaft_min_rpm", "shaft_max_rpm")
+        _refuse_order(self, "opening_min_mm", "opening_max_mm")
+
+
+def _refuse_bad_numbers(limits: SafetyLimits | DriveLimits) -> None:
+    for field in fields(limits):
+        value = getattr(limits, field.name)
+        if not (isfinite(value) and value >= 0):
+            raise ValueError(f"{field.name} is {value}; allowed is a finite number of at least 0")
+
+
+def _refuse_order(limits: SafetyLimits | DriveLimits, lower: str, upper: str) -> None:
+    low, high = getattr(limits, lower), getattr(limits, upper)
+    if low > high:
+        raise ValueError(f"{lower} is {low}; allowed is at most {upper}, {high}")

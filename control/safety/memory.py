@@ -1,0 +1,39 @@
+"""All that safety remembers from one tick to the next, in one frozen value."""
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+from control.orders import State
+from control.safety.alarms import Live
+from control.safety.hopper_watch import HopperWatch
+from control.safety.motion import Motion
+from control.safety.rate_watch import RateWatch
+
+
+class Allowances(NamedTuple):
+    """What the operator told safety to put up with; all end with a stop."""
+
+    reverse: bool = False
+    outside: bool = False
+    unlogged: bool = False      # ends also when the log works again
+
+
+class Memory(NamedTuple):
+    state: State = State.OFF
+    why_state: str = ""
+    entered_s: float = -inf                 # the state was entered
+    left_off_s: float = -inf                # off was last left
+    calibrate_s: float = -inf               # last time the calibrate button was told to be down
+    calibrate_until_s: float = -inf
+    allow: Allowances = Allowances()
+    flowing: bool = False                   # flow was allowed at the last tick
+    motion: Motion = Motion()
+    rate: RateWatch = RateWatch()
+    hopper: HopperWatch = HopperWatch()
+    scale_heard: bool = False
+    live: tuple[Live, ...] = ()
+    checked_s: float = -inf                 # what follows is from that check
+    still: bool = False                     # wheel and GNSS known, both slow enough to calibrate
+    fault_cause: str | None = None          # an alarm that leads to fault and whose cause is there now
+    log_ok: bool = True

@@ -1,0 +1,67 @@
+"""What must be remembered of the movement: started or not, standing since when, forwards or backwards."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.safety.limits import SafetyLimits
+from control.safety.senses import Senses, since
+from control.safety.words import Situation
+
+
+class Motion(NamedTuple):
+    moving: bool = False                        # started above one speed, not yet below the other
+    standing_since_s: float | None = None
+    speed_lost_since_s: float | None = None
+    wheel_doubt_since_s: float | None = None    # wheel stands while GNSS moves
+    course_deg: float | None = None             # last one believed
+    course_epoch_s: float | None = None
+    stood: bool = False                         # since that course
+    reversing: bool = False
+
+
+def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_reverse: bool,
+          limits: SafetyLimits) -> Motion:
+    """The movement after this tick.
+
+    Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course before a standstill; it
+    lasts until the course flips once more across a standstill. A turn without a standstill changes nothing. After a
+    standstill the machine counts as moving only once its course is known again (where it was known before), or
+    reversing is allowed.
+    """
+    speed, gnss = seen.speed_mps, seen.gnss_speed_mps
+    slow = speed is not None and speed < limits.stop_speed_mps
+    standing = s.wheel_standstill or (speed is not None and speed < limits.standstill_speed_mps)
+    course, epoch, stood, reversing = before.course_deg, before.course_epoch_s, before.stood, before.reversing
+    if (seen.gnss_course_deg is not None and gnss is not None and gnss >= limits.course_speed_mps
+            and seen.gnss_epoch_s != epoch):
+        if stood and course is not None and _turn_deg(course, seen.gnss_course_deg) > limits.reverse_flip_deg:
+            reversing = not reversing
+        course, epoch, stood = seen.gnss_course_deg, seen.gnss_epoch_s, False
+    stood = stood or slow or standing or (gnss is not None and gnss < limits.course_speed_mps)
+    may_start = allow_reverse or not (stood and course is not None)
+    return Motion(
+        _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits),
+        since(before.standing_since_s, now_s, standing),
+        since(before.speed_lost_since_s, now_s, speed is None),
+        since(before.wheel_doubt_since_s, now_s,
+              s.wheel_standstill and gnss is not None and gnss > limits.wheel_fault_speed_mps),
+        course, epoch, stood, reversing)
+
+
+def awaits_course(motion: Motion) -> bool:
+    """Stood since its last course: which way it goes now is not known yet."""
+    return motion.stood and motion.course_deg is not None
+
+
+def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool, limits: SafetyLimits) -> bool:
+    speed, wheel, gnss, stop = seen.speed_mps, seen.wheel_speed_mps, seen.gnss_speed_mps, limits.stop_speed_mps
+    if speed is None or wheel_standstill or not speed >= stop:
+        return False
+    if was:
+        return True
+    both = wheel is not None and wheel >= stop and gnss is not None and gnss >= stop
+    return may_start and speed >= limits.start_speed_mps and (both or not limits.both_speeds_to_start)
+
+
+def _turn_deg(a: float, b: float) -> float:
+    return abs((b - a + 180.0) % 360.0 - 180.0)

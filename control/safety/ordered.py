@@ -1,0 +1,152 @@
+"""The operator's orders that concern safety: what each asks for, and what it is refused for."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+
+from control.orders import Answer, Do, Order, State
+from control.safety.alarms import acknowledged, unacknowledged_red
+from control.safety.hopper_watch import refilled
+from control.safety.limits import SafetyLimits
+from control.safety.memory import Allowances, Memory
+from control.safety.words import refusal
+
+YES = Answer(True)
+Outcome = tuple[Memory, Answer]
+
+
+def after_order(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    """What is remembered after an order, and the answer. A refused order changes no state."""
+    handler = _HANDLERS.get(order.do)
+    if handler is None:
+        return m, _no("not_for_safety")
+    return handler(m, order, now_s, limits)
+
+
+def _no(message_id: str, **details: str | float) -> Answer:
+    return Answer(False, refusal(message_id, **details))
+
+
+def _wrong_state(m: Memory) -> Outcome:
+    return m, _no("not_from_state", state=m.state.value)
+
+
+def _entered(m: Memory, state: State, why: Do, now_s: float) -> Memory:
+    return m._replace(state=state, why_state=why.value, entered_s=now_s, flowing=False)
+
+
+def _ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if m.state is State.READY:
+        return m, YES
+    if m.state is State.OFF:
+        return _entered(m, State.READY, order.do, now_s)._replace(left_off_s=now_s), YES
+    if m.state not in (State.HELD, State.FAULT):
+        return _wrong_state(m)
+    if m.fault_cause is not None:
+        return m, _no("cause_lives", alarm=m.fault_cause)
+    return _entered(m, State.READY, order.do, now_s), YES
+
+
+def _start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if m.state is State.WORKING:
+        return m, YES
+    if m.state not in (State.READY, State.HELD):
+        return _wrong_state(m)
+    alarm = unacknowledged_red(m.live)
+    if alarm is not None:
+        return m, _no("acknowledge_first", alarm=alarm)
+    return _entered(m, State.WORKING, order.do, now_s), YES
+
+
+def _hold(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    """Also the quick way out of calibrating, which goes back to ready."""
+    if m.state is State.HELD:
+        return m, YES
+    if m.state is State.WORKING:
+        return _entered(m, State.HELD, order.do, now_s), YES
+    if m.state is State.CALIBRATING:
+        return _entered(m, State.READY, order.do, now_s), YES
+    return _wrong_state(m)
+
+
+def _stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if m.state is State.OFF:
+        return m._replace(allow=Allowances()), YES
+    return _entered(m, State.OFF, order.do, now_s)._replace(allow=Allowances()), YES
+
+
+def _calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    """Begin a run, or keep it going: while the button is down the console repeats the order.
+
+    A run that ended by itself does not begin again under a button that was never let go.
+    """
+    wanted_s = limits.calibrate_max_s if order.value is None else _number(order.value)
+    if wanted_s is None or not 0.0 < wanted_s <= limits.calibrate_max_s:
+        return m, _no("calibrate_seconds", max_s=limits.calibrate_max_s)
+    held_down = now_s - m.calibrate_s < limits.calibrate_confirm_s
+    down = m._replace(calibrate_s=now_s)
+    if m.state is State.CALIBRATING:
+        return (down, YES) if held_down else (m, _no("release_first"))
+    if m.state is not State.READY:
+        return down, _no("not_from_state", state=m.state.value)
+    if held_down:
+        return down, _no("release_first")
+    alarm = unacknowledged_red(m.live)
+    if alarm is not None:
+        return down, _no("acknowledge_first", alarm=alarm)
+    if not m.still or not now_s - m.checked_s <= limits.calibrate_confirm_s:
+        return down, _no("calibrate_moving", speed_mps=limits.calibrate_speed_mps)
+    return _entered(down, State.CALIBRATING, order.do, now_s)._replace(calibrate_until_s=now_s + wanted_s), YES
+
+
+def _release(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    """Always welcome: after a run that ended by itself the button is let go too."""
+    up = m._replace(calibrate_s=Memory().calibrate_s)
+    return (_entered(up, State.READY, order.do, now_s) if m.state is State.CALIBRATING else up), YES
+
+
+def _acknowledge(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    wanted = "" if order.value is None else str(order.value)
+    if wanted and all(entry.alarm.id != wanted for entry in m.live):
+        return m, _no("no_such_alarm", alarm=wanted.replace(";", " "))
+    return m._replace(live=acknowledged(m.live, wanted)), YES
+
+
+def _allow_reverse(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if not isinstance(order.value, bool):
+        return m, _no("yes_or_no")
+    return m._replace(allow=m.allow._replace(reverse=order.value)), YES
+
+
+def _allow_outside(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if not isinstance(order.value, bool):
+        return m, _no("yes_or_no")
+    return m._replace(allow=m.allow._replace(outside=order.value)), YES
+
+
+def _go_on_unlogged(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if not isinstance(order.value, bool):
+        return m, _no("yes_or_no")
+    if order.value and m.log_ok:
+        return m, _no("log_works")
+    return m._replace(allow=m.allow._replace(unlogged=order.value)), YES
+
+
+def _refill(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    kg = None if order.value is None else _number(order.value)
+    if kg is None or not kg > 0.0:
+        return m, _no("refill_kg")
+    return m._replace(hopper=refilled(m.hopper)), YES
+
+
+def _number(value: str | float | bool) -> float | None:
+    if isinstance(value, bool | str):
+        return None
+    return float(value) if isfinite(value) else None
+
+
+_HANDLERS: Mapping[Do, Callable[[Memory, Order, float, SafetyLimits], Outcome]] = {
+    Do.READY: _ready, Do.START: _start, Do.HOLD: _hold, Do.STOP: _stop, Do.CALIBRATE: _calibrate,
+    Do.RELEASE: _release, Do.ACKNOWLEDGE: _acknowledge, Do.ALLOW_REVERSE: _allow_reverse,
+    Do.ALLOW_OUTSIDE: _allow_outside, Do.GO_ON_UNLOGGED: _go_on_unlogged, Do.REFILL: _refill,
+}

@@ -1,0 +1,69 @@
+"""Which of the sensors can be believed at this tick. Pure: readings and limits in, plain values out."""
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple
+
+from control.readings import Reading
+from control.safety.limits import SafetyLimits
+from control.safety.words import Situation
+
+
+class Senses(NamedTuple):
+    """Values at this tick; None: silent, missing or not a number."""
+
+    gnss_ok: bool                       # an epoch with a fix, not older than its limit
+    gnss_speed_mps: float | None
+    gnss_course_deg: float | None
+    gnss_epoch_s: float | None
+    wheel_speed_mps: float | None       # 0 when the wheel stands
+    speed_mps: float | None             # the one control uses
+    speed_heard_s: float | None         # newest GNSS or wheel speed
+    hopper_kg: float | None
+    shaft_ok: bool
+    gate_ok: bool
+
+
+def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
+    """Judge every reading of situation `s` by its age at `now_s` (seconds on the loop's clock)."""
+    m = s.measurements
+    fix = m.gnss
+    gnss_ok, gnss_speed, course, epoch = False, None, None, None
+    if fix is not None:
+        epoch = fix.time_s
+        period_s = min(s.gnss_period_s, limits.gnss_period_max_s)
+        silent_s = max(limits.gnss_silent_s, limits.gnss_silent_periods * period_s)
+        gnss_ok = now_s - epoch <= silent_s and fix.fix_quality > 0
+        if gnss_ok:
+            gnss_speed, course = _number(fix.speed_mps), _number(fix.heading_deg)
+    wheel = m.wheel_speed_mps
+    wheel_speed = 0.0 if s.wheel_standstill else _fresh(wheel, now_s, limits.wheel_silent_s)
+    heard = [t for t in (epoch if fix is not None and _number(fix.speed_mps) is not None else None,
+                         None if wheel is None else wheel.time_s) if t is not None]
+    return Senses(
+        gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), max(heard, default=None),
+        _fresh(m.hopper_kg, now_s, limits.scale_silent_s),
+        _fresh(m.shaft_rpm, now_s, limits.drive_silent_s) is not None,
+        _fresh(m.opening_mm, now_s, limits.drive_silent_s) is not None)
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and isfinite(value) else None
+
+
+def _fresh(reading: Reading | None, now_s: float, silent_s: float) -> float | None:
+    if reading is None or not now_s - reading.time_s <= silent_s:
+        return None
+    return _number(reading.value)
+
+
+def since(before_s: float | None, now_s: float, condition: bool) -> float | None:
+    """Since when a condition has held without a break; None while it does not hold."""
+    if not condition:
+        return None
+    return now_s if before_s is None else before_s
+
+
+def lasted(since_s: float | None, now_s: float, for_s: float) -> bool:
+    """Whether a condition has held for at least `for_s` seconds."""
+    return since_s is not None and now_s - since_s >= for_s

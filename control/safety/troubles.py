@@ -1,0 +1,131 @@
+"""The table of losses: which alarms have their cause at this tick. One function for each group of rows."""
+from __future__ import annotations
+
+from math import isfinite
+
+from control.orders import State, TargetSource
+from control.safety.hopper_watch import HopperWatch
+from control.safety.limits import SafetyLimits
+from control.safety.memory import Memory
+from control.safety.motion import Motion
+from control.safety.rate_watch import RateWatch
+from control.safety.senses import Senses, lasted
+from control.safety.words import Details, Situation
+
+_PLACED = (TargetSource.MAP, TargetSource.POINT)
+_LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
+_UNKNOWN = "?"
+
+
+def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion, rate: RateWatch,
+             hopper: HopperWatch, scale_heard: bool, limits: SafetyLimits) -> dict[str, Details]:
+    """Alarm id -> details, for each alarm of the list whose cause is there in the state of the tick before."""
+    found: dict[str, Details] = {}
+    if not s.log_ok:
+        found["log_failed"] = ()
+    if m.state is State.OFF:
+        return found
+    _drives(found, m, now_s, s, seen, limits)
+    if m.state is State.CALIBRATING:
+        _calibrating(found, seen, limits)
+    if m.state in _LOOKING:
+        _sensors(found, now_s, s, seen, motion, scale_heard, limits)
+        _hopper_low(found, s, seen, hopper)
+    if m.state is State.WORKING:
+        _working(found, now_s, s, seen, motion, limits)
+        _rate(found, now_s, s, rate, limits)
+        _hopper_stopped(found, now_s, seen, hopper, limits)
+    return found
+
+
+def _drives(found: dict[str, Details], m: Memory, now_s: float, s: Situation, seen: Senses,
+            limits: SafetyLimits) -> None:
+    """A drive never heard has `drive_silent_s` after off is left to speak up."""
+    waited = now_s - m.left_off_s > limits.drive_silent_s
+    if not seen.shaft_ok and (waited or s.measurements.shaft_rpm is not None):
+        found["shaft_silent"] = ()
+    if not seen.gate_ok and (waited or s.measurements.opening_mm is not None):
+        found["gate_silent"] = ()
+
+
+def _calibrating(found: dict[str, Details], seen: Senses, limits: SafetyLimits) -> None:
+    fastest = max(seen.wheel_speed_mps or 0.0, seen.gnss_speed_mps or 0.0)
+    if fastest > limits.calibrate_fault_speed_mps:
+        found["calibration_moved"] = (("speed_mps", round(fastest, 2)),)
+
+
+def _sensors(found: dict[str, Details], now_s: float, s: Situation, seen: Senses, motion: Motion,
+             scale_heard: bool, limits: SafetyLimits) -> None:
+    if not seen.gnss_ok:
+        found["gnss_silent"] = ()
+    if lasted(motion.wheel_doubt_since_s, now_s, limits.wheel_fault_s):
+        found["wheel_fault"] = (("speed_mps", round(seen.gnss_speed_mps or 0.0, 1)),)
+    if scale_heard and seen.hopper_kg is None:
+        found["scale_silent"] = ()
+    if s.target_source is not TargetSource.CANOPY:
+        return
+    if s.ndvi_age_s is None or not s.ndvi_age_s <= limits.ndvi_silent_s:
+        found["ndvi_silent"] = ()
+    if s.valid_heads is not None and s.valid_heads < limits.heads_min:
+        found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))
+    if s.usable_speed_mps is not None:
+        found["lead_short"] = (("usable_speed_mps", _rounded(s.usable_speed_mps, 1)),)
+
+
+def _hopper_low(found: dict[str, Details], s: Situation, seen: Senses, hopper: HopperWatch) -> None:
+    if hopper.low and seen.hopper_kg is not None:
+        found["hopper_low"] = (("hopper_kg", round(seen.hopper_kg)), ("metres_left", _tens(s.metres_left_m)))
+
+
+def _working(found: dict[str, Details], now_s: float, s: Situation, seen: Senses, motion: Motion,
+             limits: SafetyLimits) -> None:
+    if speeds_silent(now_s, s, seen, motion, limits):
+        found["speed_silent"] = ()
+    if s.console_age_s is not None and not s.console_age_s <= limits.console_hold_s:
+        found["console_silent"] = (("limit_s", limits.console_hold_s),)
+    if s.target_source in _PLACED and not s.position_ok:
+        found["position_lost"] = ()
+    if not target_acceptable(s, limits):
+        found["target_refused"] = (("limit_kg_ha", limits.rate_max_kg_ha),)
+
+
+def _rate(found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch, limits: SafetyLimits) -> None:
+    if lasted(rate.red_since_s, now_s, limits.rate_red_s):
+        found["rate_far_off"] = (("error_percent", _rounded(rate.error_percent)),)
+    elif lasted(rate.amber_since_s, now_s, limits.rate_amber_s):
+        found["rate_off"] = (("error_percent", _rounded(rate.error_percent)),)
+    if lasted(rate.above_since_s, now_s, limits.rate_max_s):
+        found["rate_above_limit"] = (("applied_kg_ha", _rounded(s.applied_rate_kg_ha)),
+                                     ("limit_kg_ha", limits.rate_max_kg_ha))
+
+
+def _hopper_stopped(found: dict[str, Details], now_s: float, seen: Senses, hopper: HopperWatch,
+                    limits: SafetyLimits) -> None:
+    if hopper.missing:
+        found["flow_missing"] = (("percent", limits.flow_low_percent),)
+    if lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
+        found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
+
+
+def _rounded(value: float | None, digits: int | None = None) -> str | float:
+    return round(value, digits) if value is not None and isfinite(value) else _UNKNOWN
+
+
+def _tens(metres: float | None) -> str | float:
+    return round(metres / 10.0) * 10 if metres is not None and isfinite(metres) else _UNKNOWN
+
+
+def speeds_silent(now_s: float, s: Situation, seen: Senses, motion: Motion, limits: SafetyLimits) -> bool:
+    """Both speeds silent for `speed_silent_s`: none in use for so long, or the newest one older than that.
+
+    A wheel that stands is not silent: it says 0.
+    """
+    if lasted(motion.speed_lost_since_s, now_s, limits.speed_silent_s):
+        return True
+    heard_s = seen.speed_heard_s
+    return not s.wheel_standstill and heard_s is not None and not now_s - heard_s <= limits.speed_silent_s
+
+
+def target_acceptable(s: Situation, limits: SafetyLimits) -> bool:
+    """Whether the target is a number from 0 to the product's absolute limit."""
+    return 0.0 <= s.target_rate_kg_ha <= limits.rate_max_kg_ha

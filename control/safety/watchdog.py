@@ -1,0 +1,72 @@
+"""`Safety`: the one object the loop talks to. It holds one frozen memory and replaces it whole."""
+from __future__ import annotations
+
+from control.orders import Answer, Order, State
+from control.safety.alarms import booked
+from control.safety.hopper_watch import watched
+from control.safety.interlocks import forbidding
+from control.safety.limits import SafetyLimits
+from control.safety.memory import Memory
+from control.safety.motion import moved
+from control.safety.ordered import after_order
+from control.safety.rate_watch import rated
+from control.safety.senses import Senses, senses
+from control.safety.states import after_tick, leading_to
+from control.safety.troubles import troubles
+from control.safety.words import Situation, Verdict
+
+
+class Safety:
+    """States, interlocks and alarms of one run. All times are seconds on the loop's clock.
+
+    `has_work_switch`: a switch is fitted, so that its silence counts as up.
+    """
+
+    def __init__(self, limits: SafetyLimits | None = None, has_work_switch: bool = False) -> None:
+        self._limits = limits if limits is not None else SafetyLimits()
+        self._has_work_switch = has_work_switch
+        self._memory = Memory()
+
+    @property
+    def memory(self) -> Memory:
+        """What is remembered now: frozen, to be looked at."""
+        return self._memory
+
+    @property
+    def state(self) -> State:
+        return self._memory.state
+
+    def order(self, order: Order, now_s: float) -> Answer:
+        """Obey or refuse an order that concerns state, alarms or allowances; it takes effect at once.
+
+        `Answer.why` is read with `read_refusal`. Orders of other rooms are answered with `not_for_safety`.
+        """
+        self._memory, answer = after_order(self._memory, order, now_s, self._limits)
+        return answer
+
+    def check(self, now_s: float, s: Situation) -> Verdict:
+        """One tick: take in the situation, move the state, book the alarms, say whether flow may be."""
+        m, limits = self._memory, self._limits
+        seen = senses(now_s, s, limits)
+        motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits)
+        rate = rated(m.rate, now_s, s, m.flowing and m.state is State.WORKING, limits)
+        hopper = watched(m.hopper, now_s, seen.hopper_kg, s.expected_flow_kg_s, m.state is State.WORKING, limits)
+        scale_heard = m.scale_heard or seen.hopper_kg is not None
+        found = troubles(m, now_s, s, seen, motion, rate, hopper, scale_heard, limits)
+        state, why = after_tick(m, now_s, s, motion, found, limits)
+        allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
+        if state is State.OFF and m.state is not State.OFF:
+            allow = Memory().allow
+        forbidden = forbidding(state, s, seen, motion, allow, self._has_work_switch, limits)
+        live = booked(m.live, now_s, found, limits.alarm_clear_s)
+        self._memory = m._replace(
+            state=state, why_state=why, entered_s=m.entered_s if state is m.state else now_s, allow=allow,
+            flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, scale_heard=scale_heard, live=live,
+            checked_s=now_s, still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
+        return Verdict(state, not forbidden, forbidden, tuple(entry.alarm for entry in live), why)
+
+
+def _still(seen: Senses, limits: SafetyLimits) -> bool:
+    slow = limits.calibrate_speed_mps
+    wheel, gnss = seen.wheel_speed_mps, seen.gnss_speed_mps
+    return wheel is not None and gnss is not None and wheel < slow and gnss < slow

@@ -1,0 +1,80 @@
+"""The words of this package: what safety is told each tick, what it answers; texts for translation."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from control.orders import Alarm, State, TargetSource
+from control.readings import Measurements
+
+Details = tuple[tuple[str, str | float], ...]
+
+
+def N_(message: str) -> str:
+    """Mark an English source string for translation; the console translates it when it is shown."""
+    return message
+
+
+class Situation(NamedTuple):
+    """What the loop tells safety each tick. Unknown is None; a number that is not finite counts as unknown."""
+
+    measurements: Measurements
+    speed_used_mps: float | None        # None: both speeds silent
+    gnss_period_s: float                # observed period of GNSS epochs
+    wheel_standstill: bool              # no wheel pulse for 0.8 s, or the wheel reads 0
+    target_source: TargetSource         # of the operator's mode
+    position_ok: bool                   # own or dead-reckoned (at most 2 s) position is usable
+    landing_inside: bool | None         # None: no field known
+    valid_heads: int | None             # None: heads not needed in this mode
+    ndvi_age_s: float | None
+    expected_rate_kg_ha: float | None   # target passed through the nominal response of the actuators
+    applied_rate_kg_ha: float | None    # raw
+    expected_flow_kg_s: float           # from measured shaft and opening through the model
+    target_rate_kg_ha: float
+    metres_left_m: float | None
+    usable_speed_mps: float | None      # highest speed whose lead the heads still cover; None: not short
+    console_age_s: float | None         # since the operating console was heard; None: none needed (headless)
+    log_ok: bool
+
+
+class Verdict(NamedTuple):
+    """What safety answers."""
+
+    state: State
+    flow_allowed: bool
+    why_no_flow: tuple[str, ...]        # ids of INTERLOCKS; empty exactly when flow is allowed
+    alarms: tuple[Alarm, ...]           # live, worst first, then oldest first
+    why_state: str = ""                 # what led to the state: an order, an alarm id, or one of STATE_REASONS
+
+
+STATE_REASONS: Mapping[str, str] = {
+    "standstill": N_("Held after standing still."),
+    "released": N_("The calibration button was let go."),
+    "calibration_time": N_("The calibration run reached its time limit."),
+    "console_gone": N_("No console came back; switched off."),
+}
+
+REFUSALS: Mapping[str, str] = {
+    "not_from_state": N_("Not possible in state {state}."),
+    "acknowledge_first": N_("Acknowledge the alarm {alarm} first."),
+    "cause_lives": N_("The cause is still there: {alarm}."),
+    "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),
+    "calibrate_seconds": N_("A calibration run lasts more than 0 and at most {max_s} s."),
+    "release_first": N_("Let go of the calibration button first."),
+    "no_such_alarm": N_("There is no live alarm {alarm}."),
+    "log_works": N_("The log works; there is nothing to go on without."),
+    "yes_or_no": N_("This order takes yes or no."),
+    "refill_kg": N_("A refill is a number of kg above 0."),
+    "not_for_safety": N_("This order does not concern safety."),
+}
+
+
+def refusal(message_id: str, **details: str | float) -> str:
+    """The text of `Answer.why`: the id, then `;key=value` for each detail."""
+    return ";".join((message_id, *(f"{key}={value}" for key, value in details.items())))
+
+
+def read_refusal(why: str) -> tuple[str, dict[str, str]]:
+    """Take `Answer.why` apart: the id (a key of REFUSALS) and the details its text names."""
+    message_id, *details = why.split(";")
+    return message_id, dict(detail.split("=", 1) for detail in details)

@@ -1,0 +1,252 @@
+"""The states: which orders and which losses move between them."""
+from __future__ import annotations
+
+from math import nan
+
+import pytest
+
+from control.orders import Do, State
+from control.safety import REFUSALS, read_refusal
+
+
+def in_state(state, new_run, working, calibrating, never):
+    if state in (State.OFF, State.READY):
+        run = new_run()
+        if state is State.READY:
+            run.order(Do.READY)
+        run.tick()
+        return run
+    if state is State.CALIBRATING:
+        return calibrating()
+    run = working()
+    if state is State.HELD:
+        run.order(Do.HOLD)
+    if state is State.FAULT:
+        run.tick(shaft_age_s=0.6)
+        run.tick()
+        run.order(Do.ACKNOWLEDGE)
+    assert run.safety.state is state
+    return run
+
+
+ALLOWED = {
+    (State.OFF, Do.READY): State.READY, (State.HELD, Do.READY): State.READY, (State.FAULT, Do.READY): State.READY,
+    (State.READY, Do.READY): State.READY, (State.READY, Do.START): State.WORKING,
+    (State.HELD, Do.START): State.WORKING, (State.WORKING, Do.START): State.WORKING,
+    (State.WORKING, Do.HOLD): State.HELD, (State.HELD, Do.HOLD): State.HELD,
+    (State.CALIBRATING, Do.HOLD): State.READY, (State.CALIBRATING, Do.RELEASE): State.READY,
+    (State.CALIBRATING, Do.CALIBRATE): State.CALIBRATING,
+    **{(state, Do.STOP): State.OFF for state in State},
+    **{(state, Do.RELEASE): state for state in State if state is not State.CALIBRATING},
+}
+
+
+@pytest.mark.parametrize("do", [Do.READY, Do.START, Do.HOLD, Do.STOP, Do.CALIBRATE, Do.RELEASE])
+@pytest.mark.parametrize("state", list(State))
+def test_the_table_of_orders(state, do, new_run, working, calibrating, never):
+    run = in_state(state, new_run, working, calibrating, never)
+    answer = run.order(do)
+    assert answer.accepted is ((state, do) in ALLOWED)
+    assert run.safety.state is ALLOWED.get((state, do), state)
+    if not answer.accepted:
+        message_id, details = read_refusal(answer.why)
+        assert REFUSALS[message_id].format(**details)
+
+
+def test_an_order_of_another_room_is_refused(working):
+    assert working().order(Do.NUDGE, 5.0).why == "not_for_safety"
+
+
+def test_ten_seconds_at_standstill_hold(working):
+    run = working()
+    assert run.tick(9.9, speed_mps=0.0).state is State.WORKING
+    verdict = run.tick(0.2, speed_mps=0.0)
+    assert (verdict.state, verdict.why_state) == (State.HELD, "standstill")
+    assert run.tick(5.0).state is State.HELD, "driving on does not leave held"
+    assert run.order(Do.START).accepted
+    assert run.tick().flow_allowed
+
+
+def test_a_start_at_standstill_has_ten_seconds_to_move(new_run):
+    run = new_run()
+    run.order(Do.READY)
+    run.tick(60.0, speed_mps=0.0)
+    run.order(Do.START)
+    assert run.tick(9.8, speed_mps=0.0).state is State.WORKING
+    assert run.tick(0.3, speed_mps=0.0).state is State.HELD
+
+
+@pytest.mark.parametrize("drive", ["shaft", "gate"])
+class TestSilentDrive:
+    def test_half_a_second_is_a_fault(self, working, drive):
+        run = working()
+        assert run.tick(**{f"{drive}_age_s": 0.49}).flow_allowed
+        verdict = run.tick(**{f"{drive}_age_s": 0.51})
+        assert (verdict.state, verdict.why_state) == (State.FAULT, f"{drive}_silent")
+        assert verdict.why_no_flow == ("not_working", "drive_silent")
+        assert run.tick(5.0).state is State.FAULT
+
+    def test_never_heard_is_a_fault_half_a_second_after_off(self, new_run, never, drive):
+        run = new_run()
+        assert run.tick(5.0, **{f"{drive}_age_s": never}).state is State.OFF
+        run.order(Do.READY)
+        run.order(Do.START)
+        verdict = run.tick(0.4, **{f"{drive}_age_s": never})
+        assert (verdict.state, verdict.why_no_flow) == (State.WORKING, ("drive_silent",))
+        assert run.tick(0.2, **{f"{drive}_age_s": never}).state is State.FAULT
+
+    def test_fault_is_left_by_order_only_once_the_cause_is_gone(self, working, drive):
+        run = working()
+        run.tick(**{f"{drive}_age_s": 0.6})
+        assert run.order(Do.READY).why == f"cause_lives;alarm={drive}_silent"
+        run.tick()
+        assert run.order(Do.READY).accepted
+        assert run.order(Do.START).why == f"acknowledge_first;alarm={drive}_silent"
+        run.order(Do.ACKNOWLEDGE)
+        assert run.order(Do.START).accepted
+
+    def test_a_reading_that_is_no_number_or_has_no_time_is_silence(self, working, situation_at, drive):
+        run = working()
+        assert run.tick(**{f"{drive}_age_s": nan}).state is State.FAULT
+
+    def test_from_ready_held_and_calibrating_too(self, new_run, working, calibrating, never, drive):
+        for state in (State.READY, State.HELD, State.CALIBRATING):
+            run = in_state(state, new_run, working, calibrating, never)
+            assert run.tick(speed_mps=0.0, **{f"{drive}_age_s": 0.6}).state is State.FAULT
+
+
+class TestConsole:
+    def test_two_seconds_of_silence_hold_and_sixty_switch_off(self, working):
+        run = working()
+        assert run.tick(console_age_s=1.9).flow_allowed
+        verdict = run.tick(console_age_s=2.1)
+        assert (verdict.state, verdict.why_state) == (State.HELD, "console_silent")
+        assert run.tick(console_age_s=59.9).state is State.HELD
+        verdict = run.tick(console_age_s=60.1)
+        assert (verdict.state, verdict.why_state) == (State.OFF, "console_gone")
+
+    def test_a_console_that_returns_finds_it_held(self, working):
+        run = working()
+        run.tick(console_age_s=3.0)
+        assert run.tick(5.0).state is State.HELD
+
+    def test_headless_needs_none(self, working):
+        assert working().tick(console_age_s=None).flow_allowed
+
+    def test_fault_stays_fault_without_a_console(self, working):
+        run = working()
+        run.tick(shaft_age_s=1.0)
+        assert run.tick(console_age_s=100.0).state is State.FAULT
+
+    def test_off_ends_every_allowance(self, working):
+        run = working()
+        run.order(Do.ALLOW_OUTSIDE, True)
+        run.tick(console_age_s=61.0)
+        run.order(Do.READY)
+        run.order(Do.ACKNOWLEDGE)
+        run.order(Do.START)
+        assert not run.tick(landing_inside=False).flow_allowed
+
+
+class TestBothSpeedsSilent:
+    def test_held_after_two_seconds_without_any(self, working):
+        run = working()
+        verdict = run.tick(1.9, speed_used_mps=None)
+        assert (verdict.state, verdict.why_no_flow) == (State.WORKING, ("speed_silent",))
+        verdict = run.tick(0.3, speed_used_mps=None)
+        assert (verdict.state, verdict.why_state) == (State.HELD, "speed_silent")
+
+    def test_a_last_speed_is_good_for_two_seconds(self, working):
+        run = working()
+        assert run.tick(gnss_age_s=1.9, wheel_age_s=1.9).flow_allowed
+        assert run.tick(gnss_age_s=2.1, wheel_age_s=2.1).state is State.HELD
+
+    def test_one_of_them_is_enough(self, working, never):
+        assert working().tick(gnss_age_s=never, wheel_age_s=0.1).flow_allowed
+        assert working().tick(gnss_age_s=0.1, wheel_age_s=never).flow_allowed
+
+
+class TestCalibrating:
+    def test_flow_without_speed_and_field(self, calibrating):
+        run = calibrating()
+        verdict = run.tick(speed_mps=0.0, speed_used_mps=None, landing_inside=False)
+        assert (verdict.state, verdict.flow_allowed) == (State.CALIBRATING, True)
+
+    @pytest.mark.parametrize("moving", [
+        {"wheel_mps": 0.11}, {"gnss_mps": 0.11}, {"gnss_age_s": 9.0}, {"wheel_age_s": 9.0, "wheel_mps": 0.01}])
+    def test_begins_only_with_both_sensors_known_and_still(self, new_run, moving):
+        run = new_run()
+        run.order(Do.READY)
+        run.tick(**({"speed_mps": 0.0} | moving))
+        assert run.order(Do.CALIBRATE).why == "calibrate_moving;speed_mps=0.1"
+        assert run.safety.state is State.READY
+
+    def test_not_on_old_knowledge(self, new_run):
+        run = new_run()
+        run.order(Do.READY)
+        run.tick(speed_mps=0.0)
+        run.ticks += 20
+        assert not run.order(Do.CALIBRATE).accepted
+
+    @pytest.mark.parametrize("moving", [{"wheel_mps": 0.21}, {"gnss_mps": 0.21}])
+    def test_moving_is_a_fault(self, calibrating, moving):
+        run = calibrating()
+        assert run.tick(**({"speed_mps": 0.15} | dict.fromkeys(moving, 0.19))).flow_allowed
+        verdict = run.tick(**({"speed_mps": 0.0} | moving))
+        assert (verdict.state, verdict.why_state) == (State.FAULT, "calibration_moved")
+        assert not verdict.flow_allowed
+
+    def test_release_stops_at_once(self, calibrating):
+        run = calibrating()
+        run.order(Do.RELEASE)
+        verdict = run.tick(speed_mps=0.0)
+        assert (verdict.state, verdict.flow_allowed) == (State.READY, False)
+
+    def test_a_button_not_confirmed_for_half_a_second_is_released(self, calibrating):
+        run = calibrating()
+        seconds = run.until(lambda v: not v.flow_allowed, 5.0, speed_mps=0.0)
+        assert 0.4 <= seconds <= 0.5
+        assert run.verdict.why_state == "released"
+
+    def hold_down(self, run, seconds):
+        """The button is down, the order repeated every 0.2 s; seconds of flow."""
+        begun_s, flowing_s = run.now_s, None
+        while run.now_s - begun_s < seconds:
+            run.order(Do.CALIBRATE, 5.0)
+            if not run.tick(0.2, speed_mps=0.0).flow_allowed and flowing_s is None:
+                flowing_s = run.now_s - begun_s
+        return flowing_s
+
+    def test_a_run_ends_and_does_not_begin_again_under_the_same_press(self, calibrating):
+        run = calibrating(5.0)
+        assert self.hold_down(run, 20.0) == pytest.approx(5.0, abs=0.3)
+        assert run.verdict.state is State.READY
+        assert run.order(Do.CALIBRATE, 5.0).why == "release_first"
+        run.order(Do.RELEASE)
+        assert run.order(Do.CALIBRATE, 5.0).accepted
+
+    def test_no_run_is_longer_than_120_s(self, calibrating):
+        run = calibrating()
+        for _ in range(700):
+            run.order(Do.CALIBRATE)
+            run.tick(0.2, speed_mps=0.0)
+            if run.verdict.state is not State.CALIBRATING:
+                break
+        assert run.verdict.why_state == "calibration_time"
+        assert run.now_s - run.origin_s == pytest.approx(120.0, abs=0.5)
+
+    @pytest.mark.parametrize("value", [0.0, -1.0, 120.1, nan, True, "10"])
+    def test_odd_durations_are_refused(self, new_run, value):
+        run = new_run()
+        run.order(Do.READY)
+        run.tick(speed_mps=0.0)
+        assert run.order(Do.CALIBRATE, value).why == "calibrate_seconds;max_s=120.0"
+
+    def test_a_late_confirmation_does_not_revive_it(self, calibrating):
+        run = calibrating()
+        run.ticks += 12
+        assert run.order(Do.CALIBRATE).why == "release_first"
+        assert not run.tick(speed_mps=0.0).flow_allowed
+
+    def test_the_work_switch_still_counts(self, calibrating):
+        assert calibrating().tick(speed_mps=0.0, work_switch=False).why_no_flow == ("work_switch_up",)
