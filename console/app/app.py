@@ -1,0 +1,373 @@
+"""The Textual app: it supervises the source of frames, turns keys into orders, and looks at what is new."""
+from __future__ import annotations
+
+import asyncio
+import gc
+import time
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from typing import ClassVar
+
+from textual.app import App, SystemCommand
+from textual.screen import Screen
+from textual.worker import Worker
+
+from console.app import actions, themes, words
+from console.app.arrival import Arrival
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
+from console.app.history import History
+from console.app.pace import NUMBERS_S
+from console.app.replay_job import ReplayJob
+from console.app.screens.base import PanelScreen
+from console.app.screens.gone import GoneScreen
+from console.app.screens.help import HelpScreen
+from console.app.screens.replay import ReplayScreen
+from console.app.screens.run import RunScreen
+from console.app.source import FrameSource
+from console.app.units import METRIC, UNITS, Units
+from console.link import WorkerGone
+from console.locale import _, in_use, languages, use
+from control.orders import Do, Order, Severity, Strategy, TargetSource
+
+NOTICE_S = 4.0
+Connect = Callable[[], Awaitable[FrameSource]]
+
+
+def local_offset_s() -> float:
+    """Local time minus UTC now, in s."""
+    return float(time.localtime().tm_gmtoff or 0)
+
+
+class TopdressApp(App[None]):
+    """The console.
+
+    source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic. start, attach: make a
+    new source when the worker is gone; their errors (OSError, RuntimeError) are one line. replay: a log to open.
+    keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False for tests and pictures:
+    nothing moves but by `tick`.
+    """
+
+    CSS_PATH = "style.tcss"
+    TITLE = "topdress"
+    ENABLE_COMMAND_PALETTE = True
+    COMMAND_PALETTE_BINDING = "ctrl+backslash"
+    BINDINGS: ClassVar = actions.bindings()
+
+    def __init__(self, source: FrameSource | None, clock: Callable[[], float] = time.monotonic, *,
+                 start: Connect | None = None, attach: Connect | None = None, replay: ReplayJob | None = None,
+                 units: Units = METRIC, language: str | None = None, theme: str = themes.DAY.name,
+                 keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
+                 limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True) -> None:
+        super().__init__()
+        self.source, self.clock = source, clock
+        self.start, self.attach = start, attach
+        self.units = units
+        self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
+        self.limits_kg_ha, self.hopper_kg = limits_kg_ha, hopper_kg
+        self.live = live
+        self.locked = False
+        self.gone = ""
+        self.arrival, self.history = Arrival(), History()
+        self.notice_text, self._notice_until_s = "", 0.0
+        self.run_page, self.replay_page = RunScreen(), ReplayScreen(replay)
+        self._supervisor: Worker[None] | None = None
+        if language is not None:
+            use(language)
+        for one in themes.THEMES:
+            self.register_theme(one)
+        self.theme = theme
+        if keymap:
+            self.set_keymap(dict(keymap))
+
+    def get_default_screen(self) -> Screen[None]:
+        return self.run_page if self.source is not None or self.replay_page.job is None else self.replay_page
+
+    def on_mount(self) -> None:
+        self._supervise()
+        if self.live:
+            self.set_interval(NUMBERS_S, self.tick)
+            self.call_after_refresh(gc.freeze)
+        self.call_after_refresh(self.tick)
+
+    # --- frames -------------------------------------------------------------------------------------------------
+
+    @property
+    def page(self) -> PanelScreen:
+        """The screen under any dialogs."""
+        return next(screen for screen in reversed(self.screen_stack) if isinstance(screen, PanelScreen))
+
+    def tick(self) -> None:
+        """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
+        now_s = self.clock()
+        if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
+            self.history.add(self.arrival.frame)
+        if self.notice_text and now_s >= self._notice_until_s:
+            self.notice_text = ""
+        self.page.tick(now_s)
+
+    def notice(self, text: str) -> None:
+        """Say something in the key bar for some seconds."""
+        self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_S
+        self.page.show_keys()
+
+    # --- the other end ------------------------------------------------------------------------------------------
+
+    def _supervise(self) -> None:
+        if self._supervisor is not None:
+            self._supervisor.cancel()
+        self._supervisor = None
+        if self.source is not None:
+            self._supervisor = self.run_worker(self._run_source(self.source), group="source", exit_on_error=False)
+
+    async def _run_source(self, source: FrameSource) -> None:
+        try:
+            await source.run()
+        except WorkerGone as error:
+            self._say_gone(str(error))
+        except Exception as error:      # a link that fails in any other way is as useless as one that is gone
+            self._say_gone(f"{type(error).__name__}: {error}")
+
+    def _say_gone(self, why: str) -> None:
+        if self.gone:
+            return
+        self.gone = why or "gone"
+        self._show_gone(self.gone)
+
+    def _show_gone(self, why: str) -> None:
+        self.page.hurry()
+        self.page.tick(self.clock())
+        if not isinstance(self.screen, GoneScreen):
+            self.push_screen(GoneScreen(why, self.start is not None, self.attach is not None), self._reconnect)
+
+    def _reconnect(self, how: str | None) -> None:
+        connect = {"start": self.start, "attach": self.attach}.get(how or "")
+        if connect is not None:
+            self.notice(_("connecting to the control worker"))
+            self.run_worker(self._connect(connect), group="connect", exclusive=True, exit_on_error=False)
+
+    async def _connect(self, connect: Connect) -> None:
+        try:
+            self.source = await connect()
+        except (OSError, RuntimeError, ValueError) as error:
+            self._show_gone(str(error))
+            return
+        self.gone = ""
+        self.arrival = Arrival()
+        self._supervise()
+        self.page.hurry()
+
+    def give(self, do: Do, value: str | float | bool | None = None) -> None:
+        """Send an order; a refusal or a missing answer is said in the key bar."""
+        if self.source is None:
+            self.notice(_("no machine is connected"))
+            return
+        self.run_worker(self._give(self.source, Order(do, value)), group="orders", exit_on_error=False)
+
+    async def _give(self, source: FrameSource, order: Order) -> None:
+        try:
+            answer = await source.order(order)
+        except WorkerGone as error:
+            self._say_gone(str(error))
+        except (TimeoutError, asyncio.TimeoutError, OSError):
+            self.notice(words.answer_words("no_answer"))
+        else:
+            if not answer.accepted:
+                self.notice(_("refused: {why}").format(why=words.answer_words(answer.why)))
+
+    # --- actions ------------------------------------------------------------------------------------------------
+
+    async def action_do(self, name: str) -> None:
+        """One of the table's actions, if it belongs to this screen and is not locked."""
+        action = actions.BY_ID[name]
+        if self.locked and not action.locked:
+            self.notice(_("locked: F8 unlocks; hold and stop work"))
+            return
+        if action.where not in (actions.ANYWHERE, self.page.where):
+            return
+        if action.where == actions.REPLAY:
+            self.replay_page.command(name)
+            return
+        getattr(self, f"_do_{name}")()
+
+    def _do_hold(self) -> None:
+        if self.source is None and self.page is self.replay_page:
+            self.replay_page.command("play")
+        else:
+            self.give(Do.HOLD)
+
+    def _do_stop(self) -> None:
+        self.give(Do.STOP)
+
+    def _do_start(self) -> None:
+        self.give(Do.START)
+
+    def _do_ready(self) -> None:
+        self.give(Do.READY)
+
+    def _do_nudge_up(self) -> None:
+        self._ask_nudge(1)
+
+    def _do_nudge_down(self) -> None:
+        self._ask_nudge(-1)
+
+    def _ask_nudge(self, first: int) -> None:
+        frame = self.arrival.frame
+        now = (frame.row.nudge_percent if frame else None) or 0.0
+
+        def answer(percent: float | None) -> None:
+            if percent is not None and percent != now:
+                self.give(Do.NUDGE, percent)
+
+        self.push_screen(NudgeDialog(now, first), answer)
+
+    def _do_strategy(self) -> None:
+        frame = self.arrival.frame
+        choices = [Choice(strategy.value, words.strategy_word(strategy.value)) for strategy in Strategy]
+        self._ask_choice(_("Strategy"), choices, (frame.row.strategy if frame else None) or "", Do.STRATEGY)
+
+    def _do_source(self) -> None:
+        frame = self.arrival.frame
+        choices = [Choice(source.value, words.source_word(source.value)) for source in TargetSource
+                   if source is not TargetSource.NONE]
+        self._ask_choice(_("Target from"), choices, (frame.row.target_source if frame else None) or "", Do.SOURCE)
+
+    def _ask_choice(self, title: str, choices: list[Choice], now: str, do: Do) -> None:
+        def answer(value: str | None) -> None:
+            if value is not None and value != now:
+                self.give(do, value)
+
+        self.push_screen(ChoiceDialog(title, choices, now), answer)
+
+    def _do_manual_rate(self) -> None:
+        unit = self.units.rate
+        low, high = (round(limit * unit.per_si) for limit in self.limits_kg_ha)
+        self._ask_number(_("Manual rate"), unit.name, low, high, unit.to_si, Do.MANUAL_RATE)
+
+    def _do_refill(self) -> None:
+        unit = self.units.mass
+        self._ask_number(_("Filled in"), unit.name, 0, round(self.hopper_kg * unit.per_si), unit.to_si, Do.REFILL)
+
+    def _ask_number(self, title: str, unit: str, low: float, high: float, to_si: Callable[[float], float],
+                    do: Do) -> None:
+        def answer(value: float | None) -> None:
+            if value is not None:
+                self.give(do, value)
+
+        self.push_screen(NumberDialog(title, unit, low, high, to_si=to_si), answer)
+
+    def _do_mark(self) -> None:
+        self.give(Do.MARK, "mark")
+
+    def _do_look_ahead(self) -> None:
+        frame = self.arrival.frame
+        on = frame.look_ahead if frame else True
+        title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
+        self._ask(title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, not on)
+
+    def _do_flow_trim(self) -> None:
+        frame = self.arrival.frame
+        on = frame.flow_trim_on if frame else True
+        title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
+        self._ask(title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
+                  not on)
+
+    def _ask(self, title: str, text: str, do: Do, value: bool) -> None:
+        def answer(yes: bool | None) -> None:
+            if yes:
+                self.give(do, value)
+
+        self.push_screen(Confirm(title, text), answer)
+
+    def _do_acknowledge(self) -> None:
+        """All alarms that stand on the screen; none of those that came since."""
+        frame = self.arrival.frame
+        for alarm in frame.alarms if frame else ():
+            if alarm.severity is Severity.RED and not alarm.acknowledged:
+                self.give(Do.ACKNOWLEDGE, alarm.id)
+
+    def _do_help(self) -> None:
+        if not isinstance(self.screen, HelpScreen):
+            self.push_screen(HelpScreen(self.page.where))
+
+    def _do_run_screen(self) -> None:
+        self._turn_to(self.run_page)
+
+    def _do_replay_screen(self) -> None:
+        self._turn_to(self.replay_page)
+
+    def _turn_to(self, page: PanelScreen) -> None:
+        if self.page is not page:
+            self.switch_screen(page)
+            page.hurry()
+            self.call_after_refresh(self.tick)
+
+    def open_replay(self, job: ReplayJob) -> None:
+        """Show a log on the Replay screen."""
+        self.replay_page.open(job)
+        self._turn_to(self.replay_page)
+
+    def _do_lock(self) -> None:
+        if not self.locked:
+            self._set_locked(True)
+            return
+
+        def answer(yes: bool | None) -> None:
+            if yes:
+                self._set_locked(False)
+
+        self.push_screen(Confirm(_("Unlock the keys?")), answer)
+
+    def _set_locked(self, locked: bool) -> None:
+        self.locked = locked
+        self.page.hurry()
+        self.tick()
+
+    def _do_theme(self) -> None:
+        self.theme = themes.after(self.theme)
+        self.page.redraw()
+
+    def _do_units(self) -> None:
+        names = list(UNITS)
+        self.units = UNITS[names[(names.index(self.units.id) + 1) % len(names)]]
+        self.page.hurry()
+        self.tick()
+
+    def _do_language(self) -> None:
+        codes = languages()
+        use(codes[(codes.index(in_use()) + 1) % len(codes)])
+        self.page.redraw()
+        self.tick()
+
+    def _do_connect(self) -> None:
+        if self.gone:
+            self._show_gone(self.gone)
+        elif self.source is None and (self.start or self.attach):
+            self._show_gone(_("no machine is connected"))
+        else:
+            self.notice(_("the control worker is connected"))
+
+    def _do_palette(self) -> None:
+        self.action_command_palette()
+
+    def _do_quit(self) -> None:
+        frame = self.arrival.frame
+        if self.gone or frame is None or frame.row.state != "working":
+            self.exit()
+            return
+
+        def answer(yes: bool | None) -> None:
+            if yes:
+                self.exit()
+
+        self.push_screen(Confirm(_("Leave the console?"), _("The machine works: it is held after 2 s without console.")),
+                         answer)
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        for action in actions.at(self.page.where):
+            if action.id != "palette":
+                yield SystemCommand(_(action.label), f"{action.shown}  {_(action.help)}", self._command(action.id))
+
+    def _command(self, name: str) -> Callable[[], Awaitable[None]]:
+        async def run() -> None:
+            await self.action_do(name)
+
+        return run

@@ -1,0 +1,228 @@
+"""What is asked before a dose changes: one question, Enter for yes, Escape for no. Hold and stop work underneath."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Generic, NamedTuple, TypeVar
+
+from textual import events
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Static
+
+from console.locale import _
+
+R = TypeVar("R")
+
+
+class Choice(NamedTuple):
+    value: str
+    label: str
+
+
+class Dialog(ModalScreen[R], Generic[R]):
+    """A box in the middle. `stop` keeps its keys; hold has priority anyway."""
+
+    AUTO_FOCUS = ""
+    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False),
+                          Binding("x,f12", "app.do('stop')", show=False)]
+
+    def __init__(self, title: str, text: str = "") -> None:
+        super().__init__()
+        self.heading, self.text = title, text
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog"):
+            yield Static(self.heading, classes="dialog-title", markup=False)
+            if self.text:
+                yield Static(self.text, classes="dialog-text", markup=False)
+            yield from self.body()
+            with Horizontal(classes="dialog-buttons"):
+                yield from self.buttons()
+
+    def body(self) -> ComposeResult:
+        yield from ()
+
+    def buttons(self) -> ComposeResult:
+        yield Button(f"{_('Enter')}  {self.yes_label()}", id="yes", classes="dialog-button")
+        yield Button(f"Esc  {_('cancel')}", id="cancel", classes="dialog-button")
+
+    def yes_label(self) -> str:
+        return _("yes")
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        event.stop()
+        if event.button.id == "yes":
+            self.action_yes()
+        elif event.button.id == "cancel":
+            self.action_cancel()
+
+    def action_cancel(self) -> None:
+        self.dismiss(None)
+
+    def action_yes(self) -> None:
+        raise NotImplementedError
+
+
+class Confirm(Dialog[bool | None]):
+    """Yes or nothing."""
+
+    def action_yes(self) -> None:
+        self.dismiss(True)
+
+
+class NudgeDialog(Dialog[float | None]):
+    """Steps of 5 % from where the nudge is; one Enter for all of them."""
+
+    BINDINGS: ClassVar = [Binding("plus,equals_sign,kp_plus,up", "step(1)", show=False),
+                          Binding("minus,kp_minus,down", "step(-1)", show=False),
+                          Binding("0", "zero", show=False)]
+    STEP_PERCENT, LIMIT_PERCENT = 5, 30
+
+    def __init__(self, now_percent: float, first: int) -> None:
+        super().__init__(_("Nudge the target"), _("+ and - change, 0 takes it away, at most 30 % either way"))
+        self.before = now_percent
+        self.percent = now_percent
+        self.action_step(first)
+
+    def body(self) -> ComposeResult:
+        yield Static(self._says(), classes="dialog-value", id="nudge-value", markup=False)
+
+    def _says(self) -> str:
+        return f"{self.before:+.0f} %   >>>   {self.percent:+.0f} %"
+
+    def action_step(self, steps: int) -> None:
+        wanted = self.percent + steps * self.STEP_PERCENT
+        self.percent = float(max(-self.LIMIT_PERCENT, min(self.LIMIT_PERCENT, wanted)))
+        self._tell()
+
+    def action_zero(self) -> None:
+        self.percent = 0.0
+        self._tell()
+
+    def _tell(self) -> None:
+        if self.is_mounted:
+            self.query_one("#nudge-value", Static).update(self._says())
+
+    def action_yes(self) -> None:
+        self.dismiss(self.percent)
+
+
+class ChoiceDialog(Dialog[str | None]):
+    """One of a few: digit or arrows choose, Enter takes."""
+
+    BINDINGS: ClassVar = [Binding("up", "move(-1)", show=False), Binding("down", "move(1)", show=False)]
+
+    def __init__(self, title: str, choices: Sequence[Choice], now: str, text: str = "") -> None:
+        super().__init__(title, text)
+        self.choices = tuple(choices)
+        self.now = now
+        values = [choice.value for choice in self.choices]
+        self.at = values.index(now) if now in values else 0
+
+    def body(self) -> ComposeResult:
+        for index in range(len(self.choices)):
+            yield Button(self._line(index), id=f"choice-{index}", classes="dialog-choice")
+
+    def on_mount(self) -> None:
+        self._mark()
+
+    def _line(self, index: int) -> str:
+        choice = self.choices[index]
+        now = f"  ({_('now')})" if choice.value == self.now else ""
+        return f"{'>' if index == self.at else ' '} {index + 1}  {choice.label}{now}"
+
+    def _mark(self) -> None:
+        for index in range(len(self.choices)):
+            button = self.query_one(f"#choice-{index}", Button)
+            button.label = self._line(index)
+            button.set_class(index == self.at, "-chosen")
+
+    def action_move(self, by: int) -> None:
+        self.at = (self.at + by) % len(self.choices)
+        self._mark()
+
+    def on_key(self, event: events.Key) -> None:
+        if event.character and event.character.isdigit() and 1 <= int(event.character) <= len(self.choices):
+            event.stop()
+            self.at = int(event.character) - 1
+            self._mark()
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        name = event.button.id or ""
+        if name.startswith("choice-"):
+            event.stop()
+            self.at = int(name.removeprefix("choice-"))
+            self._mark()
+            return
+        super().on_button_pressed(event)
+
+    def action_yes(self) -> None:
+        self.dismiss(self.choices[self.at].value)
+
+
+class NumberDialog(Dialog[float | None]):
+    """A number by keys or by the pad; the allowed range stands beside it and nothing outside is taken."""
+
+    PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
+
+    def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
+                 to_si: Callable[[float], float] = lambda shown: shown) -> None:
+        super().__init__(title, text)
+        self.unit, self.low, self.high, self.to_si = unit, low, high, to_si
+        self.typed = ""
+
+    def body(self) -> ComposeResult:
+        yield Static(self._says(), classes="dialog-value", id="number-value", markup=False)
+        with Vertical(classes="pad"):
+            for row in range(0, len(self.PAD), 3):
+                with Horizontal(classes="pad-row"):
+                    for key in self.PAD[row:row + 3]:
+                        yield Button(key, name=key, classes="pad-key")
+
+    def _says(self) -> str:
+        allowed = _("allowed: {low} to {high} {unit}").format(low=f"{self.low:g}", high=f"{self.high:g}", unit=self.unit)
+        return f"{self.typed or '_'} {self.unit}     {allowed}"
+
+    def type(self, key: str) -> None:
+        if key == "C":
+            self.typed = ""
+        elif key == "back":
+            self.typed = self.typed[:-1]
+        elif (key.isdigit() or (key == "." and "." not in self.typed)) and len(self.typed) < 7:
+            self.typed += key
+        self.query_one("#number-value", Static).update(self._says())
+
+    def on_key(self, event: events.Key) -> None:
+        key = "back" if event.key == "backspace" else "C" if event.key == "delete" else event.character or ""
+        if key in ("back", "C", ".") or (key.isdigit() and len(key) == 1):
+            event.stop()
+            self.type(key)
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        if event.button.name in self.PAD:
+            event.stop()
+            self.type(event.button.name)
+            return
+        super().on_button_pressed(event)
+
+    def action_yes(self) -> None:
+        try:
+            shown = float(self.typed)
+        except ValueError:
+            return
+        if self.low <= shown <= self.high:
+            self.dismiss(self.to_si(shown))
+        else:
+            self.query_one("#number-value", Static).add_class("-refused")
+
+
+class TextDialog(Dialog[bool | None]):
+    """Reads only: lines of text, Escape or Enter closes."""
+
+    def buttons(self) -> ComposeResult:
+        yield Button(f"Esc  {_('close')}", id="cancel", classes="dialog-button")
+
+    def action_yes(self) -> None:
+        self.dismiss(None)

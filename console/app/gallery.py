@@ -1,0 +1,141 @@
+"""Pictures of the screens: `python -m console.app.gallery docs/screens` draws them all again, the same every time."""
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from console.app.app import TopdressApp
+from console.app.replay_job import ReplayJob
+from console.app.replay_source import ReplaySource
+from console.app.sample import run_frames, sample_alarms
+from console.app.units import METRIC
+from console.frame import Frame
+from console.locale import ENGLISH, use
+from control.orders import Answer, Order
+
+
+class StillSource:
+    """A source whose newest frame is set by hand; every order is kept and accepted."""
+
+    def __init__(self, newest: Frame | None = None) -> None:
+        self.newest = newest
+        self.orders: list[Order] = []
+        self.answer = Answer(True)
+        self.end: asyncio.Future[None] | None = None
+
+    async def run(self) -> None:
+        """Waits until `end` is given an error."""
+        self.end = asyncio.get_running_loop().create_future()
+        await self.end
+
+    async def order(self, order: Order) -> Answer:
+        self.orders.append(order)
+        return self.answer
+
+
+class StillClock:
+    """A clock that stands until it is set."""
+
+    def __init__(self, now_s: float = 1000.0) -> None:
+        self.now_s = now_s
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class Picture(NamedTuple):
+    name: str
+    size: tuple[int, int]
+    theme: str = "day"
+    language: str = ENGLISH
+    screen: str = "run"            # run, replay, help, gone
+    alarms: bool = False
+
+
+PICTURES = (
+    Picture("run-120x40-day", (120, 40)),
+    Picture("run-120x40-night", (120, 40), "night"),
+    Picture("run-120x40-contrast", (120, 40), "contrast", alarms=True),
+    Picture("run-120x40-alarms", (120, 40), alarms=True),
+    Picture("run-120x40-zh", (120, 40), language="zh", alarms=True),
+    Picture("run-100x30-day", (100, 30)),
+    Picture("run-80x24-day", (80, 24)),
+    Picture("run-80x24-alarms", (80, 24), alarms=True),
+    Picture("run-60x16", (60, 16), alarms=True),
+    Picture("replay-120x40-day", (120, 40), screen="replay"),
+    Picture("replay-80x24-night", (80, 24), "night", screen="replay"),
+    Picture("replay-120x40-zh", (120, 40), "night", "zh", screen="replay"),
+    Picture("help-100x30", (100, 30), screen="help"),
+    Picture("gone-100x30", (100, 30), screen="gone"),
+)
+
+
+def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
+    """An app that shows one picture: nothing in it moves by itself."""
+    frames = run_frames()
+    if picture.alarms:
+        last = frames[-1]
+        row = last.row._replace(applied_rate_kg_ha=(last.row.target_rate_kg_ha or 0.0) * 0.86, nudge_percent=5.0)
+        frames[-1] = Frame(**{name: getattr(last, name) for name in Frame.__dataclass_fields__}
+                           | {"row": row, "alarms": sample_alarms(last.at_s), "dropped_heads": (4,)})
+    clock = StillClock()
+    replay = None
+    if picture.screen == "replay":
+        began, ended = len(frames) * 3 // 5, len(frames) * 13 // 20
+        marked = [Frame(**{name: getattr(f, name) for name in Frame.__dataclass_fields__}
+                        | {"alarms": sample_alarms(frames[began].at_s)[1:]}) if began <= i < ended else f
+                  for i, f in enumerate(frames)]
+        source = ReplaySource(marked, clock)
+        source.seek(300.0)
+        source.set_speed(10.0)
+        replay = ReplayJob(source, "run.csv", ("2 rows with a time that runs back were left out",))
+    app = TopdressApp(None if replay else StillSource(frames[-1]), clock, replay=replay, language=picture.language,
+                      theme=picture.theme, units=METRIC, utc_offset_s=8 * 3600.0, live=False)
+    for frame in frames[:-1]:
+        app.history.add(frame)
+    return app, clock
+
+
+async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitable[None]]) -> None:
+    """Bring a still app to what its picture shows."""
+    await wait()
+    app.tick()
+    if picture.screen == "help":
+        await app.action_do("help")
+    if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:
+        from console.link import WorkerGone
+        app.start = app.attach = _never
+        app.source.end.set_exception(WorkerGone("the control worker (process 4711) is gone"))
+    await wait()
+    await wait()
+
+
+async def _never() -> StillSource:
+    return StillSource()
+
+
+async def draw(picture: Picture) -> str:
+    """The picture as SVG."""
+    app, _clock = still_app(picture)
+    async with app.run_test(size=picture.size) as pilot:
+        await settle(app, picture, pilot.pause)
+        return app.export_screenshot(title="topdress")
+
+
+def main(folder: str) -> None:
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    for picture in PICTURES:
+        svg = asyncio.run(draw(picture))
+        (target / f"{picture.name}.svg").write_text(svg, encoding="utf-8")
+        print(f"{picture.name}.svg")
+    use(ENGLISH)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("python -m console.app.gallery FOLDER")
+    main(sys.argv[1])

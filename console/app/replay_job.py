@@ -1,0 +1,29 @@
+"""What the Replay screen is given beside the frames: findings about the log, and how a what-if is computed."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from console.app.replay_source import ReplaySource
+from console.frame import Frame
+
+
+class WhatIf(NamedTuple):
+    """What is other than recorded; None: as recorded."""
+
+    strategy: str | None = None
+    crop: str | None = None
+    machine: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayJob:
+    """name: of the log, as shown. what_if: computes other frames, in a thread; errors are one-line ValueErrors."""
+
+    source: ReplaySource
+    name: str
+    findings: tuple[str, ...] = ()
+    what_if: Callable[[WhatIf], Sequence[Frame]] | None = None
+    crops: tuple[str, ...] = ()
+    machines: tuple[str, ...] = ()

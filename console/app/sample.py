@@ -1,0 +1,79 @@
+"""A made-up run for the gallery and the tests: seeded, the same on every machine, no model behind it."""
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from math import cos, floor, sin
+from random import Random
+
+from console.frame import DeviceView, Frame
+from control.log_row import LogRow
+from control.orders import Alarm, Severity
+
+_BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)
+_PASS_M = 120.0
+_WIDTH_M = 2.4
+_SPEED_MPS = 1.9
+
+
+def _place(travelled_m: float) -> tuple[float, float, float]:
+    """East, north (m) and heading (degrees) on a field of up-and-down passes."""
+    lap, along = divmod(travelled_m, _PASS_M)
+    upward = int(lap) % 2 == 0
+    return lap * _WIDTH_M * 2, along if upward else _PASS_M - along, 0.0 if upward else 180.0
+
+
+def _ndvi(east_m: float, north_m: float) -> float:
+    return 0.52 + 0.07 * sin(north_m / 17) * cos(east_m / 13) + 0.03 * sin(north_m / 5 + east_m)
+
+
+def _rate(ndvi: float) -> float:
+    """Falls with NDVI in steps, as graded decisions do."""
+    upper = (floor(ndvi / 0.05) + 1) * 0.05
+    return max(0.0, 620.0 - 520.0 * upper)
+
+
+def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
+               alarms: tuple[Alarm, ...] = ()) -> list[Frame]:
+    """Frames of a quiet working run; `alarms` stand on every frame."""
+    random = Random(seed)
+    frames: list[Frame] = []
+    applied = 0.0
+    kg = 0.0
+    area_ha = 0.0
+    for index in range(int(seconds / step_s)):
+        time_s = index * step_s
+        east, north, heading = _place(_SPEED_MPS * time_s)
+        ndvi = _ndvi(east, north)
+        target = _rate(ndvi)
+        applied += (target - applied) * min(1.0, step_s / 0.5)
+        shown = max(0.0, applied + random.gauss(0, 2.0))
+        area_ha += _SPEED_MPS * step_s * _WIDTH_M / 10_000
+        kg += applied * _SPEED_MPS * step_s * _WIDTH_M / 10_000
+        opening = applied * _WIDTH_M * _SPEED_MPS / 10_000 / (0.0055 * 70 / 60)
+        heads = [ndvi + random.gauss(0, 0.012) for _head in range(6)]
+        row = LogRow(
+            time_s=round(time_s, 3), utc=(_BEGAN + timedelta(seconds=time_s)).isoformat(timespec="milliseconds")
+            .replace("+00:00", "Z"),
+            lat_deg=34.8 + north / 111_200, lon_deg=113.6 + east / 91_300, fix_quality=4, satellites=18, hdop=0.7,
+            heading_deg=heading, speed_mps=_SPEED_MPS + random.gauss(0, 0.02), wheel_speed_mps=_SPEED_MPS,
+            speed_used_mps=_SPEED_MPS + random.gauss(0, 0.01), ndvi_1=heads[0], ndvi_2=heads[1], ndvi_3=heads[2],
+            ndvi_4=heads[3], ndvi_5=heads[4], ndvi_6=heads[5], ndvi=ndvi, target_rate_kg_ha=target, nudge_percent=0.0,
+            shaft_rpm_cmd=70.0, shaft_rpm=70.0 + random.gauss(0, 0.3), opening_mm_cmd=round(opening, 1),
+            opening_mm=opening + random.gauss(0, 0.05), hopper_kg=300.0 - kg, flow_trim=1.012, supply_v=13.4,
+            applied_rate_kg_ha=shown, lag_s=1.648, lag_m=1.648 * _SPEED_MPS, state="working",
+            strategy="opening_first", target_source="canopy", alarms=";".join(alarm.id for alarm in alarms))
+        used_kg_m = max(1e-6, applied * _WIDTH_M / 10_000)
+        frames.append(Frame(
+            seq=index, at_s=time_s, row=row, alarms=alarms, metres_left_m=round((300.0 - kg) / used_kg_m, -1),
+            area_ha=area_ha, applied_kg=kg, gnss_age_s=0.08, gnss_hz=10.0, usable_speed_mps=2.41, job="demonstration",
+            machine="huanghai", crop="winter wheat", log_path="run.csv", simulated=True, place_m=(east, north),
+            devices=tuple(DeviceView(name, f"sim://{name}", name, True, 0.05, 10.0, index, 0)
+                          for name in ("gnss", "heads", "board"))))
+    return frames
+
+
+def sample_alarms(at_s: float) -> tuple[Alarm, ...]:
+    """One red and one amber alarm, 35 s and 12 s old."""
+    return (Alarm("shaft_silent", Severity.RED, at_s - 35.0),
+            Alarm("hopper_low", Severity.AMBER, at_s - 12.0, False, (("hopper_kg", 18.5), ("metres_left", 640.0))))
+

@@ -1,0 +1,57 @@
+"""A colour scale for rates: perceptually even, safe for colour-blind eyes, from the screen's dark to its light end.
+
+Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") between a dark blue, a
+neutral grey-green and a light yellow: lightness rises evenly, and the hue moves along the blue - yellow axis that all
+common colour deficiencies keep.
+"""
+from __future__ import annotations
+
+from functools import cache
+from math import ceil
+
+Rgb = tuple[int, int, int]
+Lab = tuple[float, float, float]
+
+_LOW: Lab = (0.34, -0.015, -0.125)
+_HIGH: Lab = (0.91, -0.030, 0.165)
+
+
+def _to_srgb(lab: Lab) -> Rgb:
+    lightness, a, b = lab
+    long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
+    medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
+    short = (lightness - 0.0894841775 * a - 1.2914855480 * b) ** 3
+    linear = (4.0767416621 * long - 3.3077115913 * medium + 0.2309699292 * short,
+              -1.2684380046 * long + 2.6097574011 * medium - 0.3413193965 * short,
+              -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short)
+
+    def channel(value: float) -> int:
+        value = min(1.0, max(0.0, value))
+        value = 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
+        return round(255 * value)
+
+    red, green, blue = (channel(value) for value in linear)
+    return red, green, blue
+
+
+@cache
+def _colour(step: int, steps: int) -> Rgb:
+    share = step / (steps - 1)
+    low, high = _LOW, _HIGH
+    lab = (low[0] + share * (high[0] - low[0]), low[1] + share * (high[1] - low[1]), low[2] + share * (high[2] - low[2]))
+    return _to_srgb(lab)
+
+
+STEPS = 32
+
+
+def colour(share: float) -> Rgb:
+    """sRGB at a place of the scale; share 0 is the low end, 1 the high end, outside is held at the ends."""
+    return _colour(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
+
+
+def calm_top(largest: float) -> float:
+    """A round upper end that does not move with every sample: the next of 50, 100, 200, 300, 400, ... ."""
+    if largest <= 50:
+        return 50.0
+    return 100.0 * max(1, ceil(largest / 100 - 1e-9))

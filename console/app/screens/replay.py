@@ -1,0 +1,200 @@
+"""The Replay screen: the same panels, fed from a log; a machine that works meanwhile keeps its alarms, hold and stop."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.worker import Worker, WorkerState
+
+from console.app import actions, words
+from console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from console.app.history import TREND_SPAN_S, Point, Spot, points_of, spots_of
+from console.app.replay_job import ReplayJob, WhatIf
+from console.app.screens.base import PanelScreen
+from console.app.view import RunView, alarms, duration
+from console.app.widgets.replay_bar import ReplayBar, ReplayView
+from console.frame import Frame
+from console.locale import _
+
+SEEK_S = 30.0
+_NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
+
+
+class ReplayScreen(PanelScreen):
+    where: ClassVar[str] = actions.REPLAY
+
+    def __init__(self, job: ReplayJob | None = None) -> None:
+        super().__init__()
+        self.add_class("replay")
+        self.job: ReplayJob | None = None
+        self.chosen = WhatIf()
+        self.computing: Worker[Sequence[Frame]] | None = None
+        self._wanted = WhatIf()
+        if job is not None:
+            self.open(job)
+
+    def open(self, job: ReplayJob) -> None:
+        """Play another log, from its start."""
+        self.job, self.chosen = job, WhatIf()
+        self._recorded = job.source.frames
+        self._note_alarms()
+        self.hurry()
+
+    def _note_alarms(self) -> None:
+        assert self.job is not None
+        source = self.job.source
+        length = max(1e-9, source.end_s - source.start_s)
+        begins, before = [], frozenset[str]()
+        for frame in source.frames:
+            now = frozenset(alarm.id for alarm in frame.alarms)
+            if now - before:
+                begins.append(round((frame.row.time_s - source.start_s) / length, 3))
+            before = now
+        self._alarm_shares = tuple(dict.fromkeys(begins))
+
+    def extra(self) -> ComposeResult:
+        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: topdress replay LOG.csv")), id="replay-bar")
+
+    def seen(self, now_s: float) -> tuple[Frame | None, float]:
+        if self.job is None:
+            return None, 0.0
+        return self.job.source.newest, self.job.source.age_s
+
+    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
+        """Alarms of a machine that works meanwhile come before the log's."""
+        view = super().seen_view(frame, age_s)
+        live = self.app.arrival.frame
+        if live is not None and live.alarms:
+            shown = alarms(live, self.app.utc_offset_s)
+            lines = tuple(line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines)
+            return view._replace(alarms=shown._replace(lines=lines))
+        return view
+
+    def marks(self) -> tuple[str, ...]:
+        live = self.app.arrival.frame
+        machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None else ()
+        return (_("REPLAY"), *machine, *super().marks())
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        if self.job is None:
+            return
+        source = self.job.source
+        share = (source.at_s - source.start_s) / max(1e-9, source.end_s - source.start_s)
+        busy = _("computing, Esc cancels") if self.computing is not None else ""
+        self.query_one("#replay-bar", ReplayBar).show(ReplayView(
+            self.job.name, source.playing and not source.at_end, f"{source.speed:g}x", duration(source.at_s),
+            duration(source.end_s), round(share, 3), self.mode_words(), self.chosen != WhatIf(),
+            len(self.job.findings), busy, self._alarm_shares))
+
+    def mode_words(self) -> str:
+        if self.chosen == WhatIf():
+            return _("as recorded")
+        other = (words.strategy_word(self.chosen.strategy), self.chosen.crop or "", self.chosen.machine or "")
+        return _("what if: {other}").format(other=", ".join(part for part in other if part))
+
+    def points(self) -> tuple[Point, ...]:
+        if self.job is None:
+            return ()
+        source = self.job.source
+        return points_of(source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index)
+
+    def spots(self) -> tuple[Spot, ...]:
+        return () if self.job is None else spots_of(self.job.source.frames, self.job.source.index)
+
+    def on_replay_bar_seek(self, event: ReplayBar.Seek) -> None:
+        if self.job is not None:
+            source = self.job.source
+            source.seek(source.start_s + event.share * (source.end_s - source.start_s))
+            self.hurry()
+
+    def command(self, action: str) -> None:
+        """One of the replay's own actions; nothing where no log is open."""
+        if self.job is None:
+            self.app.notice(_("no log is open: topdress replay LOG.csv"))
+            return
+        source = self.job.source
+        match action:
+            case "play":
+                source.toggle()
+            case "step_back":
+                source.step(-1)
+            case "step_on":
+                source.step(1)
+            case "seek_back":
+                source.seek(source.at_s - SEEK_S)
+            case "seek_on":
+                source.seek(source.at_s + SEEK_S)
+            case "seek_start":
+                source.seek(source.start_s)
+            case "seek_end":
+                source.seek(source.end_s)
+            case "slower":
+                source.change_speed(-1)
+            case "faster":
+                source.change_speed(1)
+            case "next_alarm":
+                if not source.next_alarm():
+                    self.app.notice(_("no further alarm in this log"))
+            case "findings":
+                text = "\n".join(self.job.findings) or _("nothing was found")
+                self.app.push_screen(TextDialog(_("Findings about {name}").format(name=self.job.name), text))
+            case "as_recorded":
+                self._cancel()
+                source.replace(self._recorded)
+                self.chosen = WhatIf()
+                self._note_alarms()
+            case "what_if":
+                self._ask_what()
+        self.hurry()
+
+    def key_escape(self) -> None:
+        self._cancel()
+
+    def _ask_what(self) -> None:
+        assert self.job is not None
+        if self.job.what_if is None:
+            self.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
+            return
+        choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
+                   for name in words.STRATEGIES]
+        choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in self.job.crops]
+        choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in self.job.machines]
+        self.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; B goes back to the log")),
+                             self._begin)
+
+    def _begin(self, choice: str | None) -> None:
+        if choice is None or self.job is None or self.job.what_if is None:
+            return
+        field, _colon, value = choice.partition(":")
+        self._wanted = self.chosen._replace(**{field: value})
+        compute, wanted = self.job.what_if, self._wanted
+        self._cancel()
+        self.computing = self.run_worker(lambda: compute(wanted), group="what-if", thread=True, exit_on_error=False)
+        self.hurry()
+
+    def _cancel(self) -> None:
+        """The thread may run on; its result is no longer looked at."""
+        if self.computing is not None:
+            self.computing.cancel()
+            self.computing = None
+            self.hurry()
+
+    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        if event.worker is not self.computing or self.job is None:
+            return
+        if event.state is WorkerState.SUCCESS:
+            self.computing = None
+            try:
+                self.job.source.replace(event.worker.result or ())
+            except ValueError as error:
+                self.app.notice(str(error))
+                return
+            self.chosen = self._wanted
+            self._note_alarms()
+            self.hurry()
+        elif event.state is WorkerState.ERROR:
+            self.computing = None
+            self.app.notice(str(event.worker.error))
+            self.hurry()

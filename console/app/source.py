@@ -1,0 +1,21 @@
+"""Where frames come from and orders go to. The screens know nothing else of the machine."""
+from __future__ import annotations
+
+from typing import Protocol
+
+from console.frame import Frame
+from control.orders import Answer, Order
+
+
+class FrameSource(Protocol):
+    """A control worker's link, a replayed log, or a test's stand-in."""
+
+    @property
+    def newest(self) -> Frame | None:
+        """The last frame that arrived; None before the first."""
+
+    async def run(self) -> None:
+        """Keeps `newest` new. Raises `console.link.WorkerGone` when the other end is gone."""
+
+    async def order(self, order: Order) -> Answer:
+        """Sends one order and waits for its answer. Raises `console.link.WorkerGone`."""

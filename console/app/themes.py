@@ -1,0 +1,58 @@
+"""Day, night and high contrast. Beside Textual's own names each theme says what target, applied, alarms and states are.
+
+Alarms are orange (red severity) and blue (amber severity): the pair that colour-blind eyes keep apart. All pairs stay
+apart in 16 colours too (a test holds them).
+"""
+from __future__ import annotations
+
+from textual.theme import Theme
+
+
+def _theme(name: str, *, dark: bool, background: str, surface: str, panel: str, foreground: str, primary: str,
+           stale: str, muted: str, target: str, red: tuple[str, str], amber: tuple[str, str],
+           states: dict[str, tuple[str, str]], bar: tuple[str, str], key: str) -> Theme:
+    variables = {
+        "stale": stale, "muted": muted, "target": target, "applied": foreground,
+        "alarm-red": red[0], "on-alarm-red": red[1], "alarm-amber": amber[0], "on-alarm-amber": amber[1],
+        "keybar": bar[0], "on-keybar": bar[1], "keybar-key": key, "track": panel,
+        "block-cursor-foreground": background, "block-cursor-background": primary,
+        "input-cursor-text-style": "none",
+    }
+    for state, (back, fore) in states.items():
+        variables |= {f"state-{state}": back, f"on-state-{state}": fore}
+    return Theme(name=name, dark=dark, background=background, surface=surface, panel=panel, foreground=foreground,
+                 primary=primary, secondary=target, accent=primary, warning=amber[0], error=red[0], success=target,
+                 boost=surface, text_alpha=1.0, variables=variables)
+
+
+DAY = _theme(
+    "day", dark=False, background="#ffffff", surface="#f1f3f4", panel="#d5dade", foreground="#000000",
+    primary="#00518f", stale="#9aa0a6", muted="#4a5056", target="#006a8e",
+    red=("#ff8a00", "#000000"), amber=("#0053b8", "#ffffff"),
+    states={"off": ("#d5dade", "#000000"), "ready": ("#ffffff", "#00518f"), "working": ("#00518f", "#ffffff"),
+            "held": ("#000000", "#ffffff"), "calibrating": ("#5b3a8e", "#ffffff"), "fault": ("#ff8a00", "#000000")},
+    bar=("#e3e7ea", "#000000"), key="#00518f")
+
+NIGHT = _theme(
+    "night", dark=True, background="#0b0d0f", surface="#13171a", panel="#2a3136", foreground="#c3c7c4",
+    primary="#6fa8cf", stale="#565d62", muted="#868d90", target="#58b0c4",
+    red=("#d9780f", "#000000"), amber=("#1f5fae", "#f0f4f8"),
+    states={"off": ("#2a3136", "#c3c7c4"), "ready": ("#0b0d0f", "#6fa8cf"), "working": ("#2d6d96", "#ffffff"),
+            "held": ("#c3c7c4", "#0b0d0f"), "calibrating": ("#7a5ab0", "#ffffff"), "fault": ("#d9780f", "#000000")},
+    bar=("#1a1f23", "#c3c7c4"), key="#8fc4e8")
+
+CONTRAST = _theme(
+    "contrast", dark=True, background="#000000", surface="#000000", panel="#555555", foreground="#ffffff",
+    primary="#ffff00", stale="#808080", muted="#d0d0d0", target="#00ffff",
+    red=("#ff9a00", "#000000"), amber=("#0000e0", "#ffffff"),
+    states={"off": ("#555555", "#ffffff"), "ready": ("#000000", "#ffff00"), "working": ("#ffff00", "#000000"),
+            "held": ("#ffffff", "#000000"), "calibrating": ("#ff55ff", "#000000"), "fault": ("#ff9a00", "#000000")},
+    bar=("#000000", "#ffffff"), key="#ffff00")
+
+THEMES = (DAY, NIGHT, CONTRAST)
+NAMES = tuple(theme.name for theme in THEMES)
+
+
+def after(name: str) -> str:
+    """The next theme on the one key."""
+    return NAMES[(NAMES.index(name) + 1) % len(NAMES)] if name in NAMES else NAMES[0]

@@ -1,0 +1,56 @@
+"""The one place where SI becomes what people read: km/h and kg/ha, or mph and lb/ac."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+M2_PER_HA = 10_000.0
+
+
+class Unit(NamedTuple):
+    """shown = SI value x per_si; `si` names the unit that the value has inside."""
+
+    name: str
+    per_si: float
+    decimals: int
+
+    def text(self, value: float | None, none: str = "--") -> str:
+        """The number alone, in this unit; `none` when it is not known."""
+        if value is None:
+            return none
+        shown = round(value * self.per_si, self.decimals) + 0.0    # + 0.0: no "-0.0"
+        return f"{shown:.{self.decimals}f}"
+
+    def full(self, value: float | None) -> str:
+        return f"{self.text(value)} {self.name}"
+
+    def to_si(self, shown: float) -> float:
+        return shown / self.per_si
+
+
+class Units(NamedTuple):
+    """Every unit shown. Rates are kg/ha inside, areas ha, the rest SI with mm and r/min as in the log."""
+
+    id: str
+    speed: Unit        # m/s
+    rate: Unit         # kg/ha
+    mass: Unit         # kg
+    area: Unit         # ha
+    distance: Unit     # m
+    fine_distance: Unit
+    opening: Unit      # mm
+    shaft: Unit        # r/min
+    time: Unit         # s
+    voltage: Unit      # V
+
+
+METRIC = Units("metric", Unit("km/h", 3.6, 1), Unit("kg/ha", 1.0, 0), Unit("kg", 1.0, 0), Unit("ha", 1.0, 2),
+               Unit("m", 1.0, 0), Unit("m", 1.0, 1), Unit("mm", 1.0, 1), Unit("r/min", 1.0, 1), Unit("s", 1.0, 2),
+               Unit("V", 1.0, 1))
+
+# 1 lb = 0.45359237 kg, 1 ac = 4046.8564224 m2, 1 ft = 0.3048 m, 1 mile = 1609.344 m (international yard and pound)
+IMPERIAL = Units("imperial", Unit("mph", 3600 / 1609.344, 1), Unit("lb/ac", 4046.8564224 / 10_000 / 0.45359237, 0),
+                 Unit("lb", 1 / 0.45359237, 0), Unit("ac", 10_000 / 4046.8564224, 2), Unit("ft", 1 / 0.3048, 0),
+                 Unit("ft", 1 / 0.3048, 1), Unit("mm", 1.0, 1), Unit("r/min", 1.0, 1), Unit("s", 1.0, 2),
+                 Unit("V", 1.0, 1))
+
+UNITS = {units.id: units for units in (METRIC, IMPERIAL)}

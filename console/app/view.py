@@ -1,0 +1,257 @@
+"""What the panels show, as frozen values: a frame and its age in, texts and shares out. Pure, and all in one language.
+
+A panel compares its view with the last one and is drawn again only when they differ, so every number here is already
+rounded to what is shown.
+"""
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from typing import NamedTuple
+
+from console.app import words
+from console.app.units import M2_PER_HA, Units
+from console.frame import Frame
+from console.locale import _
+from control.orders import Severity
+
+STALE_S = 1.0                 # older than this is greyed
+RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but never to less than this
+ERROR_AMBER = 0.10
+ERROR_RED = 0.20
+ERROR_SPAN = 0.30             # the error bar's end
+
+
+class Shown(NamedTuple):
+    """A text, and whether what it says is too old to be trusted."""
+
+    text: str
+    stale: bool = False
+
+
+class StatusView(NamedTuple):
+    state: str                # id
+    symbol: str
+    word: str
+    strategy: str
+    source: str
+    marks: tuple[str, ...]    # SIMULATED, LOCKED, ...
+    silent: str               # "NO DATA 3 s", or empty
+    clock: str
+    elapsed: str
+
+
+class AlarmLine(NamedTuple):
+    id: str
+    severity: Severity
+    acknowledged: bool
+    symbol: str
+    word: str
+    text: str
+    place: str
+    todo: str
+    since: str
+
+
+class AlarmsView(NamedTuple):
+    lines: tuple[AlarmLine, ...]
+    calm: str                 # what stands there when nothing is wrong
+
+
+class RatesView(NamedTuple):
+    target: Shown
+    applied: Shown
+    unit: str
+    nudge: str
+    error: Shown
+    error_share: float | None     # of ERROR_SPAN, -1 ... 1
+    level: str                    # "", amber, red
+
+
+class Tile(NamedTuple):
+    label: str
+    unit: str
+    value: Shown
+    below: str
+    level: str = ""
+
+
+class Head(NamedTuple):
+    number: int
+    value: str
+    share: float | None
+    dropped: bool
+
+
+class HeadsView(NamedTuple):
+    fused: Shown
+    heads: tuple[Head, ...]
+    valid: str
+
+
+class Item(NamedTuple):
+    label: str
+    value: Shown
+
+
+class RunView(NamedTuple):
+    status: StatusView
+    alarms: AlarmsView
+    rates: RatesView
+    tiles: tuple[Tile, ...]
+    heads: HeadsView
+    items: tuple[Item, ...]
+
+
+def rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
+    """(applied - target) / max(target, 50 kg/ha), as the alarm `rate off` counts it, but without its nominal response."""
+    if target_kg_ha is None or applied_kg_ha is None:
+        return None
+    return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
+
+
+def duration(seconds: float) -> str:
+    """1:02:03 or 02:03."""
+    whole = int(max(0.0, seconds))
+    minutes, rest = divmod(whole, 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes:02d}:{rest:02d}"
+
+
+def wall_clock(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
+    """Local time of day of an ISO 8601 time, `back_s` earlier; empty where it is not known."""
+    if not utc:
+        return ""
+    try:
+        moment = datetime.fromisoformat(utc.replace("Z", "+00:00"))
+    except ValueError:
+        return ""
+    return (moment + timedelta(seconds=offset_s - back_s)).strftime("%H:%M:%S")
+
+
+def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 0.0,
+         marks: tuple[str, ...] = ()) -> RunView:
+    """Everything that the Run screen's panels show.
+
+    frame: newest frame, or None before the first. age_s: s since it arrived. utc_offset_s: local time minus UTC.
+    marks: words that the screen adds to the status line.
+    """
+    if frame is None:
+        return _nothing(units, marks)
+    old = age_s > STALE_S
+    return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s), _rates(frame, old, units),
+                   _tiles(frame, old, units), _heads(frame, old), _items(frame, age_s, units))
+
+
+def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:
+    blank = Shown("--", True)
+    status = StatusView("", " ", _("NO DATA"), "", "", marks, _("waiting for the first values"), "", "")
+    tiles = tuple(Tile(label, unit, blank, "") for label, unit in _tile_labels(units))
+    return RunView(status, AlarmsView((), _("no values yet")),
+                   RatesView(blank, blank, units.rate.name, "", blank, None, ""), tiles,
+                   HeadsView(blank, tuple(Head(n, "--", None, False) for n in range(1, 7)), ""), ())
+
+
+def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]) -> StatusView:
+    row = frame.row
+    state = row.state or ""
+    own = (_("SIMULATED"),) if frame.simulated else ()
+    silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
+    return StatusView(state, words.STATE_SYMBOLS.get(state, " "), words.state_word(row.state),
+                      words.strategy_word(row.strategy), words.source_word(row.target_source), own + marks,
+                      silent, wall_clock(row.utc, utc_offset_s), duration(row.time_s))
+
+
+def alarms(frame: Frame, utc_offset_s: float) -> AlarmsView:
+    """Alarms: red before amber, unacknowledged before acknowledged, else in the order that safety gives (worst first)."""
+    ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
+    lines = []
+    for alarm in ordered:
+        said = words.alarm_words(alarm)
+        lasted_s = max(0.0, frame.at_s - alarm.since_s)
+        since = wall_clock(frame.row.utc, utc_offset_s, lasted_s)
+        since = f"{since} ({duration(lasted_s)})" if since else duration(lasted_s)
+        lines.append(AlarmLine(alarm.id, alarm.severity, alarm.acknowledged, words.SEVERITY_SYMBOLS[alarm.severity],
+                               _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since))
+    return AlarmsView(tuple(lines), _("no alarms"))
+
+
+def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
+    row = frame.row
+    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)
+    level = ""
+    if error is not None and abs(error) > ERROR_AMBER:
+        level = "red" if abs(error) > ERROR_RED else "amber"
+    nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
+    return RatesView(Shown(units.rate.text(row.target_rate_kg_ha), old),
+                     Shown(units.rate.text(row.applied_rate_kg_ha), old), units.rate.name, nudge,
+                     Shown("--" if error is None else f"{round(100 * error) + 0:+d} %", old),
+                     None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2), level)
+
+
+def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
+    return ((_("speed"), units.speed.name), (_("shaft"), units.shaft.name), (_("opening"), units.opening.name),
+            (_("hopper"), units.mass.name))
+
+
+def _tiles(frame: Frame, old: bool, units: Units) -> tuple[Tile, ...]:
+    row = frame.row
+    board_old = old or _device_old(frame, "board")
+    speed_mps = row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps
+    usable = frame.usable_speed_mps
+    fast = usable is not None and speed_mps is not None and speed_mps > usable
+    low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
+    speed_below = _("max {speed}").format(speed=units.speed.text(usable)) if usable is not None else ""
+    left = frame.metres_left_m
+    hopper_below = _("{distance} left").format(distance=units.distance.full(left)) if left is not None else ""
+    below = (speed_below, _set(units.shaft.text(row.shaft_rpm_cmd)), _set(units.opening.text(row.opening_mm_cmd)),
+             hopper_below)
+    values = (Shown(units.speed.text(speed_mps), old), Shown(units.shaft.text(row.shaft_rpm), board_old),
+              Shown(units.opening.text(row.opening_mm), board_old), Shown(units.mass.text(row.hopper_kg), board_old))
+    levels = ("amber" if fast else "", "", "", "amber" if low else "")
+    return tuple(Tile(label, unit, value, under, level) for (label, unit), value, under, level
+                 in zip(_tile_labels(units), values, below, levels, strict=True))
+
+
+def _set(value: str) -> str:
+    return _("set {value}").format(value=value)
+
+
+def _heads(frame: Frame, old: bool) -> HeadsView:
+    row = frame.row
+    old = old or _device_old(frame, "heads")
+    readings = (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
+    heads = tuple(Head(n, "--" if value is None else f"{value:.2f}",
+                       None if value is None else round(max(0.0, min(1.0, value)), 2), n in frame.dropped_heads)
+                  for n, value in enumerate(readings, 1))
+    good = sum(head.share is not None and not head.dropped for head in heads)
+    return HeadsView(Shown("--" if row.ndvi is None else f"{row.ndvi:.2f}", old), heads,
+                     _("{good} of {all} heads").format(good=good, all=len(heads)))
+
+
+def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
+    row = frame.row
+    old = age_s > STALE_S
+    gnss_age_s = None if frame.gnss_age_s is None else frame.gnss_age_s + (age_s if old else 0.0)
+    gnss_old = old or gnss_age_s is None or gnss_age_s > STALE_S
+    fix = words.fix_word(row.fix_quality)
+    satellites = "--" if row.satellites is None else str(row.satellites)
+    hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
+    age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"
+    mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
+    lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}"
+    trim = "--" if row.flow_trim is None else f"{row.flow_trim:.3f}"
+    items = [
+        Item(_("GNSS"), Shown(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)),
+        Item(_("fix age"), Shown(f"{age} s  {hz} Hz", gnss_old)),
+        Item(_("look-ahead"), Shown(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)),
+        Item(_("scale trim"), Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old)),
+        Item(_("done"), Shown(units.area.full(frame.area_ha), old)),
+        Item(_("applied"), Shown(f"{units.mass.full(frame.applied_kg)}  "
+                                 f"{_('mean {rate}').format(rate=units.rate.text(mean))}", old)),
+    ]
+    items += [Item(_("note"), Shown(_(words.NOTES.get(note, note)), old)) for note in frame.notes]
+    return tuple(items)
+
+
+def _device_old(frame: Frame, name: str) -> bool:
+    return any(device.name == name and (device.age_s is None or device.age_s > STALE_S) for device in frame.devices)

@@ -1,0 +1,79 @@
+"""The base of all panels: one frozen view in, lines out, and no drawing while the view stays the same."""
+from __future__ import annotations
+
+from typing import ClassVar, Generic, TypeVar
+
+from rich.cells import cell_len, set_cell_size
+from textual.content import Content
+from textual.widget import Widget
+
+V = TypeVar("V")
+Part = str | tuple[str, str]
+
+
+class Panel(Widget, Generic[V]):
+    """Shows `view`; `redraws` counts how often that was asked of the screen."""
+
+    ALLOW_SELECT = False
+    can_focus = False
+    DEFAULT_CLASSES = "panel"
+    COMPONENT_CLASSES: ClassVar[set[str]] = set()
+
+    def __init__(self, view: V, *, id: str | None = None, classes: str | None = None) -> None:
+        super().__init__(id=id, classes=classes)
+        self.view = view
+        self.redraws = 0
+
+    def show(self, view: V) -> None:
+        """Take a new view; the screen is touched only when it differs from the old one."""
+        if view != self.view:
+            self.view = view
+            self.redraws += 1
+            self.refresh()
+
+    def render(self) -> Content:
+        width, height = self.content_size
+        lines = self.lines(self.view, width, height)[:height]
+        return Content("\n").join(lines)
+
+    def lines(self, view: V, width: int, height: int) -> list[Content]:
+        """The panel's rows, each of exactly or less than `width` cells."""
+        raise NotImplementedError
+
+
+def line(*parts: Part) -> Content:
+    """One row of texts and (text, style) pairs; empty texts may be given."""
+    return Content.assemble(*parts)
+
+
+def fit(text: str, width: int) -> str:
+    """Exactly `width` cells: cut, or filled with spaces. A text that is cut ends in two points."""
+    if width <= 0:
+        return ""
+    if cell_len(text) <= width:
+        return set_cell_size(text, width)
+    if width <= 3:
+        return set_cell_size(text, width)
+    return set_cell_size(text, width - 2) + ".."
+
+
+def right(text: str, width: int) -> str:
+    """Exactly `width` cells, flush right."""
+    return " " * max(0, width - cell_len(text)) + text if cell_len(text) <= width else fit(text, width)
+
+
+def spread(left: list[Part], end: list[Part], width: int) -> Content:
+    """One row with parts at its left and right ends; what does not fit is lost from the left parts' end."""
+    def cells(parts: list[Part]) -> int:
+        return sum(cell_len(part if isinstance(part, str) else part[0]) for part in parts)
+
+    room = width - cells(end)
+    kept: list[Part] = []
+    for part in left:
+        text, style = (part, "") if isinstance(part, str) else part
+        have = room - cells(kept)
+        if cell_len(text) > have:
+            text = fit(text, have)
+        kept.append((text, style) if style else text)
+    gap = max(0, width - cells(kept) - cells(end))
+    return line(*kept, " " * gap, *end)

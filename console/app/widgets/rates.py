@@ -1,0 +1,54 @@
+"""Target and applied rate, the largest things on the screen, and the bar of their difference."""
+from __future__ import annotations
+
+from rich.cells import cell_len
+from textual.content import Content
+
+from console.app.digits import draw
+from console.app.view import ERROR_SPAN, RatesView, Shown
+from console.app.widgets.panel import Panel, fit, line
+from console.locale import _
+
+_LEVELS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
+_MARKS = {"": " ", "amber": "!", "red": "✖"}
+
+
+class Rates(Panel[RatesView]):
+    """7 rows: labels, numerals of 5 rows, the error bar."""
+
+    def lines(self, view: RatesView, width: int, height: int) -> list[Content]:
+        half = width // 2
+        nudge = f"  {_('nudge')} {view.nudge}" if view.nudge else ""
+        label = _("target")
+        rows = [line((fit(f" {label}", cell_len(label) + 2), "bold $target"),
+                     (fit(f"{view.unit}{nudge}", half - cell_len(label) - 2), "$muted"),
+                     (" " + _("applied") + " ", "bold $applied"), (view.unit, "$muted"))]
+        target, applied = self._numeral(view.target), self._numeral(view.applied)
+        target_style = "$stale" if view.target.stale else "$target"
+        applied_style = "$stale" if view.applied.stale else "$applied"
+        rows += [line(" ", (fit(a, half - 1), target_style), " ", (fit(b, width - half - 1), applied_style))
+                 for a, b in zip(target, applied, strict=True)]
+        if height > 7:
+            rows.append(line(""))
+        rows.append(self._bar(view, width))
+        return rows
+
+    @staticmethod
+    def _numeral(shown: Shown) -> tuple[str, ...]:
+        return draw(shown.text, scale=2)
+
+    @staticmethod
+    def _bar(view: RatesView, width: int) -> Content:
+        """`error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, so that sign and size are one look."""
+        style = "$stale" if view.error.stale else _LEVELS[view.level]
+        label = f" {_('error')} "
+        value = f" {_MARKS[view.level]}{view.error.text:>6} "
+        low, high = f"-{ERROR_SPAN:.0%} ", f" +{ERROR_SPAN:.0%}"
+        room = width - sum(cell_len(part) for part in (label, value, low, high))
+        arm = max(2, (room - 1) // 2)
+        share = view.error_share or 0.0
+        filled = min(arm, round(abs(share) * arm))
+        left = " " * (arm - filled) + "█" * filled if share < 0 else " " * arm
+        right = "█" * filled + " " * (arm - filled) if share > 0 else " " * arm
+        return line((label, "$muted"), (low, "$muted"), (left, f"{style} on $track"), ("┃", "bold on $track"),
+                    (right, f"{style} on $track"), (high, "$muted"), (value, f"bold {style}"))

@@ -1,0 +1,30 @@
+"""Speed, shaft, opening, hopper: a label, numerals of 3 rows, and what was commanded or is left."""
+from __future__ import annotations
+
+from rich.cells import cell_len
+from textual.content import Content
+
+from console.app.digits import draw
+from console.app.view import Tile
+from console.app.widgets.panel import Panel, Part, fit, line
+
+ROWS = 5
+
+
+class Tiles(Panel[tuple[Tile, ...]]):
+    """5 rows, all tiles side by side at equal width."""
+
+    def lines(self, view: tuple[Tile, ...], width: int, height: int) -> list[Content]:
+        each = width // max(1, len(view))
+        rows: list[list[Part]] = [[] for _row in range(ROWS)]
+        for tile in view:
+            style = "$stale" if tile.value.stale else "$foreground"
+            unit_room = each - cell_len(tile.label) - 2
+            rows[0] += [(f" {tile.label} ", "bold"), (fit(tile.unit, unit_room), "$muted")]
+            for index, text in enumerate(draw(tile.value.text)):
+                rows[1 + index] += [" ", (fit(text, each - 1), style)]
+            mark = "! " if tile.level else ""
+            under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
+            text = fit(mark + tile.below, each - 2) if tile.level else fit(tile.below, each - 2)
+            rows[4] += [" ", (text, under), " "]
+        return [line(*row) for row in rows]

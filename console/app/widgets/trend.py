@@ -1,0 +1,118 @@
+"""Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import ClassVar, NamedTuple
+
+from rich.segment import Segment
+from textual.strip import Strip
+
+from console.app.history import TREND_SPAN_S, Point
+from console.app.scale import calm_top
+from console.app.units import Unit
+from console.app.view import duration
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.panel import right
+from console.locale import _
+
+_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))     # row, column of a braille cell
+_AXIS = 6
+
+
+class TrendView(NamedTuple):
+    points: tuple[Point, ...]
+    unit: Unit
+    stale: bool = False
+    span_s: float = TREND_SPAN_S
+
+
+Dots = dict[tuple[int, int], int]            # (column, row) of a cell -> braille bits
+
+
+def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int, thick: bool) -> Dots:
+    """Braille cells of a line through (x, y), x and y in 0 ... 1 of the plot; None breaks the line.
+
+    columns, rows: the plot in cells. thick: two dots high, so that two lines differ without colour.
+    """
+    wide, high = columns * 2, rows * 4
+    cells: Dots = {}
+
+    def dot(x: int, y: int) -> None:
+        if 0 <= x < wide and 0 <= y < high:
+            place = (x // 2, y // 4)
+            cells[place] = cells.get(place, 0) | _DOTS[y % 4][x % 2]
+
+    last: tuple[int, int] | None = None
+    for share_x, share_y in values:
+        if share_y is None:
+            last = None
+            continue
+        x = round(share_x * (wide - 1))
+        y = high - 1 - round(max(0.0, min(1.0, share_y)) * (high - 1))
+        for across, down in _between(last, (x, y)):
+            dot(across, down)
+            if thick:
+                dot(across, down + 1 if down + 1 < high else down - 1)
+        last = (x, y)
+    return cells
+
+
+def _between(start: tuple[int, int] | None, end: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Dots from the last value to the next: held level, then straight up or down (a step, as the drives see it)."""
+    if start is None:
+        yield end
+        return
+    for x in range(start[0], end[0]):
+        yield x, start[1]
+    low, high = sorted((start[1], end[1]))
+    for y in range(low, high + 1):
+        yield end[0], y
+
+
+class Trend(Canvas[TrendView]):
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--target", "trend--applied", "trend--muted", "trend--title",
+                                             "trend--stale"}
+
+    def paint(self, view: TrendView, width: int, height: int) -> list[Strip]:
+        plot_rows, plot_columns = height - 2, width - _AXIS - 1
+        if plot_rows < 2 or plot_columns < 10:
+            return []
+        muted = self.style("trend--muted")
+        target_style = self.style("trend--stale" if view.stale else "trend--target")
+        applied_style = self.style("trend--stale" if view.stale else "trend--applied")
+        unit = view.unit
+        largest = max((v for p in view.points for v in p[1:] if v is not None), default=0.0)
+        top = calm_top(largest * unit.per_si)
+        now_s = view.points[-1].time_s if view.points else 0.0
+
+        def line(of: int) -> list[tuple[float, float | None]]:
+            return [(1 - (now_s - point.time_s) / view.span_s,
+                     None if point[of] is None else point[of] * unit.per_si / top)
+                    for point in view.points]
+
+        targets = trace(line(1), plot_columns, plot_rows, thick=False)
+        applieds = trace(line(2), plot_columns, plot_rows, thick=True)
+        rows = [self.text_strip(width, (f" {_('trend')} ", self.style("trend--title")), (f"{unit.name}   ", muted),
+                                ("⠤⠤⠤ ", target_style), (f"{_('target')}   ", target_style),
+                                ("⠶⠶⠶ ", applied_style), (_("applied"), applied_style))]
+        labels = {0: f"{top:.0f}", plot_rows - 1: "0"}
+        if plot_rows >= 5:
+            labels[(plot_rows - 1) // 2] = f"{top / 2:.0f}"
+        for row in range(plot_rows):
+            segments = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
+            segments += self._cells(row, plot_columns, targets, applieds, target_style, applied_style)
+            rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))
+        start = f"-{duration(view.span_s)}"
+        middle = f"-{duration(view.span_s / 2)}"
+        now = _("now")
+        gap = plot_columns // 2 - len(start) - len(middle) // 2
+        rest = right(now, plot_columns - len(start) - gap - len(middle))
+        rows.append(self.text_strip(width, (" " * _AXIS + start + " " * gap + middle + rest, muted)))
+        return rows
+
+    def _cells(self, row: int, columns: int, targets: Dots, applieds: Dots, target_style, applied_style
+               ) -> Iterator[Segment]:
+        for column in range(columns):
+            below, above = targets.get((column, row), 0), applieds.get((column, row), 0)
+            style = applied_style if above else target_style
+            yield Segment(chr(0x2800 | below | above) if below or above else " ", style)

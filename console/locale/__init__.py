@@ -1,0 +1,80 @@
+"""Words shown to people, by the language in use. English stands in the code; other languages in `<language>.po`.
+
+The catalogues are read as they are, so no tool has to compile them. `_` translates now, `N_` only marks a text that a
+table holds and that is translated when it is shown.
+"""
+from __future__ import annotations
+
+import gettext
+import os
+from functools import cache
+from pathlib import Path
+
+from console.locale.po import read_po
+
+ENGLISH = "en"
+_FOLDER = Path(__file__).parent
+
+
+class Catalogue(gettext.NullTranslations):
+    """One language's texts. A text that it does not hold comes back in English."""
+
+    def __init__(self, texts: dict[str, str]) -> None:
+        super().__init__()
+        self.texts = texts
+
+    def gettext(self, message: str) -> str:
+        return self.texts.get(message) or message
+
+
+@cache
+def catalogue(language: str) -> Catalogue:
+    """The catalogue of a language code such as "zh".
+
+    Raises ValueError in one line when there is no such catalogue.
+    """
+    if language == ENGLISH:
+        return Catalogue({})
+    path = _FOLDER / f"{language}.po"
+    if language not in languages():
+        raise ValueError(f"language: {language!r} is not known; allowed: {', '.join(languages())}")
+    return Catalogue(read_po(path.read_text(encoding="utf-8"), path.name))
+
+
+def languages() -> tuple[str, ...]:
+    """Codes of all languages that can be used, English first."""
+    return (ENGLISH, *sorted(path.stem for path in _FOLDER.glob("*.po")))
+
+
+def preferred(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
+    """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it is not known."""
+    for name in ("LC_ALL", "LC_MESSAGES", "LANG"):
+        code = environment.get(name, "").split(".")[0].split("_")[0].lower()
+        if code in languages():
+            return code
+    return ENGLISH
+
+
+_in_use = catalogue(ENGLISH)
+_code = ENGLISH
+
+
+def use(language: str) -> None:
+    """From now on texts are shown in this language. Raises ValueError when it is not known."""
+    global _in_use, _code
+    _in_use, _code = catalogue(language), language
+
+
+def in_use() -> str:
+    """Code of the language in use."""
+    return _code
+
+
+def _(message: str) -> str:
+    """The text in the language in use; empty stays empty."""
+    return _in_use.gettext(message) if message else message
+
+
+def N_(message: str) -> str:
+    """Marks a text for the catalogue and gives it back as it is."""
+    return message

@@ -1,0 +1,43 @@
+"""Reads gettext's .po text: the plain part of it (msgid, msgstr, continued lines, comments)."""
+from __future__ import annotations
+
+import ast
+
+
+def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
+    """msgid -> msgstr of every entry; the header (empty msgid) and entries marked fuzzy are left out.
+
+    Raises ValueError naming the file and line where a line cannot be read.
+    """
+    texts: dict[str, str] = {}
+    fields: dict[str, str] = {}
+    current = ""
+    fuzzy = False
+
+    def close() -> None:
+        if fields.get("msgid") and not fuzzy:
+            texts[fields["msgid"]] = fields.get("msgstr", "")
+
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.strip()
+        if line.startswith("#"):
+            if line.startswith("#,") and "fuzzy" in line:
+                close()
+                fields, fuzzy = {}, True
+            continue
+        if not line:
+            continue
+        keyword, _space, quoted = line.partition(" ") if line.startswith("msg") else (current, "", line)
+        if keyword not in ("msgid", "msgstr"):
+            raise ValueError(f"{name}, line {number}: {line[:40]!r} is not understood; allowed: msgid, msgstr, #")
+        if keyword == "msgid" and line.startswith("msgid") and "msgid" in fields:
+            close()
+            fields, fuzzy = {}, False
+        current = keyword
+        try:
+            piece = ast.literal_eval(quoted)
+        except (SyntaxError, ValueError):
+            raise ValueError(f"{name}, line {number}: {quoted[:40]!r} is not a quoted text") from None
+        fields[keyword] = fields.get(keyword, "") + piece
+    close()
+    return texts
