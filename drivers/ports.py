@@ -219,10 +219,11 @@ class ThreadedPort:
     """
 
     def __init__(self, name: str, opener: Callable[[], Stream], clock: Clock,
-                 first_back_off_s: float = FIRST_BACK_OFF_S) -> None:
+                 first_back_off_s: float = FIRST_BACK_OFF_S, longest_back_off_s: float = LONGEST_BACK_OFF_S) -> None:
         self._name = name
         self._opener = opener
         self._first_back_off_s = first_back_off_s
+        self._longest_back_off_s = longest_back_off_s
         self._inbox = _Inbox(clock)
         self._outbox: deque[bytes] = deque()
         self._to_send = threading.Condition()
@@ -230,10 +231,11 @@ class ThreadedPort:
         self._stream: Stream | None = None
         self._connects = 0
         self._last_error = "not yet opened"
-        self._threads = [threading.Thread(target=work, name=f"{name} {what}", daemon=True)
-                         for what, work in (("reader", self._keep_reading), ("writer", self._keep_writing))]
-        for thread in self._threads:
-            thread.start()
+        self._closing = False
+        self._reader = threading.Thread(target=self._keep_reading, name=f"{name} reader", daemon=True)
+        self._writer = threading.Thread(target=self._keep_writing, name=f"{name} writer", daemon=True)
+        self._reader.start()
+        self._writer.start()
 
     @property
     def name(self) -> str:
@@ -257,11 +259,13 @@ class ThreadedPort:
         return self._inbox.state(self._stream is not None, self._connects, self._last_error)
 
     def close(self) -> None:
-        self._stop.set()
+        """Send what is queued (a last stop, say), then give the line back; takes a second at most."""
         with self._to_send:
-            self._to_send.notify_all()
-        for thread in self._threads:
-            thread.join(timeout=2 * WRITE_TIMEOUT_S)
+            self._closing = True
+            self._to_send.notify()
+        self._writer.join(timeout=WRITE_TIMEOUT_S)
+        self._stop.set()
+        self._reader.join(timeout=WRITE_TIMEOUT_S)
 
     def _keep_reading(self) -> None:
         back_off_s = self._first_back_off_s
@@ -271,7 +275,7 @@ class ThreadedPort:
             except (OSError, ValueError) as error:
                 self._last_error = str(error)
                 self._stop.wait(back_off_s)
-                back_off_s = min(2.0 * back_off_s, LONGEST_BACK_OFF_S)
+                back_off_s = min(2.0 * back_off_s, self._longest_back_off_s)
                 continue
             self._connect(stream)
             if self._read_until_lost(stream):
@@ -294,13 +298,14 @@ class ThreadedPort:
         return received
 
     def _keep_writing(self) -> None:
-        while not self._stop.is_set():
+        while True:
             with self._to_send:
-                while not self._outbox and not self._stop.is_set():
+                while not self._outbox and not self._closing:
                     self._to_send.wait()
-                stream = self._stream
-                data = self._outbox.popleft() if self._outbox else b""
-            if stream is None or not data:
+                if not self._outbox:
+                    return
+                stream, data = self._stream, self._outbox.popleft()
+            if stream is None:
                 continue
             try:
                 stream.write(data)

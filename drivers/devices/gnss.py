@@ -39,12 +39,17 @@ class GnssDecoder:
     live : hand over at the earliest moment (see the module's text). False, for recordings: each epoch once, whole,
         when the next one begins or at `flush`.
 
-    Counted as rejected: `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`, `time_backwards` (earlier
-    than the epoch before, and a VTG that follows; after 5 s of time running on from there it is taken for the
-    receiver's new clock), `duplicate_epoch` (the same talker says the same type for the same time again; the first
-    stays), `garbage` (text that is no sentence), `overlong`. Counted as ignored: every other sentence type by its name, `no_fix`, `comment`
-    (lines beginning with #), `other_talker` (a second constellation's sentence for the same epoch; the first stays),
-    `no_epoch` (VTG carries no time, and there is no epoch yet that it could belong to).
+    Counted as rejected:
+    `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`;
+    `time_backwards`: earlier than the epoch before, and a VTG that follows. After 5 s of time running on from there
+    it is taken for the receiver's new clock;
+    `duplicate_epoch`: the same talker says the same type for the same time again; the first stays;
+    `garbage` (text that is no sentence), `overlong`.
+
+    Counted as ignored:
+    every other sentence type by its name, `no_fix`, `comment` (lines beginning with #);
+    `other_talker`: a second constellation's sentence for the same epoch; the first stays;
+    `no_epoch`: VTG carries no time, and there is no epoch yet that it could belong to.
     """
 
     def __init__(self, live: bool = True) -> None:

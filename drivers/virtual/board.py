@@ -1,0 +1,81 @@
+"""The slave board's program as the virtual machine runs it: commands in, safe stop, status lines out."""
+from __future__ import annotations
+
+from control.readings import DriveCommand
+from drivers.devices.board_frames import (
+    FLAG_DRIVER_FAULT,
+    FLAG_ENABLED,
+    FLAG_HEARTBEAT_LOST,
+    SILENT_HOST_S,
+    BadFrame,
+    CommandFrame,
+    StatusFrame,
+    decode_command,
+    encode_status,
+    is_repeat,
+)
+from drivers.devices.lines import Counts, LineCutter
+from drivers.virtual.encoders import Sensed
+
+
+class VirtualBoard:
+    """One board. After power-on, and after the host was silent for a second, it stands still until it has received a
+    command with enable 0; the next one with enable 1 then turns the drives.
+    """
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self.driver_fault = False           # set by tests and by fault injection
+        self._cutter = LineCutter(longest=120)
+        self._command = CommandFrame(0, 0.0, 0.0, False)
+        self._heard_s: float | None = None
+        self._last_seq: int | None = None
+        self._armed = False
+        self._heartbeat_lost = False
+        self._status_seq = 0
+        self._pulses = 0
+        self._pulse_s = 0.0
+
+    def feed(self, data: bytes, now_s: float) -> None:
+        """Commands received at `now_s`; wrong ones are counted by kind and change nothing."""
+        for line in self._cutter.feed(data):
+            for frame in line.split(b"$")[1:]:
+                try:
+                    self._take(decode_command(frame), now_s)
+                except BadFrame as kind:
+                    self.counts.reject(str(kind))
+
+    def set_points(self, now_s: float) -> tuple[DriveCommand, bool]:
+        """What the drives follow at `now_s`, and whether they are enabled. Stopped: shaft 0, the gate stays."""
+        if self._heard_s is not None and now_s - self._heard_s > SILENT_HOST_S:
+            self._heartbeat_lost, self._armed = True, False
+        enabled = self._armed and self._command.enable and not self.driver_fault
+        return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._command.opening_mm), enabled
+
+    def status(self, sensed: Sensed, now_s: float) -> bytes:
+        """The status line of this tick. A plant may tell the moment of its last pulse as `wheel_pulse_s` (on its own
+        clock, `Sensed.time_s`); otherwise a pulse is taken to have come at the end of its tick.
+        """
+        if sensed.wheel_pulses != self._pulses:
+            self._pulses = sensed.wheel_pulses
+            self._pulse_s = getattr(sensed, "wheel_pulse_s", None) or sensed.time_s
+        enabled = self.set_points(now_s)[1]
+        flags = (FLAG_ENABLED * enabled | FLAG_HEARTBEAT_LOST * self._heartbeat_lost
+                 | FLAG_DRIVER_FAULT * self.driver_fault)
+        line = encode_status(StatusFrame(
+            self._status_seq, self._last_seq or 0, round(sensed.time_s * 1e6), self._pulses,
+            round(self._pulse_s * 1e6), sensed.shaft_rpm, sensed.opening_mm, sensed.hopper_kg, sensed.supply_v,
+            sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags))
+        self._status_seq += 1
+        return line
+
+    def _take(self, command: CommandFrame, now_s: float) -> None:
+        silent = self._heard_s is None or now_s - self._heard_s > SILENT_HOST_S
+        if not silent and is_repeat(command.seq, self._last_seq):
+            raise BadFrame("repeated_sequence")
+        if silent:
+            self._armed = False
+        if not command.enable:
+            self._armed, self._heartbeat_lost = True, False
+        self._last_seq, self._heard_s, self._command = command.seq, now_s, command
+        self.counts.accept()

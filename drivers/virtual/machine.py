@@ -1,0 +1,99 @@
+"""The virtual machine: a plant whose sensors and drives are reached through ports and bytes only."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
+from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
+from drivers.ports import Clock, MemoryPort, Port, memory_pair
+from drivers.virtual.board import VirtualBoard
+from drivers.virtual.encoders import Plant, gnss_sentences, head_line
+
+LONGEST_CATCH_UP_S = 5.0        # after a longer pause (a suspended computer) the rest of it is left out
+
+
+class VirtualMachine:
+    """Steps a plant up to the time it is told and exchanges bytes on its ends of the ports.
+
+    Parameters
+    ----------
+    plant : stepped `plant.dt_s` at a time; its time 0 is `start_s`.
+    gnss, board : the machine's ends of those two lines.
+    heads : one end a head, or one end for all of them where the line is multiplexed.
+    layout : how a head writes its line.
+    multiplexed : all heads on the one port in `heads`, each line preceded by its head.
+    start_s : on the same clock as `advance`.
+    """
+
+    def __init__(self, plant: Plant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
+                 layout: FieldMap = PROTOCOLS["greenseeker"], multiplexed: bool = False) -> None:
+        self.board = VirtualBoard()
+        self._plant = plant
+        self._gnss_port, self._head_ports, self._board_port = gnss, tuple(heads), board
+        self._layout = layout
+        self._multiplexed = multiplexed
+        self._start_s = start_s
+        self._steps = 0
+
+    def advance(self, now_s: float) -> int:
+        """Step the plant up to `now_s`; returns how many steps that were.
+
+        Commands that have arrived act from the first of these steps on; what the sensors say after a step is on its
+        line at once.
+        """
+        behind_s = now_s - self._start_s - self._steps * self._plant.dt_s
+        if behind_s > LONGEST_CATCH_UP_S:
+            self._start_s += behind_s - LONGEST_CATCH_UP_S
+        steps = 0
+        while self._start_s + (self._steps + 1) * self._plant.dt_s <= now_s + 1e-6:
+            self._step()
+            steps += 1
+        return steps
+
+    def close(self) -> None:
+        """Close the machine's ends of all lines."""
+        for port in (self._gnss_port, *self._head_ports, self._board_port):
+            port.close()
+
+    def _step(self) -> None:
+        begin_s = self._start_s + self._steps * self._plant.dt_s
+        self.board.feed(self._board_port.read(), begin_s)
+        sensed = self._plant.step(*self.board.set_points(begin_s))
+        self._steps += 1
+        if sensed.gnss is not None:
+            self._gnss_port.write(gnss_sentences(sensed.gnss))
+        if sensed.ndvi is not None:
+            self._write_heads(sensed.ndvi)
+        self._board_port.write(self.board.status(sensed, begin_s))
+
+    def _write_heads(self, ndvi: tuple[float, ...]) -> None:
+        if self._multiplexed:
+            self._head_ports[0].write(
+                b"".join(head_line(value, self._layout, head) for head, value in enumerate(ndvi, start=1)))
+            return
+        for port, value in zip(self._head_ports, ndvi, strict=True):
+            port.write(head_line(value, self._layout))
+
+
+def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "greenseeker", multiplexed: bool = False,
+                board: BoardConfig | None = None) -> tuple[Cab, VirtualMachine]:
+    """A cab and the virtual machine that it is plugged into, joined by ports in memory.
+
+    Parameters
+    ----------
+    heads : how many canopy heads the plant has.
+    protocol : how they write, one of `canopy_heads.PROTOCOLS`.
+    board : drive limits and wheel, where they differ from the nominal machine's; its port name is not used.
+
+    The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
+    """
+    head_names = ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))
+    names = ("memory:gnss", *head_names, "memory:board")
+    pairs: dict[str, tuple[MemoryPort, MemoryPort]] = {name: memory_pair(name, clock) for name in names}
+    config = CabConfig(
+        gnss=GnssConfig(port="memory:gnss"),
+        heads=HeadsConfig(protocol=protocol, ports=head_names, multiplexed=multiplexed, heads=heads),
+        board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}))
+    machine = VirtualMachine(plant, pairs["memory:gnss"][1], [pairs[name][1] for name in head_names],
+                             pairs["memory:board"][1], clock(), PROTOCOLS[protocol], multiplexed)
+    return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine
