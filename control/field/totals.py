@@ -1,0 +1,75 @@
+"""What a job amounts to so far: area, product, nitrogen, and how even the rate was over the worked area."""
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+_BIN_KG_HA = 0.25       # of the rate histogram behind C_uc; its error is below this over the mean rate
+
+
+class Totals(NamedTuple):
+    """Frozen. Rates are means over worked area; None before any was worked."""
+
+    area_ha: float                       # worked: width x way, overlaps included
+    applied_kg: float
+    applied_n_kg: float
+    target_kg: float                     # of the area whose target was known
+    worked_s: float
+    mean_rate_kg_ha: float | None
+    cv_percent: float | None             # area-weighted standard deviation over the mean
+    cuc_percent: float | None            # Christiansen's uniformity, paper A, eq 1, weighted by area
+    error_percent: float | None          # applied over target - 1, on the area whose target was known
+
+
+class Totaliser:
+    """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1.
+
+    Raises ValueError for a width that is not above 0 or a fraction outside 0 to 1.
+    """
+
+    def __init__(self, width_m: float, product_n_fraction: float) -> None:
+        if not width_m > 0.0:
+            raise ValueError(f"width {width_m:g} m: allowed is above 0")
+        if not 0.0 <= product_n_fraction <= 1.0:
+            raise ValueError(f"product_n_fraction {product_n_fraction:g}: allowed is 0 to 1")
+        self._width_m = width_m
+        self._n_fraction = product_n_fraction
+        self._area_ha = self._kg = self._kg2_ha = self._worked_s = 0.0
+        self._known_kg = self._target_kg = 0.0
+        self._bins: dict[int, tuple[float, float]] = {}      # rate bin -> (ha, kg)
+
+    def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
+            target_rate_kg_ha: float | None = None) -> None:
+        """One tick of work. Call it only where work is done (working, speed above the lowest, flow wanted or not).
+
+        step_s: time since the last tick, s. What is not known, not finite or negative adds nothing.
+        """
+        if speed_mps is None or applied_rate_kg_ha is None:
+            return
+        area_ha = self._width_m * speed_mps * step_s / 10_000.0
+        if not (0.0 < area_ha < math.inf and 0.0 <= applied_rate_kg_ha < math.inf):
+            return
+        kg = applied_rate_kg_ha * area_ha
+        self._worked_s += step_s
+        self._area_ha += area_ha
+        self._kg += kg
+        self._kg2_ha += kg * applied_rate_kg_ha
+        key = int(applied_rate_kg_ha / _BIN_KG_HA)
+        ha, in_bin = self._bins.get(key, (0.0, 0.0))
+        self._bins[key] = (ha + area_ha, in_bin + kg)
+        if target_rate_kg_ha is not None and 0.0 <= target_rate_kg_ha < math.inf:
+            self._known_kg += kg
+            self._target_kg += target_rate_kg_ha * area_ha
+
+    def snapshot(self) -> Totals:
+        """The totals so far; cheap enough for a few times a second."""
+        mean = self._kg / self._area_ha if self._area_ha > 0.0 else None
+        cv = cuc = None
+        if mean is not None and mean > 0.0:
+            variance = max(0.0, self._kg2_ha / self._area_ha - mean * mean)
+            cv = 100.0 * math.sqrt(variance) / mean
+            away_kg = sum(abs(kg - mean * ha) for ha, kg in self._bins.values())
+            cuc = 100.0 * (1.0 - away_kg / self._kg)
+        error = 100.0 * (self._known_kg / self._target_kg - 1.0) if self._target_kg > 0.0 else None
+        return Totals(self._area_ha, self._kg, self._kg * self._n_fraction, self._target_kg, self._worked_s, mean, cv,
+                      cuc, error)

@@ -1,0 +1,128 @@
+"""The bitmap under the outlets: nothing counted twice, nothing left out."""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from control.field.coverage import Coverage
+from control.geodesy import offset
+
+
+def straight(coverage, start, heading, metres, step_m=0.0625, flowing=True):
+    coverage.lay(start, heading, False)
+    for k in range(1, round(metres / step_m) + 1):
+        coverage.lay(offset(start, heading, k * step_m), heading, flowing)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0, 360), st.floats(-300, 300), st.floats(-300, 300), st.sampled_from([0.02, 0.0625, 0.5]))
+def test_a_pass_is_length_times_width_in_any_direction(heading, east, north, step_m):
+    coverage = Coverage(2.4)
+    straight(coverage, (east, north), heading, 40.0, step_m)
+    exact_m2 = 40.0 * 2.4
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(exact_m2, abs=0.2 * 40.0 + 0.2 * 2.4)
+    assert coverage.covered.overlap_ha == 0.0
+    assert coverage.covered.travelled_m == pytest.approx(40.0)
+
+
+def test_right_in_the_mean_over_headings():
+    areas = []
+    for heading in range(0, 360, 15):
+        coverage = Coverage(2.4)
+        straight(coverage, (0.07 * heading, 0.0), float(heading) + 3.3, 40.0, 0.2)
+        areas.append(coverage.covered.area_ha * 1e4)
+    assert np.mean(areas) == pytest.approx(96.0, rel=0.003)
+
+
+def test_neighbouring_passes_neither_overlap_nor_gape():
+    coverage = Coverage(2.4)
+    for k in range(4):
+        straight(coverage, (1.2 + 2.4 * k, 0.0), 0.0, 30.0)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(4 * 2.4 * 30.0, rel=1e-6)
+    assert coverage.covered.overlap_ha == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_same_pass_again_is_overlap_and_no_area():
+    coverage = Coverage(2.4)
+    straight(coverage, (1.2, 0.0), 0.0, 30.0)
+    straight(coverage, (1.2, 30.0), 180.0, 30.0)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(72.0, rel=1e-6)
+    # ground within revisit_m of the turning point was passed over less than that ago
+    assert coverage.covered.overlap_ha * 1e4 == pytest.approx(72.0 - 2.4 * 0.5 * coverage.revisit_m, rel=0.03)
+    half = Coverage(2.4)
+    straight(half, (1.2, 0.0), 0.0, 60.0)
+    straight(half, (2.4, 60.0), 180.0, 60.0)
+    assert half.covered.area_ha * 1e4 == pytest.approx(3.6 * 60.0, rel=1e-3)
+
+
+def test_a_tight_turn_is_not_its_own_overlap():
+    coverage = Coverage(2.4)
+    coverage.lay((5.0, 0.0), 0.0, False)
+    for degree in range(1, 181):
+        angle = math.radians(degree)
+        coverage.lay((5.0 * math.cos(angle), 5.0 * math.sin(angle)), -float(degree), True)
+    assert coverage.covered.overlap_ha == 0.0
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(math.pi / 2 * (6.2 ** 2 - 3.8 ** 2), rel=0.01)
+
+
+def test_only_what_flowed_counts_to_the_last_tick():
+    coverage = Coverage(2.4)
+    straight(coverage, (1.2, 0.0), 0.0, 20.0, flowing=False)
+    assert coverage.covered.area_ha == 0.0
+    coverage.lay((1.2, 20.0), 0.0, False)
+    for k in range(1, 17):
+        coverage.lay((1.2, 20.0 + 0.0625 * k), 0.0, True)
+    coverage.lay((1.2, 21.05), 0.0, False)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(2.4)
+
+
+def test_already_applied_is_about_earlier_passes():
+    coverage = Coverage(2.4)
+    straight(coverage, (1.2, 0.0), 0.0, 40.0)
+    assert coverage.already_applied((1.2, 10.0))
+    assert not coverage.already_applied((1.2, 39.0))          # just passed over: this pass's own ground
+    assert not coverage.already_applied((1.2, 41.0))
+    assert not coverage.already_applied((3.6, 10.0))
+    assert not coverage.already_applied((-500.0, 900.0))
+    assert not coverage.already_applied((math.nan, 0.0))
+    straight(coverage, (3.6, 40.0), 180.0, 20.0)
+    assert coverage.already_applied((1.2, 39.0))
+
+
+def test_a_lost_position_breaks_the_stretch():
+    coverage = Coverage(2.4)
+    straight(coverage, (1.2, 0.0), 0.0, 10.0)
+    coverage.lay((math.nan, 10.5), 0.0, True)
+    coverage.lay((1.2, 30.0), 0.0, True)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(24.0, rel=1e-6)
+    coverage.lay((1.2, 31.0), 0.0, True)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(26.4, rel=1e-6)
+
+
+def test_the_picture_shows_what_is_done_across_tiles():
+    coverage = Coverage(2.4)
+    assert not coverage.raster().done.any()
+    straight(coverage, (-30.0, -60.0), 20.0, 150.0)
+    west, south, cell, done = coverage.raster()
+    assert done.sum() * cell * cell == pytest.approx(coverage.covered.area_ha * 1e4)
+    for far in (1.0, 75.0, 149.0):
+        east, north = offset((-30.0, -60.0), 20.0, far)
+        assert done[int((north - south) / cell), int((east - west) / cell)]
+    assert not done[int((0 - south) / cell), int((-40 - west) / cell)]
+
+
+def test_standing_still_does_nothing():
+    coverage = Coverage(2.4)
+    for heading in range(0, 720, 7):
+        coverage.lay((3.0, 4.0), float(heading), True)
+    assert coverage.covered == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("width", "cell"), [(2.4, 0.0), (2.4, 1.3), (0.0, 0.2), (2.4, math.nan)])
+def test_cells_that_do_not_fit_are_refused(width, cell):
+    with pytest.raises(ValueError, match="allowed is a cell"):
+        Coverage(width, cell)
