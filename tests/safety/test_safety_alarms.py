@@ -1,0 +1,241 @@
+"""The list of alarms, how each is raised, latched, acknowledged and gone."""
+from __future__ import annotations
+
+import json
+from math import inf, nan
+from string import Formatter
+
+import numpy as np
+import pytest
+
+from control.orders import Do, Severity, State, TargetSource
+from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS
+
+MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
+
+# alarm, what brings it about, seconds before which it is not there, seconds by which it is, state then
+RAISED = [
+    ("shaft_silent", {"shaft_age_s": 0.51}, 0.0, 0.05, State.FAULT),
+    ("gate_silent", {"gate_age_s": 0.51}, 0.0, 0.05, State.FAULT),
+    ("hopper_empty", {"hopper_kg": 0.3}, 0.9, 1.1, State.HELD),
+    ("rate_above_limit", {"applied_rate_kg_ha": 1100.0, "expected_rate_kg_ha": None}, 0.9, 1.1, State.HELD),
+    ("speed_silent", {"speed_used_mps": None}, 1.9, 2.1, State.HELD),
+    ("console_silent", {"console_age_s": 2.1}, 0.0, 0.05, State.HELD),
+    ("log_failed", {"log_ok": False}, 0.0, 0.05, State.WORKING),
+    ("position_lost", {"target_source": MAP, "position_ok": False}, 0.0, 0.05, State.WORKING),
+    ("position_lost", {"target_source": POINT, "position_ok": False}, 0.0, 0.05, State.WORKING),
+    ("wheel_fault", {"wheel_mps": 0.0, "gnss_mps": 0.55}, 0.4, 0.6, State.WORKING),
+    ("target_refused", {"target_rate_kg_ha": nan}, 0.0, 0.05, State.WORKING),
+    ("rate_far_off", {"applied_rate_kg_ha": 365.0}, 1.9, 2.1, State.WORKING),
+    ("rate_far_off", {"applied_rate_kg_ha": 235.0}, 1.9, 2.1, State.WORKING),
+    ("rate_off", {"applied_rate_kg_ha": 335.0}, 2.9, 3.1, State.WORKING),
+    ("rate_off", {"applied_rate_kg_ha": 26.0, "expected_rate_kg_ha": 20.0, "target_rate_kg_ha": 20.0},
+     2.9, 3.1, State.WORKING),
+    ("gnss_silent", {"gnss_age_s": 0.55}, 0.0, 0.05, State.WORKING),
+    ("gnss_silent", {"gnss_age_s": 2.6, "gnss_period_s": 1.0}, 0.0, 0.05, State.WORKING),
+    ("gnss_silent", {"fix_quality": 0}, 0.0, 0.05, State.WORKING),
+    ("ndvi_silent", {"ndvi_age_s": 2.1}, 0.0, 0.05, State.WORKING),
+    ("ndvi_silent", {"ndvi_age_s": None}, 0.0, 0.05, State.WORKING),
+    ("ndvi_silent", {"ndvi_age_s": nan}, 0.0, 0.05, State.WORKING),
+    ("heads_few", {"valid_heads": 3}, 0.0, 0.05, State.WORKING),
+    ("hopper_low", {"hopper_kg": 29.0}, 0.9, 1.1, State.WORKING),
+    ("lead_short", {"usable_speed_mps": 2.04}, 0.0, 0.05, State.WORKING),
+    ("scale_silent", {"scale_age_s": 2.1}, 0.0, 0.05, State.WORKING),
+]
+SILENT = [
+    ("gnss_silent", {"gnss_age_s": 0.45}), ("gnss_silent", {"gnss_age_s": 2.4, "gnss_period_s": 1.0}),
+    ("ndvi_silent", {"ndvi_age_s": 1.9}), ("ndvi_silent", {"ndvi_age_s": None, "target_source": MANUAL}),
+    ("heads_few", {"valid_heads": 4}), ("heads_few", {"valid_heads": None}),
+    ("heads_few", {"valid_heads": 2, "target_source": MAP}),
+    ("position_lost", {"target_source": MANUAL, "position_ok": False}),
+    ("wheel_fault", {"wheel_mps": 0.0, "gnss_mps": 0.45}),
+    ("rate_off", {"applied_rate_kg_ha": 329.0}), ("rate_off", {"applied_rate_kg_ha": None}),
+    ("rate_off", {"applied_rate_kg_ha": 24.0, "expected_rate_kg_ha": 20.0, "target_rate_kg_ha": 20.0}),
+    ("rate_far_off", {"applied_rate_kg_ha": 359.0}), ("hopper_low", {"hopper_kg": 31.0}),
+    ("hopper_empty", {"hopper_kg": 0.6}), ("console_silent", {"console_age_s": None}),
+]
+
+
+@pytest.mark.parametrize(("alarm", "changes", "not_before_s", "by_s", "state"), RAISED)
+def test_raised_in_time_and_not_before(working, alarm, changes, not_before_s, by_s, state):
+    run = working()
+    if not_before_s:
+        run.tick(not_before_s, **changes)
+        assert alarm not in run.alarm_ids()
+        run.tick(by_s - not_before_s, **changes)
+    else:
+        run.tick(by_s, **changes)
+    assert alarm in run.alarm_ids()
+    assert run.verdict.state is state
+
+
+@pytest.mark.parametrize(("alarm", "changes"), SILENT)
+def test_not_raised_inside_the_limit(working, alarm, changes):
+    run = working()
+    run.tick(5.0, **changes)
+    assert alarm not in run.alarm_ids()
+
+
+def test_every_alarm_of_the_list_is_raised_by_a_test():
+    elsewhere = {"calibration_moved", "flow_missing"}
+    assert {row[0] for row in RAISED} | elsewhere == set(ALARMS)
+
+
+def test_nothing_is_raised_while_all_is_well(working):
+    assert working().tick(60.0).alarms == ()
+
+
+def test_the_list_is_whole():
+    for alarm_id, kind in ALARMS.items():
+        assert kind.id == alarm_id
+        assert kind.text and kind.todo and kind.place
+        assert kind.leads_to in (None, State.HELD, State.FAULT)
+        assert kind.leads_to is None or kind.severity is Severity.RED
+    assert not set(STATE_REASONS) & set(ALARMS)
+    for sentence in (*INTERLOCKS.values(), *STATE_REASONS.values(), *REFUSALS.values()):
+        assert sentence.endswith(".")
+
+
+@pytest.mark.parametrize("odd", [None, inf, nan, 1234.0])
+def test_texts_can_be_filled_and_sent_whatever_the_numbers(working, odd):
+    run = working()
+    run.tick(5.0, hopper_kg=25.0, valid_heads=1, usable_speed_mps=odd, metres_left_m=odd,
+             applied_rate_kg_ha=inf if odd is None else 2e3)
+    for alarm in run.verdict.alarms:
+        details = dict(alarm.details)
+        wanted = {name for _, name, _, _ in Formatter().parse(ALARMS[alarm.id].text) if name}
+        assert wanted <= set(details)
+        assert ALARMS[alarm.id].text.format(**details)
+        ALARMS[alarm.id].todo.format(**details)
+    json.dumps(run.verdict.alarms, allow_nan=False)
+    assert {"hopper_low", "heads_few"} <= set(run.alarm_ids())
+
+
+def test_metres_left_and_usable_speed_are_told(working):
+    run = working()
+    run.tick(2.0, hopper_kg=25.0, metres_left_m=1234.0, usable_speed_mps=1.1234)
+    told = {a.id: dict(a.details) for a in run.verdict.alarms}
+    assert told == {"hopper_low": {"hopper_kg": 25, "metres_left": 1230}, "lead_short": {"usable_speed_mps": 1.1}}
+
+
+def test_red_latches_until_acknowledged_and_amber_does_not(working):
+    run = working()
+    run.tick(1.0, log_ok=False, valid_heads=2)
+    run.tick(60.0)
+    assert run.alarm_ids() == ["log_failed"]
+    assert run.order(Do.ACKNOWLEDGE, "log_failed").accepted
+    run.tick()
+    assert run.alarm_ids() == []
+
+
+def test_acknowledged_red_stays_while_its_cause_does(working):
+    run = working()
+    run.tick(1.0, log_ok=False)
+    since_s = run.verdict.alarms[0].since_s
+    run.order(Do.ACKNOWLEDGE, "")
+    run.tick(5.0, log_ok=False)
+    (alarm,) = run.verdict.alarms
+    assert (alarm.acknowledged, alarm.since_s) == (True, since_s)
+    run.tick(1.1)
+    assert run.alarm_ids() == []
+    run.tick(log_ok=False)
+    assert not run.verdict.alarms[0].acknowledged, "a new occurrence is a new alarm"
+
+
+def test_worst_first(working):
+    run = working()
+    run.tick(2.0, hopper_kg=20.0, valid_heads=2)
+    run.tick(log_ok=False, valid_heads=2, hopper_kg=20.0, target_source=TargetSource.CANOPY)
+    run.tick(shaft_age_s=1.0, valid_heads=2, hopper_kg=20.0)
+    assert run.alarm_ids() == ["shaft_silent", "log_failed", "heads_few", "hopper_low"]
+
+
+def test_acknowledging_what_is_not_there_is_refused(working):
+    assert working().order(Do.ACKNOWLEDGE, "rate_off").why == "no_such_alarm;alarm=rate_off"
+
+
+def test_stop_keeps_a_red_alarm_that_nobody_has_seen(working):
+    run = working()
+    run.tick(shaft_age_s=1.0)
+    run.order(Do.STOP)
+    run.tick(10.0)
+    assert run.alarm_ids() == ["shaft_silent"]
+
+
+class TestRate:
+    def test_an_excess_must_last_without_a_break(self, working):
+        run = working()
+        for _ in range(20):
+            run.tick(1.9, applied_rate_kg_ha=400.0)
+            run.tick()
+        assert run.alarm_ids() == []
+
+    def test_a_stop_of_flow_begins_the_count_anew(self, working):
+        run = working()
+        run.tick(1.9, applied_rate_kg_ha=400.0)
+        run.tick(0.1, applied_rate_kg_ha=400.0, landing_inside=False)
+        run.tick(1.9, applied_rate_kg_ha=400.0)
+        assert run.alarm_ids() == []
+
+    def test_not_judged_without_flow(self, working):
+        run = working()
+        run.tick(60.0, applied_rate_kg_ha=0.0, landing_inside=False)
+        assert run.alarm_ids() == []
+
+    def test_a_red_one_does_not_show_an_amber_one_beside_it(self, working):
+        run = working()
+        run.tick(5.0, applied_rate_kg_ha=400.0)
+        assert run.alarm_ids() == ["rate_far_off"]
+
+    def test_a_day_of_one_second_grades_raises_none(self, working):
+        """Rates step every second over the eleven grades; applied follows with the shaft's nominal lag, 2 % noise."""
+        grades = np.array([0, 0, 60, 110, 160, 210, 260, 300, 340, 366, 380], dtype=float)
+        rng = np.random.default_rng(4)
+        run, applied, expected, steps_s = working(), 300.0, 300.0, 1200
+        noise = 1.0 + 0.02 * rng.standard_normal((steps_s, 20))
+        for second, target in enumerate(rng.choice(grades, steps_s)):
+            for k in range(20):
+                wanted = float(target) if k >= 8 else expected
+                expected += (wanted - expected) * 0.63
+                applied = expected * float(noise[second, k])
+                run.tick(target_rate_kg_ha=float(target), expected_rate_kg_ha=expected, applied_rate_kg_ha=applied)
+                assert run.alarm_ids() == []
+
+    @pytest.mark.parametrize(("true_percent", "alarm"), [(14.0, "rate_off"), (25.0, "rate_far_off")])
+    def test_errors_clear_of_the_threshold_are_found_through_noise(self, working, true_percent, alarm):
+        rng, run = np.random.default_rng(7), working()
+        delays = []
+        for _ in range(20):
+            run.tick(2.0)
+            run.order(Do.ACKNOWLEDGE)
+            begun_s = run.now_s
+            while alarm not in run.alarm_ids() and run.now_s - begun_s < 30.0:
+                run.tick(applied_rate_kg_ha=300.0 * (1 + true_percent / 100 + 0.015 * float(rng.standard_normal())))
+            delays.append(run.now_s - begun_s)
+        assert np.median(delays) < 6.0
+
+
+class TestHopperLow:
+    def test_it_does_not_flicker_at_its_limit(self, working):
+        """The hopper empties past the limit at 0.05 kg/s under 0.15 kg of noise: one alarm, not many."""
+        rng, run, noise, changes, live = np.random.default_rng(2), working(), 0.0, 0, False
+        for k in range(4000):
+            noise = 0.95 * noise + 0.15 * (1 - 0.95**2) ** 0.5 * float(rng.standard_normal())
+            run.tick(hopper_kg=32.0 - 0.05 * 0.05 * k + noise, expected_flow_kg_s=0.05)
+            changes += live is not ("hopper_low" in run.alarm_ids())
+            live = "hopper_low" in run.alarm_ids()
+        assert live and changes == 1
+
+    def test_a_refill_ends_it(self, working):
+        run = working()
+        run.tick(2.0, hopper_kg=25.0)
+        run.tick(2.0, hopper_kg=250.0)
+        assert run.alarm_ids() == []
+
+
+def test_a_machine_without_a_scale_raises_no_scale_alarm(new_run, never):
+    run = new_run()
+    run.order(Do.READY)
+    run.order(Do.START)
+    run.tick(30.0, scale_age_s=never)
+    assert run.alarm_ids() == []

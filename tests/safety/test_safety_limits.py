@@ -1,0 +1,191 @@
+"""Every limit changes what happens: no constant that nothing reads."""
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import pytest
+
+from control.orders import Do
+from control.readings import DriveCommand
+from control.safety import DriveLimits, SafetyLimits, limited
+
+
+def flow(seconds=0.05, **changes):
+    return lambda run: run.tick(seconds, **changes).flow_allowed
+
+
+def state(seconds=0.05, **changes):
+    return lambda run: run.tick(seconds, **changes).state
+
+
+def alarms(seconds=0.05, **changes):
+    def observe(run):
+        run.tick(seconds, **changes)
+        return run.alarm_ids()
+    return observe
+
+
+def start_again(**changes):
+    def observe(run):
+        run.tick(speed_mps=0.2)
+        return run.tick(0.5, **changes).flow_allowed
+    return observe
+
+
+def reverse(**changes):
+    def observe(run):
+        run.tick(1.0, speed_mps=0.0)
+        return run.tick(0.5, **changes).flow_allowed
+    return observe
+
+
+def calibrate(changes, seconds=0.05):
+    def observe(run):
+        run.order(Do.STOP)
+        run.order(Do.READY)
+        run.tick(speed_mps=0.0)
+        run.tick(**({"speed_mps": 0.0} | changes))
+        if not run.order(Do.CALIBRATE, 100.0).accepted:
+            return "refused"
+        return run.tick(seconds, speed_mps=0.0).state
+    return observe
+
+
+def calibrate_then_move(run):
+    calibrate({})(run)
+    return run.tick(speed_mps=0.25).state
+
+
+def creep_backwards(run):
+    """Backwards at walking pace after a stop: too slow for its course to be believed by a higher limit."""
+    run.tick(1.0, speed_mps=0.0)
+    run.tick(0.2, gnss_mps=0.4, wheel_mps=0.6, speed_used_mps=0.6, course_deg=270.0)
+    return run.verdict.why_no_flow
+
+
+def stand_without_wheel(run):
+    return run.tick(12.0, speed_used_mps=0.15, wheel_mps=0.15, gnss_mps=0.15).state
+
+
+def stuck_hopper(seconds, **changes):
+    def observe(run):
+        run.tick(45.0, **changes)
+        stuck_kg = run.hopper_kg
+        return run.tick(seconds, hopper_kg=stuck_kg, **changes).state
+    return observe
+
+
+def slow_loss(run):
+    run.tick(25.0)
+    for _ in range(40):
+        run.hopper_kg += 0.06
+        run.tick(1.0)
+    return run.verdict.state
+
+
+def rise_between(run):
+    """The scale rises by 2 kg while working and nobody tells."""
+    run.tick(25.0)
+    run.hopper_kg += 2.0
+    return run.tick(20.0).state
+
+
+def low_then_a_little_more(run):
+    run.tick(2.0, hopper_kg=29.5)
+    run.tick(3.0, hopper_kg=30.5)
+    return run.alarm_ids()
+
+
+def clears(run):
+    run.tick(valid_heads=2)
+    run.tick(1.5)
+    return run.alarm_ids()
+
+
+CHANGES = [
+    ("start_speed_mps", 0.8, start_again(speed_mps=0.6)),
+    ("stop_speed_mps", 0.1, flow(speed_mps=0.2)),
+    ("both_speeds_to_start", False, start_again(wheel_age_s=5.0)),
+    ("standstill_speed_mps", 0.2, stand_without_wheel),
+    ("standstill_hold_s", 20.0, state(15.0, speed_mps=0.0)),
+    ("speed_silent_s", 4.0, state(3.0, speed_used_mps=None)),
+    ("speed_silent_s", 4.0, state(gnss_age_s=3.0, wheel_age_s=3.0)),
+    ("wheel_silent_s", 2.0, start_again(wheel_age_s=1.5)),
+    ("wheel_fault_speed_mps", 1.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
+    ("wheel_fault_s", 2.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
+    ("reverse_flip_deg", 170.0, reverse(course_deg=240.0)),
+    ("course_speed_mps", 0.5, creep_backwards),
+    ("drive_silent_s", 1.0, state(shaft_age_s=0.8)),
+    ("gnss_silent_s", 1.0, alarms(gnss_age_s=0.8)),
+    ("gnss_silent_periods", 5.0, alarms(gnss_age_s=0.8)),
+    ("gnss_period_max_s", 5.0, alarms(gnss_age_s=6.0, gnss_period_s=4.0)),
+    ("ndvi_silent_s", 5.0, alarms(ndvi_age_s=3.0)),
+    ("heads_min", 2, alarms(valid_heads=3)),
+    ("scale_silent_s", 5.0, alarms(scale_age_s=3.0)),
+    ("console_hold_s", 5.0, state(console_age_s=3.0)),
+    ("console_off_s", 90.0, state(console_age_s=70.0)),
+    ("rate_floor_kg_ha", 10.0, alarms(4.0, applied_rate_kg_ha=24.0, expected_rate_kg_ha=20.0, target_rate_kg_ha=20.0)),
+    ("rate_amber_percent", 15.0, alarms(4.0, applied_rate_kg_ha=336.0)),
+    ("rate_amber_s", 5.0, alarms(4.0, applied_rate_kg_ha=336.0)),
+    ("rate_red_percent", 30.0, alarms(4.0, applied_rate_kg_ha=375.0)),
+    ("rate_red_s", 5.0, alarms(4.0, applied_rate_kg_ha=375.0)),
+    ("rate_max_kg_ha", 350.0, flow(target_rate_kg_ha=400.0)),
+    ("rate_max_s", 3.0, state(2.0, applied_rate_kg_ha=1200.0)),
+    ("flow_low_percent", 20.0, slow_loss),
+    ("flow_low_s", 40.0, stuck_hopper(30.0)),
+    ("flow_low_kg", 3.5, stuck_hopper(25.0)),
+    ("flow_window_max_s", 20.0, stuck_hopper(60.0, expected_flow_kg_s=0.04)),
+    ("flow_min_kg_s", 0.2, stuck_hopper(30.0)),
+    ("refill_rise_kg", 5.0, rise_between),
+    ("hopper_empty_kg", 1.0, state(2.0, hopper_kg=0.8)),
+    ("hopper_low_kg", 50.0, alarms(2.0, hopper_kg=40.0)),
+    ("hopper_clear_kg", 0.1, low_then_a_little_more),
+    ("hopper_confirm_s", 3.0, alarms(2.0, hopper_kg=20.0)),
+    ("calibrate_speed_mps", 0.2, calibrate({"speed_mps": 0.15})),
+    ("calibrate_fault_speed_mps", 0.3, calibrate_then_move),
+    ("calibrate_max_s", 60.0, calibrate({})),
+    ("calibrate_confirm_s", 2.0, calibrate({}, seconds=1.0)),
+    ("alarm_clear_s", 5.0, clears),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "observe"), CHANGES, ids=[f"{i}-{c[0]}" for i, c in enumerate(CHANGES)])
+def test_a_changed_limit_changes_behaviour(working, name, value, observe):
+    assert observe(working()) != observe(working(**{name: value}))
+
+
+def test_no_limit_is_forgotten():
+    assert {name for name, _, _ in CHANGES} == {f.name for f in fields(SafetyLimits)}
+
+
+@pytest.mark.parametrize(("name", "value", "cmd"), [
+    ("shaft_min_rpm", 20.0, DriveCommand(15.0, 20.0)), ("shaft_max_rpm", 50.0, DriveCommand(60.0, 20.0)),
+    ("opening_min_mm", 5.0, DriveCommand(50.0, 2.0)), ("opening_max_mm", 30.0, DriveCommand(50.0, 40.0))])
+def test_a_changed_drive_limit_changes_the_command(name, value, cmd):
+    assert limited(cmd, DriveLimits(), True) != limited(cmd, replace(DriveLimits(), **{name: value}), True)
+
+
+def test_the_defaults_are_the_published_table():
+    limits = SafetyLimits()
+    assert (limits.start_speed_mps, limits.stop_speed_mps, limits.standstill_hold_s) == (0.5, 0.3, 10.0)
+    assert (limits.drive_silent_s, limits.gnss_silent_s, limits.gnss_silent_periods) == (0.5, 0.5, 2.5)
+    assert (limits.speed_silent_s, limits.wheel_silent_s, limits.wheel_fault_speed_mps) == (2.0, 0.8, 0.5)
+    assert (limits.ndvi_silent_s, limits.heads_min) == (2.0, 4)
+    assert (limits.console_hold_s, limits.console_off_s) == (2.0, 60.0)
+    assert (limits.rate_amber_percent, limits.rate_amber_s) == (10.0, 3.0)
+    assert (limits.rate_red_percent, limits.rate_red_s, limits.rate_floor_kg_ha) == (20.0, 2.0, 50.0)
+    assert (limits.flow_low_percent, limits.flow_low_s) == (50.0, 20.0)
+    assert (limits.calibrate_speed_mps, limits.calibrate_fault_speed_mps) == (0.1, 0.2)
+    assert (limits.calibrate_max_s, limits.calibrate_confirm_s) == (120.0, 0.5)
+    assert limits.reverse_flip_deg == 120.0
+
+
+@pytest.mark.parametrize(("kind", "change", "message"), [
+    (SafetyLimits, {"drive_silent_s": float("nan")}, "drive_silent_s is nan; allowed is a finite number of at least 0"),
+    (SafetyLimits, {"ndvi_silent_s": -1.0}, "ndvi_silent_s is -1.0; allowed is a finite number of at least 0"),
+    (SafetyLimits, {"stop_speed_mps": 0.6}, "stop_speed_mps is 0.6; allowed is at most start_speed_mps, 0.5"),
+    (DriveLimits, {"opening_min_mm": 70.0}, "opening_min_mm is 70.0; allowed is at most opening_max_mm, 60.0")])
+def test_senseless_limits_are_refused_in_one_line(kind, change, message):
+    with pytest.raises(ValueError) as refused:
+        kind(**change)
+    assert str(refused.value) == message

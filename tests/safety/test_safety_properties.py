@@ -1,0 +1,243 @@
+"""Hypothesis tries to break the interlocks: any orders, any situations, in any sequence.
+
+What is demanded is written here a second time, straight from the published rules, with a memory of its own.
+"""
+from __future__ import annotations
+
+import json
+from math import inf, isfinite, nan
+
+from hypothesis import HealthCheck, assume, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
+
+from control.orders import Do, Order, Severity, State, TargetSource
+from control.readings import DriveCommand
+from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, DriveLimits, Safety, limited, read_refusal
+
+ODD = st.sampled_from([nan, inf, -inf, -1.0, 1e300])
+AGES = st.sampled_from([0.0, 0.1, 0.4, 0.6, 1.9, 2.2, 70.0, nan])
+SPEEDS = st.sampled_from([0.0, 0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 1.25])
+
+DISTURBANCES = {
+    "speed_mps": SPEEDS, "gnss_mps": SPEEDS | ODD | st.none(), "wheel_mps": SPEEDS | ODD,
+    "speed_used_mps": SPEEDS | ODD | st.none(), "course_deg": st.sampled_from([0.0, 90.0, 180.0, 270.0, None, nan]),
+    "gnss_age_s": AGES, "wheel_age_s": AGES, "shaft_age_s": AGES, "gate_age_s": AGES, "scale_age_s": AGES,
+    "fix_quality": st.sampled_from([0, 1, 4]), "gnss_period_s": st.sampled_from([0.1, 1.0, nan, inf, 0.0]),
+    "hopper_kg": st.sampled_from([0.0, 0.4, 20.0, 31.0, 200.0, nan]),
+    "work_switch": st.sampled_from([True, False, None]),
+    "wheel_standstill": st.booleans(), "target_source": st.sampled_from(list(TargetSource)),
+    "position_ok": st.booleans(), "landing_inside": st.sampled_from([True, False, None]),
+    "valid_heads": st.sampled_from([None, 0, 3, 4, 6]), "ndvi_age_s": st.none() | AGES,
+    "expected_rate_kg_ha": st.none() | st.sampled_from([0.0, 300.0]) | ODD,
+    "applied_rate_kg_ha": st.none() | st.sampled_from([0.0, 335.0, 400.0, 2000.0]) | ODD,
+    "expected_flow_kg_s": st.sampled_from([0.0, 0.1]) | ODD, "target_rate_kg_ha": st.sampled_from([0.0, 300.0]) | ODD,
+    "metres_left_m": st.none() | st.just(55.0) | ODD, "usable_speed_mps": st.none() | st.just(1.0) | ODD,
+    "console_age_s": st.none() | st.sampled_from([0.1, 1.9, 2.1, 59.0, 61.0, nan]), "log_ok": st.booleans(),
+}
+CHANGES = st.one_of(st.just({}), st.dictionaries(st.sampled_from(sorted(DISTURBANCES)), st.none(), max_size=3)).flatmap(
+    lambda names: st.fixed_dictionaries({name: DISTURBANCES[name] for name in names}))
+ORDERS = st.sampled_from([
+    Order(Do.READY), Order(Do.START), Order(Do.HOLD), Order(Do.STOP), Order(Do.CALIBRATE), Order(Do.CALIBRATE, 1.0),
+    Order(Do.CALIBRATE, nan), Order(Do.RELEASE), Order(Do.ACKNOWLEDGE, ""), Order(Do.ACKNOWLEDGE, "log_failed"),
+    Order(Do.ALLOW_REVERSE, True), Order(Do.ALLOW_REVERSE, False), Order(Do.ALLOW_OUTSIDE, True),
+    Order(Do.ALLOW_OUTSIDE, "yes"), Order(Do.GO_ON_UNLOGGED, True), Order(Do.GO_ON_UNLOGGED, False),
+    Order(Do.REFILL, 100.0), Order(Do.REFILL, nan), Order(Do.NUDGE, 5.0)])
+STEPS_S = st.sampled_from([0.01, 0.05, 0.05, 0.2, 0.5, 1.0])
+BY_TICK = {
+    State.OFF: {State.OFF}, State.FAULT: {State.FAULT},
+    State.READY: {State.READY, State.FAULT, State.OFF},
+    State.WORKING: {State.WORKING, State.HELD, State.FAULT, State.OFF},
+    State.HELD: {State.HELD, State.FAULT, State.OFF},
+    State.CALIBRATING: {State.CALIBRATING, State.READY, State.FAULT, State.OFF},
+}
+BY_ORDER = {
+    (State.OFF, Do.READY): State.READY, (State.HELD, Do.READY): State.READY, (State.FAULT, Do.READY): State.READY,
+    (State.READY, Do.START): State.WORKING, (State.HELD, Do.START): State.WORKING,
+    (State.WORKING, Do.HOLD): State.HELD, (State.CALIBRATING, Do.HOLD): State.READY,
+    (State.CALIBRATING, Do.RELEASE): State.READY, (State.READY, Do.CALIBRATE): State.CALIBRATING,
+} | {(state, Do.STOP): State.OFF for state in State}
+
+
+def fresh(reading, now_s, limit_s):
+    return reading is not None and now_s - reading.time_s <= limit_s and isfinite(reading.value)
+
+
+class Rules(RuleBasedStateMachine):
+    """One run of safety, and beside it what the published rules demand."""
+
+    def __init__(self, situation_at, has_work_switch):
+        super().__init__()
+        self.situation_at, self.has_work_switch = situation_at, has_work_switch
+        self.safety = Safety(has_work_switch=has_work_switch)
+        self.now_s = 50.0
+        self.state = State.OFF
+        self.verdict = None
+        self.ticked = False
+        self.situation = None
+        self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
+        self.calibrate_s = self.calibrate_begun_s = -inf
+        self.unseen_red: set[str] = set()
+        self.course_deg = self.epoch_s = None
+        self.started = False
+        self.stopped_since_course = False
+        self.backwards = False
+
+    @rule()
+    def go_to_work(self):
+        """Most of what matters happens at work; random orders alone seldom get there."""
+        for do in (Do.ACKNOWLEDGE, Do.READY, Do.START):
+            self.give_order(Order(do))
+        self.tick({}, 0.05)
+
+    @rule(seconds=st.sampled_from([0.3, 1.0]))
+    def go_calibrating(self, seconds):
+        self.give_order(Order(Do.STOP))
+        self.give_order(Order(Do.ACKNOWLEDGE))
+        self.give_order(Order(Do.READY))
+        self.tick({"speed_mps": 0.0}, 0.6)
+        self.give_order(Order(Do.CALIBRATE, seconds))
+        self.tick({"speed_mps": 0.0}, 0.05)
+
+    @rule(order=ORDERS)
+    def give_order(self, order):
+        before = self.safety.state
+        answer = self.safety.order(order, self.now_s)
+        after = self.safety.state
+        self.ticked = False
+        if after is not before:
+            assert answer.accepted and BY_ORDER[before, order.do] is after
+        if not answer.accepted:
+            message_id, details = read_refusal(answer.why)
+            assert REFUSALS[message_id].format(**details)
+        if order.do is Do.STOP:
+            assert after is State.OFF
+            self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
+        if order.do is Do.CALIBRATE and answer.accepted:
+            self.calibrate_s = self.now_s
+            if before is State.READY:
+                self.calibrate_begun_s = self.now_s
+        if answer.accepted and order.do is Do.ALLOW_OUTSIDE:
+            self.outside_allowed = order.value
+        if answer.accepted and order.do is Do.ALLOW_REVERSE:
+            self.reverse_allowed = order.value
+        if answer.accepted and order.do is Do.GO_ON_UNLOGGED:
+            self.unlogged_allowed = order.value
+        if order.do is Do.ACKNOWLEDGE and answer.accepted:
+            self.unseen_red = set() if not order.value else self.unseen_red - {order.value}
+        if after is State.WORKING and before is not State.WORKING:
+            assert not self.unseen_red
+        self.state = after
+
+    @rule(changes=CHANGES, step_s=STEPS_S, ticks=st.sampled_from([1, 1, 3, 30]))
+    def live_on(self, changes, step_s, ticks):
+        for _ in range(ticks):
+            self.tick(dict(changes), step_s)
+
+    @rule(course_deg=st.sampled_from([0.0, 90.0, 180.0, 270.0]))
+    def stop_and_go_on(self, course_deg):
+        self.tick({"speed_mps": 0.0, "course_deg": course_deg}, 0.05)
+        self.tick({"course_deg": course_deg}, 0.05)
+        self.tick({"course_deg": course_deg}, 0.05)
+
+    def tick(self, changes, step_s):
+        self.now_s += step_s
+        before = self.state
+        self.situation = s = self.situation_at(self.now_s, **changes)
+        self.follow_motion(s)
+        if s.log_ok:
+            self.unlogged_allowed = False
+        self.verdict = self.safety.check(self.now_s, s)
+        self.state, self.ticked = self.verdict.state, True
+        if self.state is State.OFF and before is not State.OFF:
+            assert not s.console_age_s <= 60.0
+            self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
+        assert self.state in BY_TICK[before]
+        assert self.verdict.why_state in {*ALARMS, *STATE_REASONS, *(do.value for do in Do), ""}
+        self.check_alarms()
+        self.check_flow()
+
+    def follow_motion(self, s):
+        """Backwards or not, started or not: a course flip above 120 degrees across a standstill; 0.5 and 0.3 m/s."""
+        fix = s.measurements.gnss
+        period_s = s.gnss_period_s if s.gnss_period_s <= 2.0 else (2.0 if s.gnss_period_s > 2.0 else 0.0)
+        heard = self.now_s - fix.time_s <= max(0.5, 2.5 * period_s) and fix.fix_quality > 0
+        speed = fix.speed_mps if heard and fix.speed_mps is not None and isfinite(fix.speed_mps) else None
+        course_known = fix.heading_deg is not None and isfinite(fix.heading_deg) and fix.time_s != self.epoch_s
+        if speed is not None and speed >= 0.2 and course_known:
+            self.epoch_s = fix.time_s
+            if self.course_deg is not None and self.stopped_since_course:
+                flip = abs(fix.heading_deg - self.course_deg)
+                if min(flip, 360.0 - flip) > 120.0:
+                    self.backwards = not self.backwards
+            self.course_deg, self.stopped_since_course = fix.heading_deg, False
+        used = s.speed_used_mps
+        used_ok = used is not None and isfinite(used)
+        if s.wheel_standstill or (used_ok and used < 0.3) or (speed is not None and speed < 0.2):
+            self.stopped_since_course = True
+        wheel = s.measurements.wheel_speed_mps
+        both = fresh(wheel, self.now_s, 0.8) and wheel.value >= 0.3 and speed is not None and speed >= 0.3
+        if s.wheel_standstill or not used_ok or used < 0.3:
+            self.started = False
+        elif used >= 0.5 and both:
+            self.started = True
+
+    def check_flow(self):
+        v, s, m = self.verdict, self.situation, self.situation.measurements
+        assert v.flow_allowed is (not v.why_no_flow)
+        assert set(v.why_no_flow) <= set(INTERLOCKS)
+        if not v.flow_allowed:
+            return
+        assert v.state in (State.WORKING, State.CALIBRATING)
+        assert fresh(m.shaft_rpm, self.now_s, 0.5) and fresh(m.opening_mm, self.now_s, 0.5)
+        assert m.work_switch is True or (m.work_switch is None and not self.has_work_switch)
+        if v.state is State.CALIBRATING:
+            assert self.now_s - self.calibrate_s < 0.5 and self.now_s - self.calibrate_begun_s < 120.0
+            return
+        assert self.started, "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s"
+        assert s.position_ok or s.target_source not in (TargetSource.MAP, TargetSource.POINT)
+        assert s.landing_inside is not False or self.outside_allowed
+        assert s.log_ok or self.unlogged_allowed
+        assert 0.0 <= s.target_rate_kg_ha <= 1000.0
+        assert s.console_age_s is None or s.console_age_s <= 2.0
+        assert not self.backwards or self.reverse_allowed
+
+    def check_alarms(self):
+        ids = [a.id for a in self.verdict.alarms]
+        assert len(set(ids)) == len(ids)
+        for alarm in self.verdict.alarms:
+            assert alarm.severity is ALARMS[alarm.id].severity
+            assert alarm.since_s <= self.now_s
+            ALARMS[alarm.id].text.format(**dict(alarm.details))
+            json.dumps(alarm.details, allow_nan=False)
+        reds = [a.severity is Severity.RED for a in self.verdict.alarms]
+        assert reds == sorted(reds, reverse=True)
+        assert self.unseen_red <= set(ids), "a red alarm went before anybody saw it"
+        self.unseen_red = {a.id for a in self.verdict.alarms if a.severity is Severity.RED and not a.acknowledged}
+
+    @rule(shaft_rpm=st.floats(), opening_mm=st.floats())
+    def send(self, shaft_rpm, opening_mm):
+        assume(self.verdict is not None)
+        limits = DriveLimits()
+        sent = limited(DriveCommand(shaft_rpm, opening_mm), limits, self.verdict.flow_allowed, opening_now_mm=20.0)
+        assert sent.shaft_rpm == 0.0 or limits.shaft_min_rpm <= sent.shaft_rpm <= limits.shaft_max_rpm
+        assert limits.opening_min_mm <= sent.opening_mm <= limits.opening_max_mm
+        assert self.verdict.flow_allowed or sent == (0.0, 20.0)
+
+    @invariant()
+    def state_agrees(self):
+        assert self.safety.state is self.state
+        if self.ticked:
+            assert self.verdict.state is self.state
+
+
+QUICK = settings(max_examples=120, stateful_step_count=30, deadline=None, derandomize=True,
+                 suppress_health_check=list(HealthCheck))
+
+
+def test_nothing_breaks_the_rules(situation_at):
+    run_state_machine_as_test(lambda: Rules(situation_at, has_work_switch=False), settings=QUICK)
+
+
+def test_nothing_breaks_the_rules_with_a_work_switch(situation_at):
+    run_state_machine_as_test(lambda: Rules(situation_at, has_work_switch=True), settings=QUICK)
