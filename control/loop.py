@@ -22,7 +22,7 @@ from control.safety import DriveLimits, Safety, SafetyLimits, Situation, limited
 from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
 from control.targets.canopy import CanopyDecisions
 from control.targets.fence import Fence, Fenced
-from control.targets.lag_correction import ChangeQueue, Fired, Lag, change_lag
+from control.targets.lag_correction import ChangeLags, ChangeQueue, Fired, Lag
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
@@ -77,6 +77,7 @@ class ControlLoop:
         self._manual = Everywhere(job.target.manual_rate_kg_ha)
         self._source = TargetSource(job.target.source)
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
+        self._lags = ChangeLags(machine)
         self._look_ahead = job.look_ahead
         self._flow_trim_on = job.flow_trim
         self._nudge = 0.0
@@ -316,7 +317,7 @@ class _Reach:
         return loop._setting.settled(flow, loop._expected.opening_mm, self._conditions)
 
     def lag(self, before: Target, change: Change) -> Lag:
-        return change_lag(self._loop.machine, self._pair(before.rate_kg_ha), self._pair(change.target.rate_kg_ha))
+        return self._loop._lags.lag(self._pair(before.rate_kg_ha), self._pair(change.target.rate_kg_ha))
 
     def distance_m(self, lag: Lag) -> float:
         if not self._loop._look_ahead:
@@ -328,7 +329,7 @@ class _Reach:
         pair = self._pair(self._loop._queue.holding.rate_kg_ha)
         if pair.shaft_rpm <= 0.0:
             pair = self._pair(self._loop.crop.fallback_rate_kg_ha)
-        return change_lag(self._loop.machine, pair, self._loop._setting.nudged(pair))
+        return self._loop._lags.lag(pair, self._loop._setting.nudged(pair))
 
 
 def _rate(flow_kg_s: float | None, speed_mps: float, machine: Machine) -> float | None:

@@ -14,8 +14,10 @@ from control.machine.elements import Array
 from control.machine.landing import Ground, landed
 from control.targets.lag_correction import Fired
 
-BIN_M = 0.25
+BIN_M = 0.25                # rates are judged on stretches of this length
+FINE_BIN_M = 0.05           # half-way points are found on these
 FARTHEST_M = 12.0           # the landed step is looked for this far on
+EARLY_M = 0.5               # faster falling material may overtake by this much
 LEAST_STEP = 0.03           # smaller steps of the target, as a share of it, have no findable half-way point
 
 
@@ -52,8 +54,7 @@ class Landing(NamedTuple):
 def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0) -> Landing:
     """Bin a run on the ground along its own way. `columns`: see `closed_loop.Record`."""
     time, driven = columns["time_s"], columns["driven_m"]
-    dt = np.diff(time, prepend=time[0] - (time[1] - time[0] if len(time) > 1 else 0.05))
-    mass = columns["flow_kg_s"] * dt
+    mass = columns["flow_kg_s"] * _row_s(time)
     ground, place = landed(time, driven, mass, columns["drop_s"], BIN_M, lever_arm_m)
     centres = ground.centres_m()
     rate = ground.mass_kg / (BIN_M * width_m) * 10_000.0
@@ -75,56 +76,61 @@ def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, le
     mean_target = float(target.mean()) if len(target) else 0.0
     mean_got = float(got.mean()) if len(got) else 0.0
     miss = float(np.abs(got - target).mean()) if len(target) else 0.0
-    time = columns["time_s"]
-    dt = np.diff(time, prepend=time[0] - (time[1] - time[0] if len(time) > 1 else 0.05))
     size = np.abs(places)
     return Errors(miss, 100.0 * miss / mean_target if mean_target else 0.0, mean_got - mean_target, mean_target, mean_got,
                   float(size.mean()) if len(places) else 0.0, float(places.mean()) if len(places) else 0.0,
                   float(np.percentile(size, 50)) if len(places) else 0.0,
                   float(np.percentile(size, 95)) if len(places) else 0.0, len(places), lost,
-                  float((columns["flow_kg_s"] * dt).sum()), float(land.ground.mass_kg.sum()),
+                  float((columns["flow_kg_s"] * _row_s(columns["time_s"])).sum()), float(land.ground.mass_kg.sum()),
                   float(inside.sum() * BIN_M * width_m / 10_000.0))
 
 
 def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float) -> tuple[Array, int]:
     """Signed place errors (k,), m, and how many steps never came half-way before the next one.
 
-    A step is followed by what was released after it was commanded: from the landing place of the parcel of that
-    moment on, the first bin at which the landed rate has passed the middle of the two targets.
+    A step is looked for in what was released after it was commanded and before the next one could show. Its half-way
+    point is where a step between the two targets fits the landed rate best (`_half_way`): a single noisy bin that
+    touches the middle early is no landing.
     """
-    smooth = np.convolve(land.landed_kg_ha, np.ones(3) / 3.0, mode="same")
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
+    fine, _ = landed(time, driven, columns["flow_kg_s"] * _row_s(time), columns["drop_s"], FINE_BIN_M,
+                     float(np.median(land.place_m - np.interp(time + columns["drop_s"], time, driven))))
+    rate = fine.mass_kg / (FINE_BIN_M * width_m) * 10_000.0
     found: list[float] = []
     lost = 0
     for k, change in enumerate(fired):
-        low, high = sorted((change.before.rate_kg_ha, change.after.rate_kg_ha))
-        if high - low < max(LEAST_STEP * high, 1.0):
+        before, after = change.before.rate_kg_ha, change.after.rate_kg_ha
+        if abs(after - before) < max(LEAST_STEP * max(after, before), 1.0):
             continue
         row = int(np.searchsorted(time, change.time_s))
         if row >= len(time) or not columns["working"][row]:
             continue
         wanted = float(np.interp(change.place_m, track, driven))
-        begin = int((land.place_m[row] - land.ground.origin_m) / BIN_M)
-        following = fired[k + 1] if k + 1 < len(fired) else None
-        end_m = land.place_m[row] + FARTHEST_M
-        if following is not None:
-            next_row = min(len(time) - 1, int(np.searchsorted(time, following.time_s + following.lag.response_s
-                                                              + 2.0 * following.lag.transition_s)))
-            end_m = min(end_m, float(land.place_m[next_row]))
-        end = min(len(smooth) - 1, int((end_m - land.ground.origin_m) / BIN_M) + 1)
-        crossing = _crossing(smooth, begin, end, 0.5 * (low + high),
-                             change.after.rate_kg_ha > change.before.rate_kg_ha)
-        if crossing is None:
+        begin_m = float(land.place_m[row]) - EARLY_M
+        end_m = begin_m + FARTHEST_M
+        if k + 1 < len(fired):
+            following = fired[k + 1]
+            shows_s = following.time_s + following.lag.response_s
+            end_m = min(end_m, float(land.place_m[min(len(time) - 1, int(np.searchsorted(time, shows_s)))]))
+        begin = max(0, int((begin_m - fine.origin_m) / FINE_BIN_M))
+        end = min(len(rate), int((end_m - fine.origin_m) / FINE_BIN_M) + 1)
+        half_way = _half_way(rate[begin:end], before, after)
+        if half_way is None:
             lost += 1
             continue
-        found.append(land.ground.origin_m + BIN_M * (crossing + 0.5) - wanted)
+        found.append(fine.origin_m + FINE_BIN_M * (begin + half_way) - wanted)
     return np.array(found), lost
 
 
-def _crossing(rate: Array, begin: int, end: int, middle: float, rising: bool) -> float | None:
-    """Bin, with its fraction, at which `rate` first passes `middle` in the wanted direction."""
-    for k in range(max(1, begin), end + 1):
-        a, b = rate[k - 1], rate[k]
-        if (a < middle <= b) if rising else (a > middle >= b):
-            return float(k - 1 + (middle - a) / (b - a))
-    return None
+def _half_way(rate: Array, before: float, after: float) -> int | None:
+    """Bins before the step that fits best: least squares of a step from `before` to `after`. None: no step inside."""
+    if len(rate) < 3:
+        return None
+    over = (rate - 0.5 * (before + after)) * (1.0 if after > before else -1.0)
+    fit = np.concatenate(([0.0], np.cumsum(over)))
+    at = int(np.argmin(fit))
+    return None if at == len(rate) else at
+
+
+def _row_s(time_s: Array) -> Array:
+    return np.diff(time_s, prepend=time_s[0] - (time_s[1] - time_s[0] if len(time_s) > 1 else 0.05))

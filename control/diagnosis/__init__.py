@@ -1,0 +1,1 @@
+"""What the machine model gets wrong on measured data, why, and what putting it right gains."""

@@ -1,0 +1,120 @@
+"""The result of a diagnosis, by the published contract "topdress-diagnosis/1"."""
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+FORMAT = "topdress-diagnosis/1"
+CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
+
+Verdict = Literal["named", "none", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    path: str
+    kind: str                           # run, lag, catch, weigh, heads, place
+    rows: int
+    duration_s: float | None
+    machine: str
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """How well the nominal model predicts one channel."""
+
+    channel: str
+    unit: str
+    n: int
+    bias: float
+    rmse: float
+    noise_floor: float
+    explained_by_nominal: float         # share of the channel's variance
+    structure_p: float                  # probability of so much structure where there is none
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    value: float | None
+    low: float | None                   # 90 % interval
+    high: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    id: str
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class FieldCost:
+    rate_error_percent: float | None
+    place_error_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    id: str
+    size: Size
+    onset_s: float | None
+    probability: float
+    rivals: tuple[Rival, ...]           # the members of the 95 % confidence set
+    member: int | None
+    advice: str
+    field_cost: FieldCost
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    value: float | None                 # None: this data cannot show it at all
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class NotShown:
+    id: str
+    smallest_detectable: Detectable
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    channel: str
+    variable: str
+    explained_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class NextRun:
+    why: str
+    plan: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    channel: str
+    metric: str
+    before: float
+    after: float
+    low: float
+    high: float
+    held_out: str
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Precedence of verdicts: unexplained, ambiguous, named, none. Fields that do not apply are None, never left out."""
+
+    data: Data
+    channels: tuple[Channel, ...]
+    verdict: Verdict
+    causes: tuple[Cause, ...]           # largest consequence first
+    not_shown: tuple[NotShown, ...]
+    unexplained: tuple[Unexplained, ...]
+    next_run: NextRun | None
+    gain: tuple[Gain, ...]
+    extended_machine: str | None
+    findings: tuple[str, ...] = ()      # plain sentences about the data itself
+
+    def to_json(self) -> dict[str, Any]:
+        return {"format": FORMAT, **asdict(self)}
