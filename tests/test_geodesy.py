@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.geodesy import (
@@ -72,12 +72,14 @@ def vincenty_m(lat1: float, lon1: float, lat2: float, lon2: float) -> float:
     return b * big_a * (sigma - delta)
 
 
+@settings(deadline=None)
 @given(LATITUDES, LONGITUDES, METRES, METRES)
 def test_plane_there_and_back(lat, lon, east, north):
     plane = TangentPlane(lat, lon)
     assert plane.to_m(*plane.to_deg(east, north)) == pytest.approx((east, north), abs=1e-6)
 
 
+@settings(deadline=None)
 @given(LATITUDES, LONGITUDES, METRES, METRES)
 def test_plane_against_rotated_earth_centred_coordinates(lat, lon, east, north):
     plane = TangentPlane(lat, lon)
@@ -87,6 +89,7 @@ def test_plane_against_rotated_earth_centred_coordinates(lat, lon, east, north):
     assert abs(expected[2]) < 1.0
 
 
+@settings(deadline=None)
 @given(LATITUDES, LONGITUDES, st.floats(0.0, 360.0), st.floats(0.1, 2000.0))
 def test_plane_against_geodesics(lat, lon, heading, far):
     plane = TangentPlane(lat, lon)
@@ -161,6 +164,7 @@ def test_headings():
     assert turn_deg(0.0, 180.0) == turn_deg(180.0, 0.0) == 180.0
 
 
+@settings(deadline=None)
 @given(st.floats(0.0, 359.99), st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
 def test_offset_is_a_rotation(heading, forward, right):
     east, north = offset((7.0, -3.0), heading, forward, right)

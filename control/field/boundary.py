@@ -16,6 +16,8 @@ from control.geodesy import Place, direction
 
 Floats = npt.NDArray[np.float64]
 
+_LEAST_M = 0.001     # thinner margins are lost in the arithmetic of polygons
+
 
 class Boundary:
     """A field's edge on its tangent plane, m: one outline, with or without holes; does not change once made.
@@ -102,12 +104,13 @@ class Boundary:
     def inset(self, margin_m: float) -> Boundary:
         """The field less a margin along every edge and hole (the headland); may be empty or fall into parts.
 
-        Raises ValueError for a negative margin.
+        A margin below 1 mm is none. Raises ValueError for a negative one.
         """
         if not margin_m >= 0.0:
             raise ValueError(f"headland {margin_m:g} m: allowed is 0 or more")
         smaller = Boundary.__new__(Boundary)
-        smaller._hold(_polygons(self.shape.buffer(-margin_m, join_style="mitre") if margin_m else self.shape))
+        shrunk = self.shape.buffer(-margin_m, join_style="mitre") if margin_m >= _LEAST_M else self.shape
+        smaller._hold(_polygons(shrunk))
         return smaller
 
 

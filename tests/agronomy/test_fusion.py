@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse, fuse_readings, start
@@ -121,6 +121,7 @@ def test_noise_drops_nobody_in_an_hour():
     assert float(np.std(error)) < 0.0065
 
 
+@settings(deadline=None)
 @given(st.lists(st.lists(st.none() | st.floats(allow_nan=True), min_size=6, max_size=6), max_size=30),
        st.floats(0.01, 3.0))
 def test_whatever_is_said_the_answer_is_sound(rows, period_s):

@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.agronomy.crop import Crop
@@ -111,6 +111,7 @@ def test_y_max_tames_the_exponential(oklahoma):
     assert 0.359 * math.exp(324.4 * 0.45 / 30) > 40.0
     assert decision.yield_with_t_ha == crop.y_max_t_ha
     assert decision.rate_kg_ha == 0.0
+    assert decision.yield_without_t_ha == crop.y_max_t_ha      # what is shown is no 46 t/ha either
     partly = prepare(crop, days=60, ndvi_nrich=0.75).decide(0.5)
     assert partly.yield_with_t_ha == crop.y_max_t_ha
     assert partly.rate_kg_ha == pytest.approx(23.9 * (7.0 - partly.yield_without_t_ha) / 0.27)
@@ -152,6 +153,7 @@ def _crop(grades: bool, eta: float) -> Crop:
         "grades": grades, "fallback_rate_kg_ha": 50.0, "max_rate_kg_ha": 300.0})
 
 
+@settings(deadline=None)
 @given(ndvi=st.floats(allow_nan=True, allow_infinity=True), days=st.integers(1, 400),
        nrich=st.none() | st.floats(0.01, 0.95), grades=st.booleans(), eta=st.floats(0.5, 0.7))
 def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
@@ -163,6 +165,7 @@ def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
         assert rate == 0.0
 
 
+@settings(deadline=None)
 @given(st.floats(0.26, 0.74), st.floats(0.0, 0.2))
 def test_fixed_yield_form_falls_with_ndvi(ndvi, more):
     without = [yield_without(insey(n, 82), 0.359, 324.4) for n in (ndvi, ndvi + more)]

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.agronomy.sampling import (
@@ -35,6 +35,7 @@ def test_gaps_are_left_out_and_nothing_gives_nan():
     assert evenness([]).n == 0
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.1, 0.9), min_size=2, max_size=50), st.floats(0.1, 10.0))
 def test_scale_free(values, factor):
     scaled = [value * factor for value in values]

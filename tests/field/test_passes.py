@@ -72,7 +72,7 @@ def test_skipping_swaths_for_wide_turns():
                for one, other in itertools.pairwise(passes))
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, deadline=None)
 @given(st.floats(0.0, 359.0), st.floats(1.5, 12.0), st.floats(0.0, 8.0), st.integers(1, 4))
 def test_every_pass_lies_in_the_work_area_along_its_heading(heading, width, headland, skip):
     grown = Boundary(L_SHAPE.rings[0]).shape.buffer(1e-6)

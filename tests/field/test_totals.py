@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.field.totals import Totaliser
@@ -43,6 +43,7 @@ def test_weighted_by_area_not_by_time():
     assert done.cuc_percent == pytest.approx(100 * (1 - (0.25 * 150 + 0.75 * 50) / 250))
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2 ** 32), st.floats(20.0, 400.0), st.floats(0.0, 0.4))
 def test_the_same_as_on_whole_arrays(seed, level, spread):
     rng = np.random.default_rng(seed)
