@@ -1,4 +1,4 @@
-"""Every action once: its key, its words, where it applies. Bindings, key bar, help and palette are read off this table."""
+"""Every action once: its key, its words, where it applies. Bindings, key bar, help and palette are read off it."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -36,12 +36,14 @@ ACTIONS = (
     Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asked once."),
            RUN, 6),
     Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asked once."), RUN, 7),
-    Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asked once."), RUN, 8),
+    Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asked once."),
+           RUN, 8),
     Action("manual_rate", "m", "M", N_("manual rate"), N_("Type a rate; the allowed range is shown."), RUN),
     Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."), RUN),
     Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."), RUN),
     Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asked once."), RUN),
-    Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."), RUN),
+    Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."),
+           RUN),
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), bar=9),
     Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), REPLAY, 3),
     Action("step_back", "left", "<", N_("back"), N_("One row back."), REPLAY, 4),
@@ -56,13 +58,14 @@ ACTIONS = (
     Action("what_if", "i", "I", N_("what if"), N_("The same log with another strategy, crop or machine."), REPLAY, 8),
     Action("as_recorded", "b", "B", N_("as recorded"), N_("Back to the log as it was recorded."), REPLAY),
     Action("findings", "v", "V", N_("findings"), N_("What was found in this log when it was opened."), REPLAY),
-    Action("help", "f1", "F1", N_("help"), N_("This page."), bar=10, locked=True),
+    Action("help", "f1", "F1", N_("help"), N_("This page."), bar=3, locked=True),
     Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), bar=10, locked=True),
     Action("replay_screen", "f7", "F7", N_("replay"), N_("A log, played again."), bar=10, locked=True),
-    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), bar=11, locked=True),
-    Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), bar=12, locked=True),
-    Action("connect", "c", "C", N_("connect"), N_("Control worker gone: start it again or attach to one that runs."), RUN,
+    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), bar=11,
            locked=True),
+    Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), bar=12, locked=True),
+    Action("connect", "c", "C", N_("connect"), N_("Control worker gone: start it again or attach to one that runs."),
+           RUN, locked=True),
     Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), bar=13),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac.")),
     Action("language", "g", "G", N_("language"), N_("English, Chinese.")),

@@ -1,7 +1,6 @@
 """The Textual app: it supervises the source of frames, turns keys into orders, and looks at what is new."""
 from __future__ import annotations
 
-import asyncio
 import gc
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -167,7 +166,7 @@ class TopdressApp(App[None]):
             answer = await source.order(order)
         except WorkerGone as error:
             self._say_gone(str(error))
-        except (TimeoutError, asyncio.TimeoutError, OSError):
+        except (TimeoutError, OSError):
             self.notice(words.answer_words("no_answer"))
         else:
             if not answer.accepted:
@@ -240,19 +239,27 @@ class TopdressApp(App[None]):
     def _do_manual_rate(self) -> None:
         unit = self.units.rate
         low, high = (round(limit * unit.per_si) for limit in self.limits_kg_ha)
-        self._ask_number(_("Manual rate"), unit.name, low, high, unit.to_si, Do.MANUAL_RATE)
+        frame = self.arrival.frame
+
+        def answer(rate_kg_ha: float | None) -> None:
+            if rate_kg_ha is None:
+                return
+            self.give(Do.MANUAL_RATE, rate_kg_ha)
+            if frame is None or frame.row.target_source != TargetSource.MANUAL:
+                self._ask(_("Use the manual rate now?"), _("It takes the place of canopy or map, everywhere."), Do.SOURCE,
+                          TargetSource.MANUAL.value)
+
+        self.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
 
     def _do_refill(self) -> None:
         unit = self.units.mass
-        self._ask_number(_("Filled in"), unit.name, 0, round(self.hopper_kg * unit.per_si), unit.to_si, Do.REFILL)
+        most = round(self.hopper_kg * unit.per_si)
 
-    def _ask_number(self, title: str, unit: str, low: float, high: float, to_si: Callable[[float], float],
-                    do: Do) -> None:
-        def answer(value: float | None) -> None:
-            if value is not None:
-                self.give(do, value)
+        def answer(filled_kg: float | None) -> None:
+            if filled_kg is not None:
+                self.give(Do.REFILL, filled_kg)
 
-        self.push_screen(NumberDialog(title, unit, low, high, to_si=to_si), answer)
+        self.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, to_si=unit.to_si), answer)
 
     def _do_mark(self) -> None:
         self.give(Do.MARK, "mark")
@@ -270,7 +277,7 @@ class TopdressApp(App[None]):
         self._ask(title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
                   not on)
 
-    def _ask(self, title: str, text: str, do: Do, value: bool) -> None:
+    def _ask(self, title: str, text: str, do: Do, value: str | bool) -> None:
         def answer(yes: bool | None) -> None:
             if yes:
                 self.give(do, value)
@@ -358,8 +365,8 @@ class TopdressApp(App[None]):
             if yes:
                 self.exit()
 
-        self.push_screen(Confirm(_("Leave the console?"), _("The machine works: it is held after 2 s without console.")),
-                         answer)
+        text = _("The machine works: it is held after 2 s without console.")
+        self.push_screen(Confirm(_("Leave the console?"), text), answer)
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         for action in actions.at(self.page.where):

@@ -182,7 +182,8 @@ class NumberDialog(Dialog[float | None]):
                         yield Button(key, name=key, classes="pad-key")
 
     def _says(self) -> str:
-        allowed = _("allowed: {low} to {high} {unit}").format(low=f"{self.low:g}", high=f"{self.high:g}", unit=self.unit)
+        allowed = _("allowed: {low} to {high} {unit}").format(low=f"{self.low:g}", high=f"{self.high:g}",
+                                                              unit=self.unit)
         return f"{self.typed or '_'} {self.unit}     {allowed}"
 
     def type(self, key: str) -> None:

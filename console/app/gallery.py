@@ -4,6 +4,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,16 +79,17 @@ def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
     frames = run_frames()
     if picture.alarms:
         last = frames[-1]
-        row = last.row._replace(applied_rate_kg_ha=(last.row.target_rate_kg_ha or 0.0) * 0.86, nudge_percent=5.0)
-        frames[-1] = Frame(**{name: getattr(last, name) for name in Frame.__dataclass_fields__}
-                           | {"row": row, "alarms": sample_alarms(last.at_s), "dropped_heads": (4,)})
+        row = last.row._replace(applied_rate_kg_ha=(last.row.target_rate_kg_ha or 0.0) * 0.86, nudge_percent=5.0,
+                                hopper_kg=18.5)
+        frames[-1] = replace(last, row=row, alarms=sample_alarms(last.at_s), metres_left_m=640.0, dropped_heads=(4,),
+                             usable_speed_mps=1.81)
     clock = StillClock()
     replay = None
     if picture.screen == "replay":
         began, ended = len(frames) * 3 // 5, len(frames) * 13 // 20
-        marked = [Frame(**{name: getattr(f, name) for name in Frame.__dataclass_fields__}
-                        | {"alarms": sample_alarms(frames[began].at_s)[1:]}) if began <= i < ended else f
-                  for i, f in enumerate(frames)]
+        alarms = sample_alarms(frames[began].at_s)[1:]
+        marked = [replace(frame, alarms=alarms) if began <= index < ended else frame
+                  for index, frame in enumerate(frames)]
         source = ReplaySource(marked, clock)
         source.seek(300.0)
         source.set_speed(10.0)

@@ -10,7 +10,7 @@ from control.log_row import LogRow
 from control.orders import Alarm, Severity
 
 _BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)
-_PASS_M = 120.0
+_PASS_M = 70.0
 _WIDTH_M = 2.4
 _SPEED_MPS = 1.9
 
@@ -19,7 +19,7 @@ def _place(travelled_m: float) -> tuple[float, float, float]:
     """East, north (m) and heading (degrees) on a field of up-and-down passes."""
     lap, along = divmod(travelled_m, _PASS_M)
     upward = int(lap) % 2 == 0
-    return lap * _WIDTH_M * 2, along if upward else _PASS_M - along, 0.0 if upward else 180.0
+    return lap * _WIDTH_M * 1.5, along if upward else _PASS_M - along, 0.0 if upward else 180.0
 
 
 def _ndvi(east_m: float, north_m: float) -> float:
@@ -29,7 +29,7 @@ def _ndvi(east_m: float, north_m: float) -> float:
 def _rate(ndvi: float) -> float:
     """Falls with NDVI in steps, as graded decisions do."""
     upper = (floor(ndvi / 0.05) + 1) * 0.05
-    return max(0.0, 620.0 - 520.0 * upper)
+    return max(0.0, 760.0 - 820.0 * upper)
 
 
 def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
@@ -65,7 +65,7 @@ def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
         used_kg_m = max(1e-6, applied * _WIDTH_M / 10_000)
         frames.append(Frame(
             seq=index, at_s=time_s, row=row, alarms=alarms, metres_left_m=round((300.0 - kg) / used_kg_m, -1),
-            area_ha=area_ha, applied_kg=kg, gnss_age_s=0.08, gnss_hz=10.0, usable_speed_mps=2.41, job="demonstration",
+            area_ha=area_ha, applied_kg=kg, gnss_age_s=0.08, gnss_hz=10.0, job="demonstration",
             machine="huanghai", crop="winter wheat", log_path="run.csv", simulated=True, place_m=(east, north),
             devices=tuple(DeviceView(name, f"sim://{name}", name, True, 0.05, 10.0, index, 0)
                           for name in ("gnss", "heads", "board"))))

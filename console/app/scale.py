@@ -6,14 +6,15 @@ common colour deficiencies keep.
 """
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
-from math import ceil
+from math import ceil, floor
 
 Rgb = tuple[int, int, int]
 Lab = tuple[float, float, float]
 
-_LOW: Lab = (0.34, -0.015, -0.125)
-_HIGH: Lab = (0.91, -0.030, 0.165)
+_LOW: Lab = (0.38, -0.015, -0.135)
+_HIGH: Lab = (0.86, -0.020, 0.165)
 
 
 def _to_srgb(lab: Lab) -> Rgb:
@@ -37,9 +38,8 @@ def _to_srgb(lab: Lab) -> Rgb:
 @cache
 def _colour(step: int, steps: int) -> Rgb:
     share = step / (steps - 1)
-    low, high = _LOW, _HIGH
-    lab = (low[0] + share * (high[0] - low[0]), low[1] + share * (high[1] - low[1]), low[2] + share * (high[2] - low[2]))
-    return _to_srgb(lab)
+    lightness, a, b = (low + share * (high - low) for low, high in zip(_LOW, _HIGH, strict=True))
+    return _to_srgb((lightness, a, b))
 
 
 STEPS = 32
@@ -50,8 +50,17 @@ def colour(share: float) -> Rgb:
     return _colour(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
-def calm_top(largest: float) -> float:
-    """A round upper end that does not move with every sample: the next of 50, 100, 200, 300, 400, ... ."""
-    if largest <= 50:
-        return 50.0
-    return 100.0 * max(1, ceil(largest / 100 - 1e-9))
+def calm_ends(values: Iterable[float], step: float = 50.0, least: float = 100.0) -> tuple[float, float]:
+    """Round ends of a scale that holds all values and does not move with every sample.
+
+    Ends are multiples of `step`, `least` apart or more; below `least` the scale begins at 0; no values: 0 ... least.
+    """
+    values = list(values)
+    if not values:
+        return 0.0, least
+    low = floor(min(values) / step) * step
+    low = 0.0 if low < least else low
+    high = ceil(max(values) / step) * step
+    if high - low < least:
+        high = low + least
+    return low, high

@@ -18,6 +18,7 @@ STALE_S = 1.0                 # older than this is greyed
 RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but never to less than this
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
+LAG_NOTE = "lag_out_of_range"
 ERROR_SPAN = 0.30             # the error bar's end
 
 
@@ -34,6 +35,7 @@ class StatusView(NamedTuple):
     word: str
     strategy: str
     source: str
+    lead: str                 # stands before all else: REPLAY
     marks: tuple[str, ...]    # SIMULATED, LOCKED, ...
     silent: str               # "NO DATA 3 s", or empty
     clock: str
@@ -65,6 +67,7 @@ class RatesView(NamedTuple):
     error: Shown
     error_share: float | None     # of ERROR_SPAN, -1 ... 1
     level: str                    # "", amber, red
+    note: str = ""                # why the machine gives another rate than wanted
 
 
 class Tile(NamedTuple):
@@ -103,10 +106,16 @@ class RunView(NamedTuple):
 
 
 def rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
-    """(applied - target) / max(target, 50 kg/ha), as the alarm `rate off` counts it, but without its nominal response."""
+    """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the target as it stands."""
     if target_kg_ha is None or applied_kg_ha is None:
         return None
     return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
+
+
+def signed_percent(percent: float) -> str:
+    """-3 %, 0 %, +12 %."""
+    whole = round(percent)
+    return f"{whole:+d} %" if whole else "0 %"
 
 
 def duration(seconds: float) -> str:
@@ -144,7 +153,7 @@ def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 
 
 def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:
     blank = Shown("--", True)
-    status = StatusView("", " ", _("NO DATA"), "", "", marks, _("waiting for the first values"), "", "")
+    status = StatusView("", " ", _("NO DATA"), "", "", "", marks, _("waiting for the first values"), "", "")
     tiles = tuple(Tile(label, unit, blank, "") for label, unit in _tile_labels(units))
     return RunView(status, AlarmsView((), _("no values yet")),
                    RatesView(blank, blank, units.rate.name, "", blank, None, ""), tiles,
@@ -157,12 +166,12 @@ def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, .
     own = (_("SIMULATED"),) if frame.simulated else ()
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
     return StatusView(state, words.STATE_SYMBOLS.get(state, " "), words.state_word(row.state),
-                      words.strategy_word(row.strategy), words.source_word(row.target_source), own + marks,
+                      words.strategy_word(row.strategy), words.source_word(row.target_source), "", own + marks,
                       silent, wall_clock(row.utc, utc_offset_s), duration(row.time_s))
 
 
 def alarms(frame: Frame, utc_offset_s: float) -> AlarmsView:
-    """Alarms: red before amber, unacknowledged before acknowledged, else in the order that safety gives (worst first)."""
+    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst first)."""
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
@@ -184,8 +193,9 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
     nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
     return RatesView(Shown(units.rate.text(row.target_rate_kg_ha), old),
                      Shown(units.rate.text(row.applied_rate_kg_ha), old), units.rate.name, nudge,
-                     Shown("--" if error is None else f"{round(100 * error) + 0:+d} %", old),
-                     None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2), level)
+                     Shown("--" if error is None else signed_percent(100 * error), old),
+                     None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2), level,
+                     ", ".join(words.note_word(note) for note in frame.notes if note != LAG_NOTE))
 
 
 def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
@@ -238,19 +248,18 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
     hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
     age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"
     mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
-    lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}"
+    unsure = f"  ! {_('range')}" if LAG_NOTE in frame.notes else ""
+    lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}{unsure}"
     trim = "--" if row.flow_trim is None else f"{row.flow_trim:.3f}"
-    items = [
+    return (
         Item(_("GNSS"), Shown(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)),
         Item(_("fix age"), Shown(f"{age} s  {hz} Hz", gnss_old)),
         Item(_("look-ahead"), Shown(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)),
         Item(_("scale trim"), Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old)),
         Item(_("done"), Shown(units.area.full(frame.area_ha), old)),
         Item(_("applied"), Shown(f"{units.mass.full(frame.applied_kg)}  "
-                                 f"{_('mean {rate}').format(rate=units.rate.text(mean))}", old)),
-    ]
-    items += [Item(_("note"), Shown(_(words.NOTES.get(note, note)), old)) for note in frame.notes]
-    return tuple(items)
+                                 f"{_('mean {rate}').format(rate=units.rate.full(mean))}", old)),
+    )
 
 
 def _device_old(frame: Frame, name: str) -> bool:

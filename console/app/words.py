@@ -2,16 +2,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from console.locale import N_, _
 from control.orders import Alarm, Severity
-
-try:
-    from control.safety import ALARMS as _KINDS
-except ImportError:                                   # the ids then stand for the texts
-    _KINDS = {}
-ALARM_KINDS: Mapping[str, Any] = _KINDS
+from control.safety import ALARMS, REFUSALS, read_refusal
 
 STATES = {
     "off": N_("OFF"), "ready": N_("READY"), "working": N_("WORKING"), "held": N_("HELD"),
@@ -32,12 +27,25 @@ FIXES = {0: N_("no fix"), 1: N_("GNSS"), 2: N_("DGNSS"), 4: N_("RTK fixed"), 5: 
 SEVERITIES = {Severity.RED: N_("ALARM"), Severity.AMBER: N_("CAUTION")}
 SEVERITY_SYMBOLS = {Severity.RED: "✖", Severity.AMBER: "!"}
 
-NOTES = {"lag_out_of_range": N_("lag model out of its range")}
+NOTES = {
+    "limited_lowest": N_("machine's lowest"), "limited_highest": N_("machine's highest"),
+    "limited_zero": N_("too little: zero"),
+    "not_working": N_("not working"), "drive_silent": N_("a drive is silent"), "speed_silent": N_("no speed"),
+    "standstill": N_("standing still"), "low_speed": N_("too slow"), "reversing": N_("reversing"),
+    "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
+    "outside_field": N_("lands outside the field"), "work_switch_up": N_("work switch is up"),
+    "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
+}
 
-ANSWERS = {
-    "no_answer": N_("no answer from the control worker yet: watch the state"),
-    "replay": N_("this is a replay: the log cannot be changed"),
-    "unauthorised": N_("this console only looks: orders are not taken"),
+ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
+    "no_answer": N_("No answer from the control worker yet: watch the state."),
+    "replay": N_("This is a replay: the log cannot be changed."),
+    "unauthorised": N_("This console only looks: orders are not taken."),
+    "busy": N_("The control worker is busy; try again."),
+    "unknown_strategy": N_("This strategy is not known."),
+    "source_not_ready": N_("This source of the target is not ready."),
+    "nudge_out_of_range": N_("The nudge is out of its range."),
+    "rate_out_of_range": N_("The rate is out of its range."),
 }
 
 
@@ -67,7 +75,7 @@ class AlarmWords(NamedTuple):
 
 def alarm_words(alarm: Alarm) -> AlarmWords:
     """Text, what to do and place of an alarm, its details filled in; the id where the alarm is not known here."""
-    kind = ALARM_KINDS.get(alarm.id)
+    kind = ALARMS.get(alarm.id)
     if kind is None:
         return AlarmWords(alarm.id, "", "")
     details = dict(alarm.details)
@@ -75,12 +83,27 @@ def alarm_words(alarm: Alarm) -> AlarmWords:
 
 
 def answer_words(why: str) -> str:
-    """A refusal in words. `why` is an id, or an id and its details: `id key=value key=value`."""
-    name, *rest = why.split(" ")
+    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes them apart."""
+    if not why:
+        return _("not accepted")
+    name, _mark, _rest = why.partition(";")
     if name not in ANSWERS:
-        return _(why) if why else _("not accepted")
-    details: dict[str, str | float] = dict(part.split("=", 1) for part in rest if "=" in part)
-    return _filled(ANSWERS[name], details)
+        return why
+    try:
+        details = read_refusal(why)[1]
+    except ValueError:
+        details = {}
+    shown: dict[str, str | float] = dict(details)
+    if "alarm" in details:
+        shown["alarm"] = alarm_words(Alarm(details["alarm"], Severity.RED, 0.0)).text.rstrip(".")
+    if "state" in details:
+        shown["state"] = state_word(details["state"])
+    return _filled(ANSWERS[name], shown)
+
+
+def note_word(note: str) -> str:
+    """A note of the loop or an interlock in a word or two; the id where it is not known here."""
+    return _(NOTES.get(note, note))
 
 
 def _filled(text: str, details: Mapping[str, str | float]) -> str:

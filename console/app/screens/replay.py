@@ -1,4 +1,4 @@
-"""The Replay screen: the same panels, fed from a log; a machine that works meanwhile keeps its alarms, hold and stop."""
+"""The Replay screen: the same panels, fed from a log; a machine at work keeps its alarms, hold and stop."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -64,6 +64,7 @@ class ReplayScreen(PanelScreen):
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         """Alarms of a machine that works meanwhile come before the log's."""
         view = super().seen_view(frame, age_s)
+        view = view._replace(status=view.status._replace(lead=_("REPLAY")))
         live = self.app.arrival.frame
         if live is not None and live.alarms:
             shown = alarms(live, self.app.utc_offset_s)
@@ -74,7 +75,7 @@ class ReplayScreen(PanelScreen):
     def marks(self) -> tuple[str, ...]:
         live = self.app.arrival.frame
         machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None else ()
-        return (_("REPLAY"), *machine, *super().marks())
+        return (*machine, *super().marks())
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)

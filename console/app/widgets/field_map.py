@@ -11,7 +11,7 @@ from rich.style import Style
 from textual.strip import Strip
 
 from console.app.history import Spot
-from console.app.scale import Rgb, calm_top, colour
+from console.app.scale import Rgb, calm_ends, colour
 from console.app.units import Unit
 from console.app.widgets.canvas import Canvas
 from console.locale import _
@@ -66,28 +66,32 @@ class FieldMap(Canvas[MapView]):
         if map_rows < 3 or width < 16:
             return []
         title, muted = self.style("map--title"), self.style("map--muted")
-        top = calm_top(max((s.applied_kg_ha or 0.0 for s in view.track), default=0.0) * view.unit.per_si)
+        given = [s.applied_kg_ha * view.unit.per_si for s in view.track
+                 if s.applied_kg_ha is not None and s.applied_kg_ha >= _NOTHING_KG_HA]
+        ends = calm_ends(given)
         places = [(spot.east_m, spot.north_m) for spot in view.track]
         if view.place is not None:
             places.append(view.place)
         frame = frame_around(places, width, map_rows * 2)
         rows = [self.text_strip(width, (f" {_('map')} ", title), (f"{_('applied')} {view.unit.name}", muted))]
-        pixels = self._pixels(view, frame, top)
+        pixels = self._pixels(view, frame, ends)
         tractor = frame.pixel(*view.place) if view.place is not None else None
-        for row in range(map_rows):
-            rows.append(Strip(self._row(row, width, pixels, tractor, view)).adjust_cell_length(width))
+        rows += [Strip(self._row(row, width, pixels, tractor, view)).adjust_cell_length(width)
+                 for row in range(map_rows)]
         if not places:
             rows[1 + map_rows // 2] = self.text_strip(width, (f" {_('no position yet')}", muted))
-        rows.append(self._legend(view, width, frame, top))
+        rows.append(self._legend(view, width, frame, ends))
         return rows
 
-    def _pixels(self, view: MapView, frame: Frame, top: float) -> dict[tuple[int, int], Rgb]:
+    def _pixels(self, view: MapView, frame: Frame, ends: tuple[float, float]) -> dict[tuple[int, int], Rgb]:
         passage = self.style("map--passage").color
         passage_rgb: Rgb = tuple(passage.get_truecolor()) if passage else (128, 128, 128)
         pixels: dict[tuple[int, int], Rgb] = {}
         for spot in view.track:
             rate = spot.applied_kg_ha
-            shown = colour(rate * view.unit.per_si / top) if rate is not None and rate >= _NOTHING_KG_HA else None
+            shown = None
+            if rate is not None and rate >= _NOTHING_KG_HA:
+                shown = colour((rate * view.unit.per_si - ends[0]) / (ends[1] - ends[0]))
             place = frame.pixel(spot.east_m, spot.north_m)
             if shown is not None:
                 pixels[place] = shown
@@ -108,23 +112,28 @@ class FieldMap(Canvas[MapView]):
             if up is None and down is None:
                 segments.append(Segment(" ", base))
             elif up == down:
-                segments.append(Segment("█", base + _fore(up)))
+                segments.append(Segment("█", base + _fore(up) + _back(up)))
             elif up is None:
                 segments.append(Segment("▄", base + _fore(down)))
             elif down is None:
                 segments.append(Segment("▀", base + _fore(up)))
             else:
-                segments.append(Segment("▀", base + _fore(up) + Style(bgcolor=Color.from_rgb(*down))))
+                segments.append(Segment("▀", base + _fore(up) + _back(down)))
         return segments
 
-    def _legend(self, view: MapView, width: int, frame: Frame, top: float) -> Strip:
+    def _legend(self, view: MapView, width: int, frame: Frame, ends: tuple[float, float]) -> Strip:
         muted = self.style("map--muted")
         cells = max(6, min(16, width - 26))
-        ramp = [("█", self.rich_style + _fore(colour(step / (cells - 1)))) for step in range(cells)]
+        steps = [colour(step / (cells - 1)) for step in range(cells)]
+        ramp = [("█", self.rich_style + _fore(step) + _back(step)) for step in steps]
         bar_cells = 6
         bar = view.distance.full(bar_cells * frame.metres)
-        return self.text_strip(width, (" 0 ", muted), *ramp, (f" {top:.0f}  ", muted), ("▀" * bar_cells, muted),
-                               (f" {bar}", muted))
+        return self.text_strip(width, (f" {ends[0]:.0f} ", muted), *ramp, (f" {ends[1]:.0f}  ", muted),
+                               ("▀" * bar_cells, muted), (f" {bar}", muted))
+
+
+def _back(rgb: Rgb) -> Style:
+    return Style(bgcolor=Color.from_rgb(*rgb))
 
 
 def _fore(rgb: Rgb | None) -> Style:

@@ -7,14 +7,11 @@ from console.app.view import Head, HeadsView
 from console.app.widgets.panel import Panel, Part, fit, line, spread
 from console.locale import _
 
-_EIGHTHS = " ▏▎▍▌▋▊▉█"
 
-
-def bar(share: float, width: int) -> str:
-    """A bar of `width` cells filled to `share` in eighths of a cell."""
-    eighths = round(share * width * 8)
-    full, rest = divmod(eighths, 8)
-    return ("█" * full + (_EIGHTHS[rest] if rest else "")).ljust(width)
+def bar(share: float, width: int) -> tuple[str, str]:
+    """The filled and the empty part of a bar of `width` cells: half as high as its row, so that bars stay apart."""
+    full = round(max(0.0, min(1.0, share)) * width)
+    return "▄" * full, "▁" * (width - full)
 
 
 class Heads(Panel[HeadsView]):
@@ -41,7 +38,7 @@ class Heads(Panel[HeadsView]):
             return [(f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"), " ",
                     (fit(word, room), "$alarm-amber on $track"), (f" {head.value:>5} ", "$stale")]
         style = "$stale" if stale else "$target"
-        text = bar(head.share or 0.0, room)
-        return [(f" {head.number} ", "bold"), " ", (text, f"{style} on $track"),
+        full, rest = bar(head.share or 0.0, room)
+        return [(f" {head.number} ", "bold"), " ", (full, style), (rest, "$muted"),
                 (f" {head.value:>5} ", "$stale" if stale else "")]
 

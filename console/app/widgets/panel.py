@@ -1,6 +1,7 @@
 """The base of all panels: one frozen view in, lines out, and no drawing while the view stays the same."""
 from __future__ import annotations
 
+import re
 from typing import ClassVar, Generic, TypeVar
 
 from rich.cells import cell_len, set_cell_size
@@ -44,6 +45,16 @@ class Panel(Widget, Generic[V]):
 def line(*parts: Part) -> Content:
     """One row of texts and (text, style) pairs; empty texts may be given."""
     return Content.assemble(*parts)
+
+
+def solid(text: str, colour: str, off: str = "") -> list[Part]:
+    """Parts of a drawing of blocks in one colour; full blocks also get it as background, so that no seams show.
+
+    colour, off: theme variables of the blocks and of what lies between them, e.g. "$target", "$track".
+    """
+    back = f" on {off}" if off else ""
+    return [(run, f"{colour} on {colour}" if run[0] == "█" else f"{colour}{back}")
+            for run in re.findall("█+|[^█]+", text)]
 
 
 def fit(text: str, width: int) -> str:

@@ -6,7 +6,7 @@ from textual.content import Content
 
 from console.app.digits import draw
 from console.app.view import ERROR_SPAN, RatesView, Shown
-from console.app.widgets.panel import Panel, fit, line
+from console.app.widgets.panel import Panel, fit, line, solid
 from console.locale import _
 
 _LEVELS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
@@ -18,15 +18,19 @@ class Rates(Panel[RatesView]):
 
     def lines(self, view: RatesView, width: int, height: int) -> list[Content]:
         half = width // 2
-        nudge = f"  {_('nudge')} {view.nudge}" if view.nudge else ""
-        label = _("target")
-        rows = [line((fit(f" {label}", cell_len(label) + 2), "bold $target"),
-                     (fit(f"{view.unit}{nudge}", half - cell_len(label) - 2), "$muted"),
-                     (" " + _("applied") + " ", "bold $applied"), (view.unit, "$muted"))]
+        nudge = f" {_('nudge')} {view.nudge} " if view.nudge else ""
+        label = f" {_('target')} "
+        used = cell_len(label) + cell_len(view.unit) + 2 + cell_len(nudge)
+        room = width - half - cell_len(f" {_('applied')} {view.unit}  ")
+        note = f" {view.note} " if view.note else ""
+        note = fit(note, min(room, cell_len(note)))
+        rows = [line((label, "bold $target"), (f"{view.unit}  ", "$muted"), (nudge, "bold reverse"),
+                     " " * max(0, half - used), (f" {_('applied')} ", "bold $applied"), (f"{view.unit}  ", "$muted"),
+                     (note, "bold $on-alarm-amber on $alarm-amber"))]
         target, applied = self._numeral(view.target), self._numeral(view.applied)
         target_style = "$stale" if view.target.stale else "$target"
         applied_style = "$stale" if view.applied.stale else "$applied"
-        rows += [line(" ", (fit(a, half - 1), target_style), " ", (fit(b, width - half - 1), applied_style))
+        rows += [line(" ", *solid(fit(a, half - 1), target_style), " ", *solid(fit(b, width - half - 1), applied_style))
                  for a, b in zip(target, applied, strict=True)]
         if height > 7:
             rows.append(line(""))
@@ -39,7 +43,7 @@ class Rates(Panel[RatesView]):
 
     @staticmethod
     def _bar(view: RatesView, width: int) -> Content:
-        """`error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, so that sign and size are one look."""
+        """`error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, sign and size in one look."""
         style = "$stale" if view.error.stale else _LEVELS[view.level]
         label = f" {_('error')} "
         value = f" {_MARKS[view.level]}{view.error.text:>6} "
@@ -50,5 +54,5 @@ class Rates(Panel[RatesView]):
         filled = min(arm, round(abs(share) * arm))
         left = " " * (arm - filled) + "█" * filled if share < 0 else " " * arm
         right = "█" * filled + " " * (arm - filled) if share > 0 else " " * arm
-        return line((label, "$muted"), (low, "$muted"), (left, f"{style} on $track"), ("┃", "bold on $track"),
-                    (right, f"{style} on $track"), (high, "$muted"), (value, f"bold {style}"))
+        return line((label, "$muted"), (low, "$muted"), *solid(left, style, "$track"), ("┃", "bold on $track"),
+                    *solid(right, style, "$track"), (high, "$muted"), (value, f"bold {style}"))

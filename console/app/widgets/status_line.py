@@ -10,7 +10,8 @@ from console.app.widgets.panel import Panel, Part, spread
 class StatusLine(Panel[StatusView]):
     def lines(self, view: StatusView, width: int, height: int) -> list[Content]:
         state = view.state if view.state else "off"
-        left: list[Part] = [(f" {view.symbol} {view.word} ", f"bold $on-state-{state} on $state-{state}"), " "]
+        left: list[Part] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
+        left += [(f" {view.symbol} {view.word} ", f"bold $on-state-{state} on $state-{state}"), " "]
         for word in (view.strategy, view.source):
             if word:
                 left += [f" {word} "]

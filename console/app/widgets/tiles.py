@@ -6,7 +6,7 @@ from textual.content import Content
 
 from console.app.digits import draw
 from console.app.view import Tile
-from console.app.widgets.panel import Panel, Part, fit, line
+from console.app.widgets.panel import Panel, Part, fit, line, solid
 
 ROWS = 5
 
@@ -22,7 +22,7 @@ class Tiles(Panel[tuple[Tile, ...]]):
             unit_room = each - cell_len(tile.label) - 2
             rows[0] += [(f" {tile.label} ", "bold"), (fit(tile.unit, unit_room), "$muted")]
             for index, text in enumerate(draw(tile.value.text)):
-                rows[1 + index] += [" ", (fit(text, each - 1), style)]
+                rows[1 + index] += [" ", *solid(fit(text, each - 1), style)]
             mark = "! " if tile.level else ""
             under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
             text = fit(mark + tile.below, each - 2) if tile.level else fit(tile.below, each - 2)

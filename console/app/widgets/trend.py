@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar, NamedTuple
 
 from rich.segment import Segment
+from rich.style import Style
 from textual.strip import Strip
 
 from console.app.history import TREND_SPAN_S, Point
-from console.app.scale import calm_top
+from console.app.scale import calm_ends
 from console.app.units import Unit
 from console.app.view import duration
 from console.app.widgets.canvas import Canvas
@@ -29,10 +30,10 @@ class TrendView(NamedTuple):
 Dots = dict[tuple[int, int], int]            # (column, row) of a cell -> braille bits
 
 
-def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int, thick: bool) -> Dots:
+def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int) -> Dots:
     """Braille cells of a line through (x, y), x and y in 0 ... 1 of the plot; None breaks the line.
 
-    columns, rows: the plot in cells. thick: two dots high, so that two lines differ without colour.
+    columns, rows: the plot in cells.
     """
     wide, high = columns * 2, rows * 4
     cells: Dots = {}
@@ -51,8 +52,6 @@ def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int,
         y = high - 1 - round(max(0.0, min(1.0, share_y)) * (high - 1))
         for across, down in _between(last, (x, y)):
             dot(across, down)
-            if thick:
-                dot(across, down + 1 if down + 1 < high else down - 1)
         last = (x, y)
     return cells
 
@@ -71,7 +70,7 @@ def _between(start: tuple[int, int] | None, end: tuple[int, int]) -> Iterator[tu
 
 class Trend(Canvas[TrendView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--target", "trend--applied", "trend--muted", "trend--title",
-                                             "trend--stale"}
+                                             "trend--stale", "trend--band", "trend--stale-band"}
 
     def paint(self, view: TrendView, width: int, height: int) -> list[Strip]:
         plot_rows, plot_columns = height - 2, width - _AXIS - 1
@@ -80,27 +79,27 @@ class Trend(Canvas[TrendView]):
         muted = self.style("trend--muted")
         target_style = self.style("trend--stale" if view.stale else "trend--target")
         applied_style = self.style("trend--stale" if view.stale else "trend--applied")
+        band_style = self.style("trend--stale-band" if view.stale else "trend--band")
         unit = view.unit
-        largest = max((v for p in view.points for v in p[1:] if v is not None), default=0.0)
-        top = calm_top(largest * unit.per_si)
+        low, high = calm_ends(v * unit.per_si for p in view.points for v in p[1:] if v is not None)
         now_s = view.points[-1].time_s if view.points else 0.0
 
         def line(of: int) -> list[tuple[float, float | None]]:
             return [(1 - (now_s - point.time_s) / view.span_s,
-                     None if point[of] is None else point[of] * unit.per_si / top)
+                     None if point[of] is None else (point[of] * unit.per_si - low) / (high - low))
                     for point in view.points]
 
-        targets = trace(line(1), plot_columns, plot_rows, thick=False)
-        applieds = trace(line(2), plot_columns, plot_rows, thick=True)
+        targets = trace(line(1), plot_columns, plot_rows)
+        applieds = trace(line(2), plot_columns, plot_rows)
         rows = [self.text_strip(width, (f" {_('trend')} ", self.style("trend--title")), (f"{unit.name}   ", muted),
-                                ("⠤⠤⠤ ", target_style), (f"{_('target')}   ", target_style),
-                                ("⠶⠶⠶ ", applied_style), (_("applied"), applied_style))]
-        labels = {0: f"{top:.0f}", plot_rows - 1: "0"}
+                                ("   ", band_style), (f" {_('target')}   ", target_style),
+                                ("⠤⠤⠤ ", applied_style), (_("applied"), applied_style))]
+        labels = {0: f"{high:.0f}", plot_rows - 1: f"{low:.0f}"}
         if plot_rows >= 5:
-            labels[(plot_rows - 1) // 2] = f"{top / 2:.0f}"
+            labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
         for row in range(plot_rows):
             segments = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            segments += self._cells(row, plot_columns, targets, applieds, target_style, applied_style)
+            segments += self._cells(row, plot_columns, targets, applieds, target_style + band_style, applied_style)
             rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))
         start = f"-{duration(view.span_s)}"
         middle = f"-{duration(view.span_s / 2)}"
@@ -110,9 +109,13 @@ class Trend(Canvas[TrendView]):
         rows.append(self.text_strip(width, (" " * _AXIS + start + " " * gap + middle + rest, muted)))
         return rows
 
-    def _cells(self, row: int, columns: int, targets: Dots, applieds: Dots, target_style, applied_style
+    def _cells(self, row: int, columns: int, targets: Dots, applieds: Dots, target_style: Style, applied_style: Style
                ) -> Iterator[Segment]:
+        """Cells that the target passes are tinted; the applied rate is drawn over it, so that both can be seen."""
+        tinted = applied_style + Style(bgcolor=target_style.bgcolor)
         for column in range(columns):
-            below, above = targets.get((column, row), 0), applieds.get((column, row), 0)
-            style = applied_style if above else target_style
-            yield Segment(chr(0x2800 | below | above) if below or above else " ", style)
+            target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
+            if applied:
+                yield Segment(chr(0x2800 | applied), tinted if target else applied_style)
+            else:
+                yield Segment(chr(0x2800 | target) if target else " ", target_style if target else applied_style)
