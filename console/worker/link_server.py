@@ -1,7 +1,7 @@
 """The worker's end of the link: clients on loopback, in a thread of its own.
 
-Each client gets the newest frame at up to 20 Hz; a client that has not taken the last one yet misses frames rather than
-being waited for. Clients that hold the token may order; the others look.
+Each client gets the newest frame (the host makes up to 20 a second); a client that has not taken the last one yet
+misses frames rather than being waited for. Clients that hold the token may order; the others look.
 """
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ import os
 import selectors
 import socket
 import threading
-import time
 from collections import Counter, deque
 from functools import partial
 from typing import Any
 
 from console.worker import wire
 from console.worker.host import Host
-from console.worker.limits import CLIENTS, FRAME_HZ, LINE_BYTES, SEND_BUFFER_BYTES, UNREAD_BYTES
+from console.worker.limits import CLIENTS, LINE_BYTES, SEND_BUFFER_BYTES, UNREAD_BYTES
 from console.worker.requests import Ask, Refusal, parse
 from control.orders import Answer
 
-FRAME_S = 1.0 / FRAME_HZ
 LOOK_S = 0.01                 # how often a new frame or answer is looked for while somebody is attached
 IDLE_S = 0.1                  # and while nobody is
-SLACK = 0.8                   # of a frame's spacing: the loop's own jitter shall not cost every second frame
 
 
 class Client:
@@ -86,11 +83,12 @@ class LinkServer(threading.Thread):
         self._chooser.register(self._listener, selectors.EVENT_READ)
         self._answers: deque[tuple[Client, bytes]] = deque()
         self._sent_seq = -1
-        self._sent_at = 0.0
         self._closing = threading.Event()
 
     def run(self) -> None:
-        while not self._closing.is_set():
+        last = False
+        while not last:
+            last = self._closing.is_set()              # what was queued before `close` still goes out
             for key, _ in self._chooser.select(LOOK_S if self._clients else IDLE_S):
                 if key.data is None:
                     self._accept()
@@ -98,8 +96,6 @@ class LinkServer(threading.Thread):
                     self._hear(key.data)
             self._tell()
             self._forget_the_gone()
-        self._sent_at = 0.0
-        self._tell()
         for client in self._clients:
             client.connection.close()
         self._chooser.close()
@@ -155,12 +151,9 @@ class LinkServer(threading.Thread):
             client, data = self._answers.popleft()
             client.send(data)
         frame = self._host.newest
-        now = time.monotonic()
-        if frame is None or frame.seq == self._sent_seq or now - self._sent_at < SLACK * FRAME_S:
+        if frame is None or frame.seq == self._sent_seq or not self._clients:
             return
-        self._sent_seq, self._sent_at = frame.seq, now
-        if not self._clients:
-            return
+        self._sent_seq = frame.seq
         try:
             data = wire.framed(frame)
         except ValueError:

@@ -53,12 +53,12 @@ def test_asks(ask):
     (line(do="nudge", value=10**400), 7, "value"),
     (line(do="nudge", value=0).replace(b"0}", b"1e999}"), 7, "value"),
     (line(do="nudge", value=0).replace(b"0}", b"NaN}"), None, "not JSON"),
-])
+], ids=lambda sent: repr(sent)[:40])
 def test_what_is_wrong_is_refused_and_said(sent, id_, why):
     assert parse(sent, TOKEN) == Refusal(id_, "malformed", f"malformed: {why}")
 
 
-@pytest.mark.parametrize("token", [None, "", "0123456789abcdeg", 7, "\ud800", TOKEN + "0", TOKEN.upper()])
+@pytest.mark.parametrize("token", [None, "", "0123456789abcdeg", 7, "\ud800", TOKEN + "0", TOKEN.upper()], ids=ascii)
 def test_without_the_token_nothing_is_taken(token):
     assert parse(line(token=token, do="start"), TOKEN) == Refusal(7, "unauthorised", "unauthorised")
     assert parse(line(token=token, ask="quit"), TOKEN) == Refusal(7, "unauthorised", "unauthorised")

@@ -29,6 +29,8 @@ async def test_it_looks_like_a_link(live):
     assert await live.link.order(Order(Do.START)) == Answer(True)
     await asyncio.sleep(0.1)
     assert live.link.newest.row.state == "working" and live.link.newest_at_s == pytest.approx(time.monotonic(), abs=0.2)
+    await asyncio.sleep(0.7)
+    assert 0.3 < max(live.parts.loop.ages) < 0.65                # it says by itself that the console lives
     assert (await live.link.stats())["hz"] == pytest.approx(100)
     await live.link.stop_worker()
     with pytest.raises(WorkerGone, match="told to quit"):

@@ -14,7 +14,8 @@ from control.orders import Alarm, Answer, Severity
 def test_a_frame_comes_back_as_it_was():
     frame = Frame(3, 1.5, LogRow(1.5, state="working", ndvi_3=0.61), alarms=(
         Alarm("rate_off", Severity.AMBER, 1.0, details=(("percent", 12.0), ("word", "x"))),), dropped_heads=(2,),
-        place_m=(1.0, 2.0), devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA"),), notes=("n",))
+        place_m=(1.0, 2.0), notes=("n",),
+        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA"),))
     assert from_json(json.loads(wire.framed(frame))) == frame
 
 

@@ -66,14 +66,16 @@ async def test_attach_and_order(running, attach, log_of):
     assert log_of(where)[-1] == {"end": True} and log_of(where)[-2]["state"] == "off"
 
 
-async def test_frames_come_at_twenty_hertz(running, attach):
-    link = await attach(running("--hz", "100"))
+async def test_frames_come_at_twenty_hertz_and_the_worker_hears_of_us(running, attach, log_of):
+    where = running("--hz", "100")
+    link = await attach(where)
     seen = set()
     until_s = time.monotonic() + 1.0
     while time.monotonic() < until_s:
         seen.add(link.newest.seq)
         await asyncio.sleep(0.005)
     assert 15 <= len(seen) <= 23
+    assert 0.3 < max(row["age_s"] for row in log_of(where)) < 0.8      # a word every 0.5 s, four times the need
     stats = await link.stats()
     assert stats["hz"] == pytest.approx(100.0) and stats["ticks"] > 50 and stats["clients"] == 1
     assert 0.0 < stats["p50_ms"] <= stats["p99_ms"] <= stats["p999_ms"] <= stats["max_ms"]
@@ -182,7 +184,7 @@ async def test_a_frozen_worker_costs_an_order_only_its_time_limit(running, attac
 
 @posix
 async def test_terminate_is_a_clean_stop_and_ctrl_c_is_nothing(running, attach, log_of):
-    where = running()
+    where = running("--hz", "100")
     link = await attach(where)
     await link.order(Order(Do.START))
     os.kill(where.pid, signal.SIGINT)
@@ -297,6 +299,13 @@ def test_a_port_taken_over_by_another_program_is_not_a_worker(tmp_path):
         run_file.write_text(json.dumps({"port": other.getsockname()[1], "token": "x", "pid": 1}))
         with pytest.raises(WorkerFailed, match="remove"):
             find_running(run_file)
+
+
+def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
+    where = running()
+    run_file = tmp_path / "old.json"
+    run_file.write_text(json.dumps({"port": where.port, "token": "x", "pid": where.pid + 1}))
+    assert find_running(run_file) is None and not run_file.exists()
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', "\x00"])
