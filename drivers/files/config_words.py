@@ -47,10 +47,10 @@ def allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
         return ", ".join(_show(value) for value in sub["enum"])
     for union in ("anyOf", "oneOf"):
         if union in sub:
-            words = dict.fromkeys(allowed(option, root) for option in sub[union])
+            unit = {"unit": sub["unit"]} if "unit" in sub else {}
+            words = dict.fromkeys(allowed({**option, **unit}, root) for option in sub[union])
             return " or ".join(word for word in words if word)
-    unit = f" {sub['unit']}" if "unit" in sub else ""
-    return _ALLOWED.get(str(sub.get("type")), _allowed_any)(sub, root) + unit
+    return _ALLOWED.get(str(sub.get("type")), _allowed_any)(sub, root)
 
 
 def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping[str, Any]) -> str:
@@ -60,7 +60,7 @@ def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         names = _names(_at_path(schema, path[:-1]), schema)
         listed = f": allowed {', '.join(names)}" if 0 < len(names) <= _MAX_NAMES else ""
-        return f"key {key}: unknown key{nearest(str(path[-1]), names)}{listed}"
+        return f"key {key}: unknown key{nearest(str(path[-1]), names) or listed}"
     value = _value_at(data, path)
     start = f"key {key}: " if path else ""
     if not isinstance(value, dict | list) and value is not _NOWHERE:
@@ -204,7 +204,8 @@ def _allowed_number(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
         if below is not None:
             parts.append(f"less than {_figure(below)}")
         limits = " and ".join(parts)
-    return ", ".join(part for part in (whole, limits) if part) or "a number"
+    unit = f" {sub['unit']}" if "unit" in sub else ""
+    return (", ".join(part for part in (whole, limits) if part) or "a number") + unit
 
 
 def _figure(number: float) -> str:

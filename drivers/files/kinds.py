@@ -2,10 +2,12 @@
 from __future__ import annotations
 
 from control.agronomy.crop import Crop
+from control.field.job import Job
 from control.machine.machine import Machine
 from drivers.files.config import Kind, Kinds
 
 MACHINE = Kind("topdress-machine/1", "machines", Machine)
 CROP = Kind("topdress-crop/1", "crops", Crop)
+JOB = Kind("topdress-job/1", "jobs", Job)
 
-KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP)}
+KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP, JOB)}

@@ -116,7 +116,7 @@ def _fits_swapped(columns: Columns, lat_deg: Floats, lon_deg: Floats) -> bool:
         return False
     as_is_deg = np.abs(_turn_deg(heading_deg[start], np.degrees(np.arctan2(east_m, north_m))))[far]
     other_deg = np.abs(_turn_deg(heading_deg[start], np.degrees(np.arctan2(swapped[2], swapped[3]))))[far]
-    return bool(np.median(other_deg) < 5.0 and np.median(as_is_deg) > 20.0)
+    return bool(np.median(other_deg) < 5.0 and np.median(as_is_deg) > 10.0)
 
 
 def _turn_deg(from_deg: Floats, to_deg: Floats) -> Floats:

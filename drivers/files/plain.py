@@ -13,7 +13,7 @@ from pydantic_core import core_schema
 
 
 def plain(value: Any) -> Any:
-    """Models, NamedTuples, enums, dates and paths as mappings, lists, texts and numbers; TypeError for anything else."""
+    """Models, NamedTuples, enums, dates and paths as mappings, lists, texts, numbers; else TypeError."""
     if isinstance(value, BaseModel):
         return {info.alias or name: plain(getattr(value, name)) for name, info in type(value).model_fields.items()}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):

@@ -12,7 +12,7 @@ A log row holds values, not the times at which they were sampled. These are foun
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,9 +128,10 @@ def _known(value: float) -> float | None:
     return value if value == value else None
 
 
-def _changes(values: NDArray[Any]) -> Flags:
-    """Whether a value differs from the row before; the first one does."""
-    return np.concatenate((np.ones(min(1, values.size), bool), values[1:] != values[:-1]))
+def _changes(values: Floats) -> Flags:
+    """Whether a value differs from the row before; the first one does, unknown after unknown does not."""
+    differs = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
+    return np.concatenate((np.ones(min(1, values.size), bool), differs))
 
 
 def _period_s(time_s: Floats, fresh: Flags) -> float:

@@ -45,7 +45,10 @@ def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
 
     Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or too deep nodes.
     """
-    loader = _Loader(text)
+    try:
+        loader = _Loader(text)
+    except yaml.reader.ReaderError as error:
+        raise YamlProblem(f"character {error.position + 1}: not allowed in YAML") from None
     try:
         node = loader.get_single_node()
         if node is None:
@@ -55,8 +58,6 @@ def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
         return loader.construct_document(node), lines
     except yaml.MarkedYAMLError as error:
         raise YamlProblem(_one_line(error)) from None
-    except yaml.reader.ReaderError as error:
-        raise YamlProblem(f"character {error.position + 1}: not allowed in YAML") from None
     except (ValueError, OverflowError, RecursionError) as error:
         if isinstance(error, YamlProblem):
             raise
@@ -109,7 +110,12 @@ def _list_of_numbers_in_a_line(dumper: _Dumper, data: list[Any]) -> yaml.Node:
     return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
 
 
+def _text_with_escapes_where_needed(dumper: _Dumper, data: str) -> yaml.Node:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"')
+
+
 _Dumper.add_representer(list, _list_of_numbers_in_a_line)
+_Dumper.add_representer(str, _text_with_escapes_where_needed)
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
 
 

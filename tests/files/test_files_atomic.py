@@ -1,0 +1,57 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from drivers.files.atomic import create, sidecar, write_atomically
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+    place = tmp_path / "a.yaml"
+    write_atomically(place, "old")
+    write_atomically(place, "new °")
+    assert place.read_text(encoding="utf-8") == "new °"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
+
+
+def test_the_old_file_stays_when_the_new_one_cannot_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "a.yaml"
+    write_atomically(place, "old")
+
+    def full(_handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_atomically(place, "new")
+    assert place.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
+
+
+def test_a_taken_name_is_never_taken_again(tmp_path: Path) -> None:
+    first = create(tmp_path / "run.csv")
+    first.write(bytearray(b"precious"))
+    second = create(tmp_path / "run.csv")
+    assert (first.path.name, second.path.name) == ("run.csv", "run-2.csv")
+    assert first.path.read_bytes() == b"precious"
+    first.close()
+    second.close()
+
+
+def test_a_name_whose_sidecar_is_taken_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("my own configuration")
+    log = create(tmp_path / "run.csv")
+    log.close()
+    assert log.path.name == "run-2.csv"
+    assert sidecar(log.path).name == "run-2.yaml"
+
+
+def test_a_deleted_log_is_noticed(tmp_path: Path) -> None:
+    log = create(tmp_path / "run.csv")
+    try:
+        log.path.unlink()
+    except PermissionError:
+        pytest.skip("this system does not delete open files")
+    with pytest.raises(OSError, match="deleted"):
+        log.sync()
+    log.close()

@@ -1,0 +1,167 @@
+import hashlib
+from collections.abc import Callable
+from datetime import date
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import pytest
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.files.config import ConfigError, Kind, load, load_any, save, schema, sha256_of, validated
+
+Written = Callable[..., Path]
+
+
+class Colour(StrEnum):
+    RED = "red"
+    BLUE = "blue"
+
+
+class Stage(NamedTuple):
+    dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.4
+    slow_s: Annotated[float, Field(ge=0, le=3)] = 0.0
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Inner(Strict):
+    width_m: float = Field(gt=0, le=50)
+    outlets: int = Field(default=6, ge=1, le=12)
+
+
+class Thing(Strict):
+    format: Literal["test-thing/1"]
+    name: str = Field(min_length=1)
+    colour: Colour = Colour.RED
+    inner: Inner
+    stage: Stage = Stage()
+    sown: date | None = None
+    rate_kg_ha: float | None = Field(default=None, ge=0, le=400, json_schema_extra={"unit": "kg/ha"})
+    corners: tuple[tuple[float, float], ...] = ()
+    on: bool = True
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Thing":
+        if self.name == self.colour:
+            raise ValueError("name and colour are the same: allowed are different ones")
+        return self
+
+
+class Bare(Strict):
+    size_m: float = 1.0
+
+
+THING = Kind("test-thing/1", "things", Thing)
+BARE = Kind("test-bare/1", "bares", Bare)
+KINDS = {kind.format: kind for kind in (THING, BARE)}
+GOOD = "format: test-thing/1\nname: a\ninner:\n  width_m: 2.4\n"
+
+
+def lines_of(path: Path) -> tuple[str, ...]:
+    with pytest.raises(ConfigError) as caught:
+        load(path, THING)
+    assert all("\n" not in line and line.startswith(str(path)) for line in caught.value.lines)
+    return tuple(line.removeprefix(f"{path}: ") for line in caught.value.lines)
+
+
+def test_a_good_file_is_read_with_its_checksum(written: Written) -> None:
+    path = written(GOOD + "sown: 2025-10-15\ncorners: [[0, 1], [2.5, 3]]\ncolour: blue\nstage: {slow_s: 1}\n", "t.yaml")
+    loaded = load(path, THING)
+    assert loaded.model == Thing(format="test-thing/1", name="a", inner=Inner(width_m=2.4), colour=Colour.BLUE,
+                                 sown=date(2025, 10, 15), corners=((0, 1), (2.5, 3)), stage=Stage(slow_s=1.0))
+    assert loaded.sha256 == hashlib.sha256(path.read_bytes()).hexdigest() == sha256_of(path)
+    assert load("t.yaml", THING, beside=path.parent).model == loaded.model
+
+
+@pytest.mark.parametrize(("more", "line"), [
+    ("rate_kg_ha: 700\n", "key rate_kg_ha: value 700: allowed 0 to 400 kg/ha or nothing (line 5)"),
+    ("colour: green\n", "key colour: value green: allowed red, blue (line 5)"),
+    ("color: red\n", "key color: unknown key; did you mean colour? (line 5)"),
+    ("zz: 1\n", "key zz: unknown key: allowed format, name, colour, inner, stage, sown, rate_kg_ha, corners, on "
+                "(line 5)"),
+    ("on: 1\n", "key on: value 1: allowed true, false (line 5)"),
+    ("on: yes\n", "key on: value yes: allowed true, false (line 5)"),
+    ("rate_kg_ha: true\n", "key rate_kg_ha: value true: allowed 0 to 400 kg/ha or nothing (line 5)"),
+    ("rate_kg_ha: '5'\n", 'key rate_kg_ha: value "5": allowed 0 to 400 kg/ha or nothing (line 5)'),
+    ("rate_kg_ha: .nan\n", 'key rate_kg_ha: value ".nan": allowed 0 to 400 kg/ha or nothing (line 5)'),
+    ("rate_kg_ha: 1e999\n", None),
+    ("sown: 15.10.2025\n", 'key sown: value "15.10.2025": allowed a date such as 2025-03-20 or nothing (line 5)'),
+    ("corners: [[0, 1], [2, x]]\n", "key corners[2][2]: value x: allowed a number (line 5)"),
+    ("stage: {slow: 1}\n", "key stage.slow: unknown key; did you mean slow_s? (line 5)"),
+    ("stage: {slow_s: 9}\n", "key stage.slow_s: value 9: allowed 0 to 3 (line 5)"),
+    ("name: b\n", "key name: stands twice, in lines 2 and 5: allowed once"),
+])
+def test_each_mistake_is_one_line(written: Written, more: str, line: str | None) -> None:
+    found = lines_of(written(GOOD + more, "t.yaml"))
+    assert len(found) == 1
+    if line is not None:
+        assert found[0] == line
+
+
+def test_all_mistakes_are_told_in_the_order_of_the_file(written: Written) -> None:
+    path = written("format: test-thing/1\nrate_kg_ha: -1\ninner:\n  outlets: 2.5\n  widht_m: 3\n", "t.yaml")
+    assert lines_of(path) == (
+        "key name: missing: allowed a text, not empty (line 1)",
+        "key rate_kg_ha: value -1: allowed 0 to 400 kg/ha or nothing (line 2)",
+        "key inner.width_m: missing: allowed more than 0 and at most 50 (line 3)",
+        "key inner.outlets: value 2.5: allowed a whole number, 1 to 12 (line 4)",
+        "key inner.widht_m: unknown key; did you mean width_m? (line 5)")
+
+
+def test_rules_of_a_model_speak_for_themselves(written: Written) -> None:
+    path = written(GOOD.replace("name: a", "name: red"), "t.yaml")
+    assert lines_of(path) == ("name and colour are the same: allowed are different ones (line 1)",)
+
+
+@pytest.mark.parametrize(("content", "said"), [
+    (b"", "the file is empty"), (b"- 1\n", "found list"), (b"a: \xff\xfe\n", "not UTF-8"), (b"a: [\n", "not YAML"),
+    (b"name: a\n", "key format: missing: allowed test-thing/1"),
+    (b"format: test-thing/2\n", "key format: value test-thing/2: allowed test-thing/1 (line 1)"),
+    (b"#" * 2_000_001, "too large")])
+def test_files_that_are_no_configuration(written: Written, content: bytes, said: str) -> None:
+    (found,) = lines_of(written(content, "t.yaml"))
+    assert said in found
+
+
+def test_a_missing_file_and_an_unknown_name(tmp_path: Path) -> None:
+    assert lines_of(tmp_path / "none.yaml") == ("no such file",)
+    assert lines_of(tmp_path)[0].startswith("cannot be read")
+    with pytest.raises(ConfigError, match=r"huanghi_wheat: no configuration of this name.*did you mean huanghai_"):
+        load("huanghi_wheat", Kind("x/1", "crops", Bare))
+
+
+def test_any_kind_is_recognised_by_its_format(written: Written) -> None:
+    kind, loaded = load_any(written("format: test-bare/1\nsize_m: 2\n", "b.yaml"), KINDS)
+    assert (kind, loaded.model) == (BARE, Bare(size_m=2.0))
+    with pytest.raises(ConfigError, match="value test-bear/1: allowed test-thing/1, test-bare/1; did you mean test-ba"):
+        load_any(written("format: test-bear/1\n", "c.yaml"), KINDS)
+    with pytest.raises(ConfigError, match="key format: missing"):
+        load_any(written("size_m: 1\n", "d.yaml"), KINDS)
+
+
+def test_what_is_saved_reads_back_equal(tmp_path: Path) -> None:
+    thing = Thing(format="test-thing/1", name="off", inner=Inner(width_m=1e-7), colour=Colour.BLUE,
+                  sown=date(2025, 1, 2), corners=((0.1, 2.0),), stage=Stage(1.5, 2.5))
+    save(tmp_path / "t.yaml", thing, THING, "made by a test\nin two lines")
+    assert load(tmp_path / "t.yaml", THING).model == thing
+    assert (tmp_path / "t.yaml").read_text().startswith("# made by a test\n# in two lines\nformat: test-thing/1\n")
+    assert "slow_s: 2.5" in (tmp_path / "t.yaml").read_text()
+
+
+def test_plain_data_is_validated_alike() -> None:
+    assert validated({"format": "test-bare/1", "size_m": 3}, BARE, "log.yaml: machine") == Bare(size_m=3.0)
+    with pytest.raises(ConfigError) as caught:
+        validated({"format": "test-bare/1", "size_m": "x"}, BARE, "log.yaml: machine")
+    assert caught.value.lines == ("log.yaml: machine: key size_m: value x: allowed a number",)
+
+
+def test_the_schema_knows_format_ranges_and_named_tuples() -> None:
+    body = schema(BARE)
+    assert body["properties"]["format"] == {"const": "test-bare/1"}
+    assert body["required"] == ["format"]
+    stage = schema(THING)["$defs"]["Stage"]
+    assert stage["properties"]["dead_time_s"]["maximum"] == 5
+    assert stage["additionalProperties"] is False

@@ -1,0 +1,182 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from drivers.files.log_text import DECIMALS, EXACT_COLUMNS, HEADER, RowText
+from drivers.files.read_log import LogError, read_log
+from drivers.files.run_log import write_log
+from drivers.files.run_meta import RunMeta
+
+MakeRow = Callable[[float], LogRow]
+Written = Callable[..., Path]
+
+LIMITS = {"lat_deg": (1.0, 80.0), "lon_deg": (-180.0, 180.0), "hdop": (0.5, 50.0), "heading_deg": (0.0, 360.0),
+          "pitch_deg": (-50.0, 50.0), "roll_deg": (-50.0, 50.0), "speed_mps": (0.0, 5.0), "wheel_speed_mps": (0.0, 5.0),
+          "speed_used_mps": (0.0, 5.0), "hopper_kg": (-5.0, 300.0), "supply_v": (0.0, 30.0),
+          "target_rate_kg_ha": (0.0, 900.0), "nudge_percent": (-30.0, 30.0), "flow_trim": (0.5, 2.0),
+          "shaft_rpm_cmd": (0.0, 98.0), "shaft_rpm": (0.0, 98.0), "opening_mm_cmd": (0.0, 60.0),
+          "opening_mm": (0.0, 60.0), "applied_rate_kg_ha": (0.0, 900.0), "lag_s": (0.0, 9.0), "lag_m": (0.0, 90.0)}
+QUIETLY: Any = {"deadline": None,
+                "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]}
+printable = st.text(st.characters(blacklist_categories=("Cs", "Cc")), min_size=1, max_size=12)
+
+
+def cell(column: str) -> st.SearchStrategy[Any]:
+    if column in TEXT_COLUMNS:
+        values: st.SearchStrategy[Any] = printable
+    elif column in WHOLE_COLUMNS:
+        values = st.integers(0, 1 if column == "work_switch" else 8)
+    else:
+        values = st.floats(*LIMITS.get(column, (0.01, 0.99)))
+    return st.none() | values
+
+
+rows_of_any_kind = st.lists(
+    st.tuples(*(cell(column) for column in COLUMNS[1:])), min_size=1, max_size=8).map(
+        lambda cells: [LogRow(round(k * 0.05, 3), *rest) for k, rest in enumerate(cells)])
+
+
+def as_logged(row: LogRow) -> LogRow:
+    """The row with the digits that the format keeps."""
+    def kept(column: str, value: Any) -> Any:
+        if value is None or column in TEXT_COLUMNS or column in WHOLE_COLUMNS or column in EXACT_COLUMNS:
+            return value
+        return float(f"{value:.{DECIMALS[column]}f}")
+
+    return LogRow(*(kept(column, value) for column, value in zip(COLUMNS, row, strict=True)))
+
+
+@given(rows_of_any_kind)
+@settings(max_examples=60, **QUIETLY)
+def test_what_is_written_is_read_back(tmp_path: Path, rows: list[LogRow]) -> None:
+    path = write_log(tmp_path / "run.csv", RunMeta(software="t"), rows, overwrite=True)
+    log = read_log(path)
+    assert list(log.rows()) == [as_logged(row) for row in rows]
+    assert log.meta == RunMeta(software="t")
+    assert [f for f in log.findings if f.id not in ("missing", "speed_unit_likely", "zero_position")] == []
+
+
+@given(rows_of_any_kind, st.randoms(use_true_random=False), st.sampled_from(["\n", "\r\n"]), st.booleans())
+@settings(max_examples=40, **QUIETLY)
+def test_column_order_line_ends_and_extra_columns_do_not_matter(
+        tmp_path: Path, rows: list[LogRow], random: Any, line_end: str, odd: bool) -> None:
+    text = RowText()
+    table = [HEADER.rstrip("\n").split(","), *(_fields(text.line(row)) for row in rows)]
+    table = [[*fields, "density_g_l" if k == 0 else f"{k}.5"] for k, fields in enumerate(table)]
+    order = list(range(len(table[0])))
+    random.shuffle(order)
+    lines = [",".join(fields[i] for i in order) for fields in table]
+    if odd:
+        lines.insert(2, "")          # a blank line takes the reader its careful way
+    path = tmp_path / "mixed.csv"
+    path.write_bytes((line_end.join(lines) + line_end).encode())
+    log = read_log(path)
+    assert list(log.rows()) == [as_logged(row) for row in rows]
+    assert log.columns["density_g_l"].tolist() == [k + 1.5 for k in range(len(rows))]
+
+
+def _fields(line: str) -> list[str]:
+    """Splits a line of ours, leaving quotes where they are."""
+    fields, quoted, start = [], False, 0
+    line = line.rstrip("\n")
+    for place, letter in enumerate(line):
+        if letter == '"':
+            quoted = not quoted
+        elif letter == "," and not quoted:
+            fields.append(line[start:place])
+            start = place + 1
+    return [*fields, line[start:]]
+
+
+@pytest.mark.parametrize("beside", [True, False], ids=["with sidecar", "without sidecar"])
+def test_a_log_cut_anywhere_opens_up_to_its_last_whole_row(tmp_path: Path, full_row: MakeRow, beside: bool) -> None:
+    rows = [full_row(k * 0.05)._replace(events="雨 mark, \"so\"" if k else None) for k in range(2)]
+    path = write_log(tmp_path / "run.csv", RunMeta(software="t"), rows)
+    whole = path.read_bytes()
+    expected = [as_logged(row) for row in rows]
+    if not beside:
+        path.with_suffix(".yaml").unlink()
+    for cut in range(len(whole) + 1) if beside else range(1, len(whole) + 1, 5):
+        path.write_bytes(whole[:cut])
+        kept = max(whole[:cut].count(b"\n") - 1, 0)
+        log = read_log(path)
+        assert list(log.rows()) == expected[:kept], cut
+        ids = {finding.id for finding in log.findings}
+        at_an_end = whole[:cut].endswith(b"\n")
+        assert bool(ids & {"cut_row", "cut_header"}) is not at_an_end, (cut, log.findings)
+
+
+def test_zeros_left_by_a_power_loss_are_no_row(tmp_path: Path, full_row: MakeRow) -> None:
+    path = write_log(tmp_path / "run.csv", RunMeta(), [full_row(0.0), full_row(0.05)])
+    with path.open("ab") as file:
+        file.write(b"0.1" + b"\0" * 4000)
+    log = read_log(path)
+    assert len(log) == 2
+    assert {"cut_row", "zero_bytes"} <= {finding.id for finding in log.findings}
+
+
+def test_an_empty_file_is_refused_unless_it_is_ours(written: Written) -> None:
+    with pytest.raises(LogError, match=r"log\.csv: the file is empty$"):
+        read_log(written(""))
+    written("format: topdress-run-log/1\n", "log.yaml")
+    assert len(read_log(written(""))) == 0
+
+
+def test_a_log_knows_its_columns(written: Written) -> None:
+    log = read_log(written("time_s,speed_mps,state,soil\n0.5,1.0,working,clay\n1.0,,held,\n1.5,1.2,,loam\n"))
+    assert log.time_s.tolist() == [0.5, 1.0, 1.5]
+    assert (log.duration_s, log.step_s, len(log)) == (1.0, 0.5, 3)
+    assert np.isnan(log.numbers("speed_mps")[1]) and np.isnan(log.numbers("hopper_kg")).all()
+    assert log.texts("state").tolist() == ["working", "held", ""]
+    assert log.columns["soil"].tolist() == ["clay", "", "loam"]
+    assert log.has("speed_mps") and not log.has("hopper_kg")
+    with pytest.raises(KeyError):
+        log.numbers("state")
+    assert list(log.rows())[1] == LogRow(1.0, state="held")
+
+
+def test_a_part_of_the_columns_is_as_in_the_whole(written: Written) -> None:
+    lines = ["time_s,lat_deg,lon_deg,speed_mps,shaft_rpm,state"]
+    lines += [f"{k},{30 + k * 1e-5:.7f},100,{1.112 * 3.6:.3f},70,working" for k in range(100)]
+    path = written("\n".join(lines) + "\n")
+    part, whole = read_log(path, only=["speed_mps", "state"]), read_log(path)
+    assert set(part.columns) == {"time_s", "speed_mps", "state"}
+    assert part.columns["speed_mps"].tolist() == whole.columns["speed_mps"].tolist()
+    assert part.columns["speed_mps"][0] == pytest.approx(1.112, rel=1e-3)
+
+
+def test_a_sidecar_that_is_none_is_said(written: Written) -> None:
+    written("format: topdress-job/1\n", "log.yaml")
+    log = read_log(written("time_s\n0\n1\n"))
+    assert log.meta is None
+    assert "log.yaml beside the log was not used: key format: value topdress-job/1: allowed topdress-run-log/1" in [
+        str(finding) for finding in log.findings]
+
+
+def test_the_quick_and_the_careful_way_agree(tmp_path: Path, full_row: MakeRow,
+                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [full_row(k * 0.05)._replace(hopper_kg=None if k % 3 else 200.0 + k) for k in range(50)]
+    path = write_log(tmp_path / "run.csv", RunMeta(), rows)
+    quick = list(read_log(path).rows())
+    monkeypatch.setattr("drivers.files.table._regular", lambda *_: None)
+    assert list(read_log(path).rows()) == quick == [as_logged(row) for row in rows]
+
+
+def test_a_large_log_is_read_quickly(tmp_path: Path, full_row: MakeRow) -> None:
+    import time
+
+    line = RowText().line(full_row(0.0)).split(",", 1)[1]
+    path = tmp_path / "large.csv"
+    with path.open("w") as file:
+        file.write(HEADER)
+        file.writelines(f"{k * 0.05:.3f},{line}" for k in range(60_000))
+    read_log(path, only=["shaft_rpm"])      # loads the library
+    started = time.process_time()
+    assert len(read_log(path)) == 60_000
+    assert time.process_time() - started < 2.0

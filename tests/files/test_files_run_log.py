@@ -1,0 +1,277 @@
+import csv
+import errno
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from control.log_row import COLUMNS, LogRow
+from drivers.files.atomic import LogFile, NewFile, create
+from drivers.files.log_text import HEADER, RowText
+from drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
+from drivers.files.run_meta import RunMeta, meta_from_yaml, run_meta
+
+MakeRow = Callable[[float], LogRow]
+META = RunMeta(software="topdress test")
+
+
+class Shaky:
+    """A disk that can be made to refuse, to take half of what it is given, or to hang."""
+
+    def __init__(self) -> None:
+        self.refuse: OSError | None = None
+        self.refuse_open: OSError | None = None
+        self.take_at_most: int | None = None
+        self.hang = threading.Event()
+        self.hang.set()
+        self.threads: set[int] = set()
+
+    def create(self, path: Path, overwrite: bool) -> LogFile:
+        if self.refuse_open is not None:
+            raise self.refuse_open
+        return _ShakyFile(create(path, overwrite), self)
+
+
+class _ShakyFile:
+    def __init__(self, file: NewFile, disk: Shaky) -> None:
+        self._file, self._disk, self.path = file, disk, file.path
+
+    def write(self, data: bytearray) -> int:
+        self._disk.threads.add(threading.get_ident())
+        self._disk.hang.wait()
+        if self._disk.refuse is not None:
+            raise self._disk.refuse
+        return self._file.write(data[:self._disk.take_at_most])
+
+    def sync(self) -> None:
+        self._file.sync()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def until(condition: Callable[[], bool], timeout_s: float = 3.0) -> bool:
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return condition()
+
+
+def full_disk() -> OSError:
+    return OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_row_is_one_line_in_the_published_order(full_row: MakeRow) -> None:
+    cells = RowText().line(full_row(0.05)).rstrip("\n").split(",")
+    assert len(cells) == len(COLUMNS)
+    row = dict(zip(COLUMNS, cells, strict=True))
+    assert (row["time_s"], row["lat_deg"], row["shaft_rpm"]) == ("0.050", "34.100000563", "69.900")
+    assert (row["state"], row["work_switch"], row["events"]) == ("working", "1", "mark corner;refill 120")
+    assert HEADER.rstrip("\n").split(",") == list(COLUMNS)
+
+
+def test_commands_are_written_exactly() -> None:
+    for value in (0.1 + 0.2, 1 / 3, 69.99999999999999, 1e-17):
+        line = RowText().line(LogRow(0.0, shaft_rpm_cmd=value, opening_mm_cmd=value, target_rate_kg_ha=value))
+        row = dict(zip(COLUMNS, line.split(","), strict=True))
+        assert float(row["shaft_rpm_cmd"]) == float(row["opening_mm_cmd"]) == float(row["target_rate_kg_ha"]) == value
+
+
+def test_what_is_not_known_or_not_finite_is_empty() -> None:
+    line = RowText().line(LogRow(1.0, speed_mps=float("nan"), hopper_kg=float("inf"), fix_quality=None))
+    assert line == "1.000" + "," * (len(COLUMNS) - 1) + "\n"
+
+
+@pytest.mark.parametrize("text", ["a,b", 'say "so"', "two\nlines", "cr\rhere", "nan", "info", "zero\0byte", "雨"])
+def test_texts_never_break_a_line(text: str) -> None:
+    line = RowText().line(LogRow(0.0, state="off", events=text))
+    assert line.count("\n") == 1 and line.endswith("\n") and "\r" not in line and "\0" not in line
+    (cells,) = csv.reader([line])
+    assert dict(zip(COLUMNS, cells, strict=True))["events"] == text.translate({10: " ", 13: " ", 0: " "})
+
+
+def test_two_rows_in_one_millisecond_keep_their_order() -> None:
+    text = RowText()
+    times = [text.line(LogRow(time_s)).split(",")[0] for time_s in (1.0, 1.0001, 1.05)]
+    assert times == ["1.000", "1.000100", "1.050"]
+
+
+def test_the_sidecar_says_with_what_the_run_was_made(tmp_path: Path, full_row: MakeRow) -> None:
+    class Crop(BaseModel):
+        format: str = "topdress-crop/1"
+        y_max_t_ha: float = 7.5
+
+    meta = run_meta({"id": "huanghai"}, Crop(), None, seed=7, sha256={"a.yaml": "00ff"},
+                    started_utc="2026-03-20T08:00:00.000Z", extra={"effects": ["flow.gain=5"]})
+    path = write_log(tmp_path / "run.csv", meta, [full_row(0.0)])
+    text = path.with_suffix(".yaml").read_text()
+    said = yaml.safe_load(text)
+    assert said["format"] == "topdress-run-log/1"
+    assert said["software"].startswith("topdress ")
+    assert (said["machine"], said["crop"]["y_max_t_ha"], said["job"]) == ({"id": "huanghai"}, 7.5, None)
+    assert (said["seed"], said["sha256"]) == (7, {"a.yaml": "00ff"})
+    assert meta_from_yaml(text) == meta
+
+
+def test_an_existing_log_is_left_alone_unless_asked(tmp_path: Path, full_row: MakeRow) -> None:
+    first = write_log(tmp_path / "run.csv", META, [full_row(0.0)])
+    before = first.read_bytes()
+    second = write_log(tmp_path / "run.csv", META, [full_row(1.0)])
+    with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META)) as third:
+        assert third.path.name == "run-3.csv"
+    assert second.name == "run-2.csv"
+    assert first.read_bytes() == before
+    again = write_log(tmp_path / "run.csv", META, [full_row(2.0)], overwrite=True)
+    assert again == first and first.read_text().splitlines()[1].startswith("2.000,")
+
+
+class RunLogWriterClosing:
+    def __init__(self, writer: RunLogWriter) -> None:
+        self.writer = writer
+
+    def __enter__(self) -> RunLogWriter:
+        return self.writer
+
+    def __exit__(self, *_: object) -> None:
+        self.writer.close()
+
+
+def test_rows_reach_the_disk_while_the_run_goes_on(tmp_path: Path, full_row: MakeRow) -> None:
+    with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.01)) as log:
+        for tick in range(40):
+            log.append(full_row(tick * 0.05))
+        assert until(lambda: log.path.read_text().count("\n") == 41)
+        assert log.ok and log.trouble == ""
+    assert log.close() and log.lost_rows == 0
+
+
+def test_the_default_rhythm_is_within_a_second(tmp_path: Path, full_row: MakeRow) -> None:
+    with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META)) as log:
+        log.append(full_row(0.0))
+        assert until(lambda: log.path.read_text().count("\n") == 2, 1.0)
+
+
+def test_the_caller_never_touches_the_disk(tmp_path: Path, full_row: MakeRow) -> None:
+    disk = Shaky()
+    with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META, create=disk.create, flush_s=0.01)) as log:
+        disk.threads.clear()
+        disk.hang.clear()
+        started = time.perf_counter()
+        for tick in range(1000):
+            log.append(full_row(tick * 0.05))
+        assert time.perf_counter() - started < 0.5
+        disk.hang.set()
+        assert until(lambda: log.path.read_text().count("\n") == 1001)
+        assert threading.get_ident() not in disk.threads
+
+
+def test_a_full_disk_is_told_and_no_row_is_lost_when_it_ends(tmp_path: Path, full_row: MakeRow) -> None:
+    disk = Shaky()
+    opened = RunLogWriter(tmp_path / "run.csv", META, create=disk.create, flush_s=0.01, sync_s=0.0)
+    with RunLogWriterClosing(opened) as log:
+        disk.take_at_most = 100        # the last write before the end of the disk takes a part of a row
+        log.append(full_row(0.0))
+        assert until(lambda: log.path.read_text().count("\n") == 2)
+        disk.refuse = full_disk()
+        for tick in range(1, 50):
+            log.append(full_row(tick * 0.05))
+        assert until(lambda: not log.ok)
+        assert "run.csv" in log.trouble and "No space left on device" in log.trouble
+        disk.refuse = None
+        assert until(lambda: log.ok)
+    assert log.lost_rows == 0
+    rows = list(csv.DictReader(log.path.open()))
+    assert [float(row["time_s"]) for row in rows] == [round(tick * 0.05, 3) for tick in range(50)]
+
+
+def test_rows_that_cannot_wait_any_longer_are_counted(tmp_path: Path, full_row: MakeRow) -> None:
+    disk = Shaky()
+    log = RunLogWriter(tmp_path / "run.csv", META, create=disk.create, flush_s=0.01, max_waiting_rows=20)
+    disk.refuse = full_disk()
+    for tick in range(100):
+        log.append(full_row(tick * 0.05))
+    assert until(lambda: not log.ok)
+    assert log.lost_rows == 80
+    assert not log.close()
+
+
+def test_a_disk_that_hangs_is_told(tmp_path: Path, full_row: MakeRow) -> None:
+    disk, now_s = Shaky(), [0.0]
+    log = RunLogWriter(tmp_path / "run.csv", META, create=disk.create, clock=lambda: now_s[0], flush_s=0.01)
+    disk.hang.clear()
+    log.append(full_row(0.0))
+    assert log.ok
+    now_s[0] = 6.0
+    assert until(lambda: not log.ok)
+    assert "has not answered" in log.trouble
+    disk.hang.set()
+    assert until(lambda: log.ok)
+    assert log.close()
+
+
+def test_an_unwritable_place_is_told_and_tried_again(tmp_path: Path, full_row: MakeRow) -> None:
+    (tmp_path / "card").write_text("a file where a folder should be")
+    log = RunLogWriter(tmp_path / "card" / "run.csv", META, flush_s=0.01, sync_s=0.0)
+    log.append(full_row(0.0))
+    assert not log.ok and "run.csv: log not written: " in log.trouble
+    (tmp_path / "card").unlink()
+    assert until(lambda: log.ok)
+    assert log.close()
+    assert log.path.read_text().count("\n") == 2
+
+
+def test_failing_to_open_leaves_no_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise full_disk()
+
+    monkeypatch.setattr("drivers.files.run_log.write_atomically", full)
+    log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.002)
+    time.sleep(0.05)
+    assert not log.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_deleted_under_way_is_told(tmp_path: Path) -> None:
+    log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.0)
+    try:
+        log.path.unlink()
+    except PermissionError:
+        pytest.skip("this system does not delete open files")
+    assert until(lambda: "deleted" in log.trouble)
+    log.close()
+
+
+def test_a_row_that_is_none_never_ends_the_log(tmp_path: Path, full_row: MakeRow) -> None:
+    log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01)
+    log.append(full_row(0.0)._replace(speed_mps="fast"))  # type: ignore[arg-type]
+    log.append(full_row(0.05))
+    assert not log.close()
+    assert log.lost_rows == 1
+    assert log.path.read_text().count("\n") == 2
+
+
+def test_an_hour_is_written_in_two_seconds(tmp_path: Path, full_row: MakeRow) -> None:
+    row = full_row(0.0)
+    rows = [row._replace(time_s=tick * 0.05) for tick in range(72_000)]
+    started = time.process_time()
+    with PlainLogWriter(tmp_path / "run.csv", META) as log:
+        for row in rows:
+            log.append(row)
+    assert time.process_time() - started < 2.0
+    assert log.path.read_text().count("\n") == 72_001
+
+
+def test_writing_needs_no_heavy_library() -> None:
+    code = ("import sys; import drivers.files.run_log, drivers.files.config; "
+            "heavy = {'polars', 'numba', 'scipy', 'matplotlib', 'textual', 'rich', 'numpy'} & set(sys.modules); "
+            "sys.exit(' '.join(sorted(heavy)) or None)")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
