@@ -44,6 +44,7 @@ ACTIONS = (
     Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asked once."), RUN),
     Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."),
            RUN),
+    Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asked once."), RUN),
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), bar=9),
     Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), REPLAY, 3),
     Action("step_back", "left", "<", N_("back"), N_("One row back."), REPLAY, 4),

@@ -246,8 +246,8 @@ class TopdressApp(App[None]):
                 return
             self.give(Do.MANUAL_RATE, rate_kg_ha)
             if frame is None or frame.row.target_source != TargetSource.MANUAL:
-                self._ask(_("Use the manual rate now?"), _("It takes the place of canopy or map, everywhere."), Do.SOURCE,
-                          TargetSource.MANUAL.value)
+                self._ask(_("Use the manual rate now?"), _("It takes the place of canopy or map, everywhere."),
+                          Do.SOURCE, TargetSource.MANUAL.value)
 
         self.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
 
@@ -263,6 +263,20 @@ class TopdressApp(App[None]):
 
     def _do_mark(self) -> None:
         self.give(Do.MARK, "mark")
+
+    def _do_allow(self) -> None:
+        def answer(value: str | None) -> None:
+            if value is not None:
+                do, _colon, yes = value.partition(":")
+                self.give(Do(do), yes == "yes")
+
+        self.push_screen(ChoiceDialog(_("Allow"), (
+            Choice(f"{Do.ALLOW_REVERSE}:yes", _("flow while reversing: allow")),
+            Choice(f"{Do.ALLOW_REVERSE}:no", _("flow while reversing: forbid")),
+            Choice(f"{Do.ALLOW_OUTSIDE}:yes", _("flow outside the field: allow")),
+            Choice(f"{Do.ALLOW_OUTSIDE}:no", _("flow outside the field: forbid")),
+            Choice(f"{Do.GO_ON_UNLOGGED}:yes", _("work without a log: allow")),
+            Choice(f"{Do.GO_ON_UNLOGGED}:no", _("work without a log: forbid"))), ""), answer)
 
     def _do_look_ahead(self) -> None:
         frame = self.arrival.frame

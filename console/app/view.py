@@ -147,7 +147,7 @@ def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 
     if frame is None:
         return _nothing(units, marks)
     old = age_s > STALE_S
-    return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s), _rates(frame, old, units),
+    return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s, units), _rates(frame, old, units),
                    _tiles(frame, old, units), _heads(frame, old), _items(frame, age_s, units))
 
 
@@ -170,12 +170,12 @@ def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, .
                       silent, wall_clock(row.utc, utc_offset_s), duration(row.time_s))
 
 
-def alarms(frame: Frame, utc_offset_s: float) -> AlarmsView:
+def alarms(frame: Frame, utc_offset_s: float, units: Units) -> AlarmsView:
     """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst first)."""
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
-        said = words.alarm_words(alarm)
+        said = words.alarm_words(alarm, units)
         lasted_s = max(0.0, frame.at_s - alarm.since_s)
         since = wall_clock(frame.row.utc, utc_offset_s, lasted_s)
         since = f"{since} ({duration(lasted_s)})" if since else duration(lasted_s)

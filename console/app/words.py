@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from console.app.units import METRIC, Unit, Units
 from console.locale import N_, _
 from control.orders import Alarm, Severity
 from control.safety import ALARMS, REFUSALS, read_refusal
@@ -73,13 +74,14 @@ class AlarmWords(NamedTuple):
     place: str
 
 
-def alarm_words(alarm: Alarm) -> AlarmWords:
+def alarm_words(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
     """Text, what to do and place of an alarm, its details filled in; the id where the alarm is not known here."""
     kind = ALARMS.get(alarm.id)
     if kind is None:
         return AlarmWords(alarm.id, "", "")
     details = dict(alarm.details)
-    return AlarmWords(_filled(kind.text, details), _filled(kind.todo, details), _filled(kind.place, details))
+    return AlarmWords(_filled(kind.text, details, units), _filled(kind.todo, details, units),
+                      _filled(kind.place, details, units))
 
 
 def answer_words(why: str) -> str:
@@ -106,10 +108,25 @@ def note_word(note: str) -> str:
     return _(NOTES.get(note, note))
 
 
-def _filled(text: str, details: Mapping[str, str | float]) -> str:
-    """The translated text with its values; a value that is missing leaves its braces, never an error on the screen."""
+def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:
+    """The translated text with its values; a value that is missing leaves its braces, never an error on the screen.
+
+    Where the text names a value in SI ("{speed_mps} m/s"), number and unit are the shown ones instead.
+    """
+    said = _(text)
+    for key, value in details.items():
+        for ending, si_name, unit in _measures(units):
+            if key.endswith(ending) and isinstance(value, int | float):
+                said = said.replace(f"{{{key}}} {si_name}", unit.full(value))
     shown = {key: f"{value:g}" if isinstance(value, float) else value for key, value in details.items()}
     try:
-        return _(text).format(**shown)
+        return said.format(**shown)
     except (KeyError, IndexError, ValueError):
-        return _(text)
+        return said
+
+
+def _measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:
+    """Ending of a detail's name, its unit inside, and how it is shown."""
+    kilograms = units.mass._replace(decimals=1)
+    return (("_mps", "m/s", units.speed), ("_kg_ha", "kg/ha", units.rate), ("_kg", "kg", kilograms),
+            ("metres_left", "m", units.distance))

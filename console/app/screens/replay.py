@@ -67,7 +67,7 @@ class ReplayScreen(PanelScreen):
         view = view._replace(status=view.status._replace(lead=_("REPLAY")))
         live = self.app.arrival.frame
         if live is not None and live.alarms:
-            shown = alarms(live, self.app.utc_offset_s)
+            shown = alarms(live, self.app.utc_offset_s, self.app.units)
             lines = tuple(line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines)
             return view._replace(alarms=shown._replace(lines=lines))
         return view

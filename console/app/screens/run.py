@@ -6,16 +6,20 @@ from typing import ClassVar
 from console.app import actions
 from console.app.history import Point, Spot
 from console.app.screens.base import PanelScreen
-from console.app.view import AlarmsView, RunView
+from console.app.view import STALE_S, AlarmsView, RunView
 from console.frame import Frame
 from console.locale import _
+
+GONE_AGE_S = STALE_S + 0.1
 
 
 class RunScreen(PanelScreen):
     where: ClassVar[str] = actions.RUN
 
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
-        return self.app.arrival.frame, self.app.arrival.age_s(now_s)
+        """Without a worker the last values are old at once."""
+        age_s = self.app.arrival.age_s(now_s)
+        return self.app.arrival.frame, max(age_s, GONE_AGE_S) if self.app.gone else age_s
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
