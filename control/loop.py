@@ -282,7 +282,7 @@ class ControlLoop:
         events, self._events = self._events, []
         speed = sensed.speed_mps
         return LogRow(
-            time_s=m.time_s,
+            time_s=m.time_s - self._begun_s,
             utc=fix.utc if fix else None, lat_deg=fix.lat_deg if fix else None, lon_deg=fix.lon_deg if fix else None,
             fix_quality=fix.fix_quality if fix else None, satellites=fix.satellites if fix else None,
             hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,

@@ -103,7 +103,7 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Precedence of verdicts: unexplained, ambiguous, named, none. Fields that do not apply are None, never left out."""
+    """Precedence of verdicts: unexplained, ambiguous, named, none. Fields that do not apply are None, not left out."""
 
     data: Data
     channels: tuple[Channel, ...]

@@ -39,12 +39,12 @@ class Boundary:
         shapely.prepare(shape)
         self.shape = shape
         rings = [np.asarray(ring.coords)[:-1] for part in shape.geoms for ring in (part.exterior, *part.interiors)]
-        start = np.concatenate(rings) if rings else np.zeros((0, 2))
-        edge = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings]) if rings else np.zeros((0, 2))
-        self._start_e: Floats = start[:, 0].copy()
-        self._start_n: Floats = start[:, 1].copy()
-        self._edge_e: Floats = edge[:, 0].copy()
-        self._edge_n: Floats = edge[:, 1].copy()
+        corners = np.concatenate(rings) if rings else np.zeros((0, 2))
+        self._east: Floats = corners[:, 0].copy()
+        self._north: Floats = corners[:, 1].copy()
+        firsts = np.cumsum([0, *(len(ring) for ring in rings)])
+        self._next = np.concatenate([first + np.roll(np.arange(len(ring)), -1) for first, ring in zip(firsts, rings, strict=False)]
+                                    if rings else [np.zeros(0, dtype=np.intp)])
 
     @property
     def area_ha(self) -> float:
@@ -80,20 +80,21 @@ class Boundary:
                     farthest_m: float = math.inf) -> list[float]:
         """Distances ahead, in rising order, at which a straight line from here crosses the edge, up to `farthest_m`.
 
-        An edge owns its beginning and not its end, so that a line through a corner crosses once where it passes from
-        one side to the other, and twice or not at all where it only touches; a line along an edge does not cross it.
+        Each corner is put on one side of the line or the other, once for both its edges, and an edge is crossed when
+        its corners lie on different sides: so a line through a corner crosses once where it passes from inside to
+        outside, and twice or not at all where it only touches; a line along an edge does not cross it.
         Empty where the place or the heading is not finite. About 15 us.
         """
         if not (math.isfinite(east_m) and math.isfinite(north_m) and math.isfinite(heading_deg)):
             return []
         east, north = direction(heading_deg)
-        de, dn = self._start_e - east_m, self._start_n - north_m
-        side = east * dn - north * de
-        slip = east * self._edge_n - north * self._edge_e
-        crossed = (side > 0.0) != (side + slip > 0.0)
-        share = -side[crossed] / slip[crossed]
-        ahead = ((de[crossed] + share * self._edge_e[crossed]) * east
-                 + (dn[crossed] + share * self._edge_n[crossed]) * north)
+        de, dn = self._east - east_m, self._north - north_m
+        side, along = east * dn - north * de, north * dn + east * de
+        left = side > 0.0
+        start = np.flatnonzero(left != left[self._next])
+        end = self._next[start]
+        share = side[start] / (side[start] - side[end])
+        ahead = along[start] + share * (along[end] - along[start])
         return sorted(float(distance) for distance in ahead if 0.0 < distance <= farthest_m)
 
     def ahead_m(self, east_m: float, north_m: float, heading_deg: float) -> float | None:

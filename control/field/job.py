@@ -18,7 +18,8 @@ class Part(BaseModel):
 class Wanted(Part):
     """Where the target comes from."""
 
-    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL] = TargetSource.CANOPY
+    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT,
+                    TargetSource.MANUAL] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
     decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
     map: str | None = None
@@ -81,7 +82,7 @@ class Job(Part):
     id: str = "demo"
     title: str = ""
     crop: str = "huanghai_wheat"
-    days: Annotated[int, Field(ge=1, le=400)] | None = None      # from sowing, by the crop's day rule; None: crop file's
+    days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True

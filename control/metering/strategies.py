@@ -11,7 +11,7 @@ from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s, opening_for, shaft
 
 
 class Pair(NamedTuple):
-    """True shaft speed and opening. `limited`: "" , "lowest", "highest" or "zero" (asked for less than half the lowest)."""
+    """True shaft speed and opening. `limited`: "", "lowest", "highest" or "zero" (less than half the lowest)."""
 
     shaft_rpm: float
     opening_mm: float
@@ -23,7 +23,7 @@ def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_n
     """The pair that gives `wanted_kg_s`, kg/s, within the limits of the drives.
 
     `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `shaft_rpm`: opening first at this
-    shaft speed instead of the set-point. Below half the smallest flow: zero; between that and the smallest: the smallest.
+    shaft speed instead of the set-point. Below half the smallest flow: zero; between that and it: the smallest.
     """
     limits = machine.limits
     lowest = lowest_flow_kg_s(machine, c)

@@ -36,7 +36,7 @@ def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
     opening = plant.machine.set_points.opening_mm
     sensed = plant.step(DriveCommand(0.0, opening), False)
     operator = _Operator() if orders is None else None
-    for _ in range(int(round(seconds / plant.dt_s))):
+    for _ in range(round(seconds / plant.dt_s)):
         while waiting and waiting[0][0] <= sensed.time_s:
             loop.order(waiting.pop(0)[1])
         tick = loop.tick(measuring.take(sensed))

@@ -77,7 +77,8 @@ def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, le
     mean_got = float(got.mean()) if len(got) else 0.0
     miss = float(np.abs(got - target).mean()) if len(target) else 0.0
     size = np.abs(places)
-    return Errors(miss, 100.0 * miss / mean_target if mean_target else 0.0, mean_got - mean_target, mean_target, mean_got,
+    return Errors(miss, 100.0 * miss / mean_target if mean_target else 0.0, mean_got - mean_target,
+                  mean_target, mean_got,
                   float(size.mean()) if len(places) else 0.0, float(places.mean()) if len(places) else 0.0,
                   float(np.percentile(size, 50)) if len(places) else 0.0,
                   float(np.percentile(size, 95)) if len(places) else 0.0, len(places), lost,

@@ -162,7 +162,8 @@ class Plant:
             self._change = (1.0 if flow > self._flow_before else -1.0, self.time_s)
         self._flow_before = flow
         change = self._change[0] if self.time_s - self._change[1] < CHANGE_SHOWS_S else 0.0
-        self._fall, drop = fall_step(self._true.fall, self._fall, FallInput(self._shaft_out[0], flow, change), self.dt_s)
+        parcel = FallInput(self._shaft_out[0], flow, change)
+        self._fall, drop = fall_step(self._true.fall, self._fall, parcel, self.dt_s)
         return drop
 
     def _read(self, speed: float, pose: Pose, pitch: float, supply: float, flow: float) -> Sensed:

@@ -4,10 +4,12 @@ from __future__ import annotations
 from control.agronomy.crop import Crop
 from control.field.job import Job
 from control.machine.machine import Machine
+from drivers.cab import CabConfig
 from drivers.files.config import Kind, Kinds
 
 MACHINE = Kind("topdress-machine/1", "machines", Machine)
 CROP = Kind("topdress-crop/1", "crops", Crop)
 JOB = Kind("topdress-job/1", "jobs", Job)
+CAB = Kind("topdress-cab/1", "cabs", CabConfig)
 
-KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP, JOB)}
+KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP, JOB, CAB)}

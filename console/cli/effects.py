@@ -1,0 +1,25 @@
+"""`topdress effects`: the catalogue."""
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+
+def effects(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
+    from control.machine.machine import CATALOGUE
+    entries = [{
+        "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
+        "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
+        "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()]
+    if as_json:
+        typer.echo(json.dumps(entries, indent=1))
+        return
+    for entry in entries:
+        typer.echo(f"{entry['id']}  ({entry['unit']}; {entry['low']:g} to {entry['high']:g})")
+        typer.echo(f"    {entry['title']}. {entry['physics']}")
+        typer.echo(f"    seen in: {', '.join(entry['seen_in'])}. source: {entry['source']}")
+        typer.echo(f"    do: {entry['advice']}")
+        typer.echo(f"    tell apart: {entry['separate']}")

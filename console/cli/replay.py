@@ -1,0 +1,92 @@
+"""`topdress replay`: a run log on the screen, or headless through the control loop once more."""
+from __future__ import annotations
+
+import datetime as dt
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.plain_errors import CommandError
+from console.cli.progress import progress
+from control.orders import Strategy
+
+if TYPE_CHECKING:
+    from drivers.files.read_log import RunLog
+    from drivers.files.setup import Setup
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log, ours or of another program.")],
+    headless: Annotated[bool, typer.Option("--headless", help="No screen: run the control loop on the logged "
+                                           "measurements as fast as it goes.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="NEW.csv", help="With --headless: log of the new run.")] = None,
+    machine: Annotated[str | None, typer.Option(help="Instead of the log's.")] = None,
+    job: Annotated[str | None, typer.Option(help="Instead of the log's.")] = None,
+    strategy: Annotated[Strategy | None, typer.Option(help="Instead of the log's.")] = None,
+) -> None:
+    """Replay a log: as recorded on the screen, or as it would have been decided."""
+    from drivers.files.read_log import LogError, read_log
+    try:
+        recorded = read_log(log)
+    except LogError as error:
+        raise CommandError(str(error)) from None
+    if not headless:
+        if out is not None:
+            raise CommandError("--out goes with --headless")
+        from console.cli.screens import show_replay
+        show_replay(recorded)
+        return
+    if out is None:
+        raise CommandError("--headless needs --out NEW.csv")
+    _again(recorded, out, machine, job, strategy)
+
+
+def _again(recorded: RunLog, out: Path, machine: str | None, job: str | None, strategy: Strategy | None) -> None:
+    from console.cli.rerun import rerun
+    from drivers.files.run_log import PlainLogWriter
+    from drivers.files.run_meta import run_meta
+    for finding in recorded.findings:
+        typer.echo(f"note: {finding}", err=True)
+    setup = setup_of(recorded, machine, job, strategy)
+    begun = time.perf_counter()
+    part = out.with_name(f".{out.stem}.part.csv")
+    meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256, extra={"replay_of": str(recorded.path)})
+    writer = PlainLogWriter(part, meta, overwrite=True)
+    try:
+        for tick in progress(rerun(recorded, setup), len(recorded), "replaying"):
+            writer.append(tick.row)
+        writer.close()
+    except BaseException:
+        writer.close()
+        part.unlink(missing_ok=True)
+        part.with_suffix(".yaml").unlink(missing_ok=True)
+        raise
+    part.with_suffix(".yaml").replace(out.with_suffix(".yaml"))
+    part.replace(out)
+    took = time.perf_counter() - begun
+    typer.echo(f"{len(recorded)} rows, {recorded.duration_s:.0f} s replayed in {took:.1f} s "
+               f"({recorded.duration_s / max(took, 1e-9):.0f} times real time): {out}")
+
+
+def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
+    """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
+    import dataclasses
+
+    from control.agronomy.noa import prepare
+    from drivers.files.config import validated
+    from drivers.files.kinds import CROP, JOB, MACHINE
+    from drivers.files.setup import load_setup
+    meta = recorded.meta
+    setup = load_setup(machine or "huanghai", job or "demo", dt.date.today())
+    label = str(recorded.path.with_suffix(".yaml"))
+    if meta is not None and machine is None and meta.machine is not None:
+        setup = dataclasses.replace(setup, machine=validated(meta.machine, MACHINE, label))
+    if meta is not None and job is None and meta.job is not None and meta.crop is not None:
+        crop = validated(meta.crop, CROP, label)
+        own = validated(meta.job, JOB, label)
+        setup = dataclasses.replace(setup, crop=crop, job=own, rule=prepare(crop, own.days, own.ndvi_nrich))
+    if strategy is not None:
+        setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))
+    return setup

@@ -1,0 +1,21 @@
+"""`topdress run`: the console on a running or newly started control worker."""
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def run(
+    config: Annotated[list[str] | None, typer.Option("--config", metavar="CFG",
+                                                     help="Job, machine, crop or cab file (repeatable). None: the simulated machine.")] = None,
+    effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE", help="Plant an effect in the simulated machine "
+                                                     "(repeatable).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the simulated machine.")] = 1,
+    hz: Annotated[float, typer.Option(min=5.0, max=100.0, help="Control ticks a second.")] = 20.0,
+    log: Annotated[str | None, typer.Option(metavar="NAME.csv", help="Run log. None: a new file in the user's data "
+                                            "folder.")] = None,
+) -> None:
+    """The console. Attaches to the control worker that runs, or starts one."""
+    from console.cli.screens import show_run
+    show_run(tuple(config or ()), tuple(effect or ()), seed, hz, log)

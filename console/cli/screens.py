@@ -1,0 +1,59 @@
+"""From the command line to the screens: start or attach to a worker, open a log."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import platformdirs
+
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from drivers.files.read_log import RunLog
+
+
+def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None) -> None:
+    """The console on the worker that runs, or on one started for it."""
+    from console.app.app import TopdressApp
+    from console.link import Link, WorkerFailed, find_running, start_worker
+    from drivers.files.config import load_any
+    from drivers.files.kinds import KINDS
+    for file in config:
+        load_any(file, KINDS)
+    arguments = [*_pairs("--config", config), *_pairs("--effect", effects), "--seed", str(seed), "--hz", f"{hz:g}"]
+    if log is not None:
+        arguments += ["--log", log]
+
+    def start() -> Link:
+        return Link(start_worker(arguments, trouble_path()))
+
+    def attach() -> Link:
+        where = find_running()
+        if where is None:
+            raise WorkerFailed("no control worker runs")
+        return Link(where)
+
+    try:
+        running = find_running()
+        source = Link(running) if running is not None else start()
+    except WorkerFailed as error:
+        raise CommandError(str(error)) from None
+    TopdressApp(source, start=start, attach=attach).run()
+
+
+def show_replay(recorded: RunLog) -> None:
+    """The console on a log."""
+    from console.app.app import TopdressApp
+    from console.cli.replay_frames import replay_job
+    TopdressApp(None, replay=replay_job(recorded)).run()
+
+
+def _pairs(option: str, values: tuple[str, ...]) -> list[str]:
+    return [word for value in values for word in (option, value)]
+
+
+def trouble_path() -> Path:
+    """Where the worker's stderr goes."""
+    folder = Path(platformdirs.user_log_dir("topdress", appauthor=False))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / "worker.log"

@@ -1,0 +1,165 @@
+"""`topdress simulate`: a closed-loop run on the machine model, as fast as it goes."""
+from __future__ import annotations
+
+import datetime as dt
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.plain_errors import CommandError
+from console.cli.progress import progress
+from control.orders import Strategy
+
+if TYPE_CHECKING:
+    from control.simulation.closed_loop import Record
+    from drivers.files.setup import Setup
+
+DT_S = 0.05
+TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m", "place_m",
+                 "target_rate_kg_ha", "speed_mps", "east_m", "north_m", "working")
+
+
+def simulate(
+    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one.")] = "huanghai",
+    job: Annotated[str, typer.Option(help="Job file, or name of a shipped one.")] = "demo",
+    seconds: Annotated[float, typer.Option(min=1.0, help="Simulated time.")] = 600.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of canopy and noise.")] = 1,
+    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; beside it LOG.truth.csv. "
+                                             "None: nothing is written.")] = None,
+    effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
+                                                     "the controller does not know (repeatable).")] = None,
+    strategy: Annotated[Strategy | None, typer.Option(help="Instead of the job's.")] = None,
+    look_ahead: Annotated[str | None, typer.Option(metavar="on|off", help="Instead of the job's.")] = None,
+    flow_trim: Annotated[str | None, typer.Option(metavar="on|off", help="May the scale correct the flow model? "
+                                                  "Instead of the job's.")] = None,
+    summary: Annotated[bool, typer.Option("--summary", help="Rate error, place error, kg, ha.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="The summary as JSON.")] = False,
+) -> None:
+    """Run the control loop on the simulated machine and judge what came to lie on the ground."""
+    from control.machine.planting import parse_planted
+    from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+    from control.simulation.closed_loop import Record, simulated_run
+    from drivers.files.setup import load_setup
+
+    setup = load_setup(machine, job, dt.date.today())
+    changes: dict[str, object] = {}
+    if strategy is not None:
+        changes["strategy"] = strategy
+    if look_ahead is not None:
+        changes["look_ahead"] = _switch("--look-ahead", look_ahead)
+    if flow_trim is not None:
+        changes["flow_trim"] = _switch("--flow-trim", flow_trim)
+    resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
+    planted = [parse_planted(text) for text in effect or ()]
+    plant = simulated_machine(setup.machine, resolved, seed, DT_S, planted)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, resolved)
+    record = Record()
+    alarms: dict[str, int] = {}
+    writer = _Log(out, setup, resolved, seed, effect or ()) if out is not None else None
+    begun = time.perf_counter()
+    try:
+        for step in progress(simulated_run(plant, loop, seconds), round(seconds / DT_S), "simulating"):
+            record.add(step)
+            for name in (step.tick.row.alarms or "").split(";"):
+                if name:
+                    alarms[name] = alarms.get(name, 0) + 1
+            if writer is not None:
+                writer.rows.append(step.tick.row)
+        took = time.perf_counter() - begun
+        if writer is not None:
+            writer.keep(record, setup.machine.geometry.working_width_m)
+    except BaseException:
+        if writer is not None:
+            writer.discard()
+        raise
+    if summary or as_json or out is None:
+        _tell(record, setup, resolved, seconds, took, alarms, effect or (), as_json)
+
+
+def _switch(option: str, text: str) -> bool:
+    if text not in ("on", "off"):
+        raise CommandError(f"{option} {text}: allowed on or off")
+    return text == "on"
+
+
+class _Log:
+    """Run log and truth under temporary names until both are whole."""
+
+    def __init__(self, path: Path, setup: Setup, job: object, seed: int, effects: list[str] | tuple[()]) -> None:
+        from control.field.job import Job
+        from drivers.files.run_log import PlainLogWriter
+        from drivers.files.run_meta import run_meta
+        if path.suffix != ".csv":
+            raise CommandError(f"--out {path}: allowed is a name that ends in .csv")
+        assert isinstance(job, Job)
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        meta = run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256)
+        self._rows = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta, overwrite=True)
+        self.rows = self._rows
+
+    def keep(self, record: Record, width_m: float) -> None:
+        """Finish both files and give them their names."""
+        from drivers.files.atomic import write_atomically
+        self._rows.close()
+        write_atomically(truth_path(self.path), _truth_text(record, width_m))
+        part = self._rows.path
+        part.with_suffix(".yaml").replace(self.path.with_suffix(".yaml"))
+        part.replace(self.path)
+
+    def discard(self) -> None:
+        self._rows.close()
+        part = self._rows.path
+        for file in (part, part.with_suffix(".yaml")):
+            file.unlink(missing_ok=True)
+
+
+def truth_path(log: Path) -> Path:
+    return log.with_name(f"{log.stem}.truth.csv")
+
+
+def _truth_text(record: Record, width_m: float) -> str:
+    import io
+
+    import numpy as np
+
+    from control.simulation.errors import landing
+    columns = record.columns()
+    land = landing(columns, width_m)
+    table = np.column_stack([
+        columns["time_s"] - DT_S, columns["shaft_rpm"], columns["opening_mm"], columns["flow_kg_s"], land.rate_kg_ha,
+        land.place_m, columns["driven_m"], columns["target_kg_ha"], columns["speed_mps"], columns["east_m"],
+        columns["north_m"], columns["working"]])
+    text = io.StringIO()
+    np.savetxt(text, table, delimiter=",", header=",".join(TRUTH_COLUMNS), comments="",
+               fmt=["%.3f", "%.4f", "%.4f", "%.7f", "%.3f", "%.4f", "%.4f", "%.3f", "%.5f", "%.4f", "%.4f", "%d"])
+    return text.getvalue()
+
+
+def _tell(record: Record, setup: Setup, job: object, seconds: float, took_s: float, alarms: dict[str, int],
+          effects: list[str] | tuple[()], as_json: bool) -> None:
+    from control.field.job import Job
+    from control.simulation.errors import errors
+    assert isinstance(job, Job)
+    found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m)
+    if as_json:
+        told = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
+                "flow_trim": job.flow_trim, "effects": list(effects), **found._asdict(),
+                "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)}
+        sys.stdout.write(json.dumps(told) + "\n")
+        return
+    typer.echo(f"{seconds:g} s, {job.strategy.value}, look-ahead {'on' if job.look_ahead else 'off'}, flow trim "
+               f"{'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
+    typer.echo(f"rate error   {found.rate_error_kg_ha:.1f} kg/ha ({found.rate_error_percent:.2f} % of the mean target "
+               f"{found.mean_target_kg_ha:.1f}), landed mean {found.mean_landed_kg_ha:.1f} kg/ha")
+    typer.echo(f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m (late is positive), "
+               f"p50 {found.place_p50_m:.3f} m, p95 {found.place_p95_m:.3f} m, {found.steps} steps, "
+               f"{found.steps_lost} lost")
+    typer.echo(f"mass         {found.released_kg:.2f} kg released, {found.landed_kg:.2f} kg landed")
+    typer.echo(f"area         {found.area_ha:.4f} ha")
+    typer.echo(f"alarms       {', '.join(f'{k} {n} ticks' for k, n in sorted(alarms.items())) or 'none'}")
+    typer.echo(f"speed        {seconds / took_s:.0f} simulated seconds a second ({took_s:.1f} s)")
