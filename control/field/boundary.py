@@ -42,9 +42,7 @@ class Boundary:
         corners = np.concatenate(rings) if rings else np.zeros((0, 2))
         self._east: Floats = corners[:, 0].copy()
         self._north: Floats = corners[:, 1].copy()
-        firsts = np.cumsum([0, *(len(ring) for ring in rings)])
-        self._next = np.concatenate([first + np.roll(np.arange(len(ring)), -1) for first, ring in zip(firsts, rings, strict=False)]
-                                    if rings else [np.zeros(0, dtype=np.intp)])
+        self._next = _next_corners([len(ring) for ring in rings])
 
     @property
     def area_ha(self) -> float:
@@ -129,6 +127,15 @@ def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
         raise ValueError(f"{name}: {shapely.is_valid_reason(shape) if not shape.is_valid else 'no area'}; "
                          "the edges must enclose an area and not cross")
     return places
+
+
+def _next_corners(lengths: Sequence[int]) -> npt.NDArray[np.intp]:
+    """For rings of such lengths laid end to end: the corner that follows each, within its ring."""
+    following: list[int] = []
+    for length in lengths:
+        first = len(following)
+        following.extend(first + (k + 1) % length for k in range(length))
+    return np.array(following, dtype=np.intp)
 
 
 def _polygons(shape: shapely.Geometry) -> MultiPolygon:

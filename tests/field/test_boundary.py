@@ -54,6 +54,7 @@ def test_through_a_corner_and_along_an_edge():
     assert diamond.crossings_m(0, 0, 0.0) == pytest.approx([10])
     assert len(diamond.crossings_m(-20, 10, 90.0)) % 2 == 0            # touches one corner only
     assert len(Boundary(SQUARE).crossings_m(-10, 0, 90.0)) % 2 == 0    # runs along an edge
+    assert len(Boundary(L_SHAPE).crossings_m(0, -1, 1e-38)) % 2 == 0   # as good as along an edge
 
 
 @settings(deadline=None)

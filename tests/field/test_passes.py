@@ -94,6 +94,10 @@ def test_passes_and_headland_rounds_together_cover_the_field():
     assert inner.overlap_ha == pytest.approx(0.0, abs=0.001)
     rounds = headland_rounds(SQUARE, 2.4, 4.8)
     assert len(rounds) == 2 and rounds[0][0] == rounds[0][-1]
+    for line, inwards_m in zip(rounds, (1.2, 3.6), strict=True):
+        assert {round(min(east, 48.0 - east), 6) for east, _ in line} == {inwards_m}
+    assert len(headland_rounds(SQUARE, 2.4, 5.0)) == 3
+    assert headland_rounds(SQUARE, 2.4, 0.0) == ()
     for line in rounds:
         for start, end in itertools.pairwise(line):
             length = math.dist(start, end)
