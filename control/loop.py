@@ -9,6 +9,7 @@ from control.agronomy.noa import Rule
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
+from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.machine.gate import GateInput, gate_start, gate_step
 from control.machine.machine import Machine
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
@@ -22,7 +23,7 @@ from control.safety import DriveLimits, Safety, SafetyLimits, Situation, limited
 from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
 from control.targets.canopy import CanopyDecisions
 from control.targets.fence import Fence, Fenced
-from control.targets.lag_correction import ChangeLags, ChangeQueue, Fired, Lag
+from control.targets.lag_correction import ChangeQueue, Fired
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
@@ -311,13 +312,14 @@ class _Reach:
         self._conditions = conditions
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if loop._look_ahead else 0.0
 
-    def _pair(self, rate_kg_ha: float) -> Pair:
+    def _settled(self, rate_kg_ha: float) -> Settled:
         loop = self._loop
         flow = rate_kg_ha * loop.machine.geometry.working_width_m * self._speed / 10_000.0
-        return loop._setting.settled(flow, loop._expected.opening_mm, self._conditions)
+        pair = loop._setting.settled(flow, loop._expected.opening_mm, self._conditions)
+        return Settled(pair.shaft_rpm, pair.opening_mm)
 
     def lag(self, before: Target, change: Change) -> Lag:
-        return self._loop._lags.lag(self._pair(before.rate_kg_ha), self._pair(change.target.rate_kg_ha))
+        return self._loop._lags.lag(self._settled(before.rate_kg_ha), self._settled(change.target.rate_kg_ha))
 
     def distance_m(self, lag: Lag) -> float:
         if not self._loop._look_ahead:
@@ -326,10 +328,10 @@ class _Reach:
 
     def holding_lag(self) -> Lag:
         """Lag of a small change from what is held now."""
-        pair = self._pair(self._loop._queue.holding.rate_kg_ha)
-        if pair.shaft_rpm <= 0.0:
-            pair = self._pair(self._loop.crop.fallback_rate_kg_ha)
-        return self._loop._lags.lag(pair, self._loop._setting.nudged(pair))
+        held = self._settled(self._loop._queue.holding.rate_kg_ha)
+        if held.shaft_rpm <= 0.0:
+            held = self._settled(self._loop.crop.fallback_rate_kg_ha)
+        return self._loop._lags.lag(held, self._loop._setting.nudged(held))
 
 
 def _rate(flow_kg_s: float | None, speed_mps: float, machine: Machine) -> float | None:

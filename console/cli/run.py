@@ -7,8 +7,8 @@ import typer
 
 
 def run(
-    config: Annotated[list[str] | None, typer.Option("--config", metavar="CFG",
-                                                     help="Job, machine, crop or cab file (repeatable). None: the simulated machine.")] = None,
+    config: Annotated[list[str] | None, typer.Option("--config", metavar="CFG", help="Job, machine, crop or cab file; "
+                                                     "repeatable. None: the simulated machine.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE", help="Plant an effect in the simulated machine "
                                                      "(repeatable).")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the simulated machine.")] = 1,

@@ -2,72 +2,115 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import platformdirs
+from pydantic import BaseModel
 
 from console.worker.parts import Assembly, Bench, Names
 from console.worker.program import Clock, Options
 from console.worker.simulated_bench import SimulatedBench
+from control.field.job import Job
 from control.machine.machine import Machine
 from control.machine.planting import parse_planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import BoardConfig, Cab, CabConfig
-from drivers.files.config import load_any
-from drivers.files.kinds import KINDS
+from drivers.files.config import ConfigError, Kind, Kinds, Loaded, load_any
+from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import Setup, load_setup
+from drivers.files.setup import load_setup
 from drivers.virtual.machine import virtual_cab
 
-PLANT_STEP_S = 0.05
+PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
+
+
+class CabFile(CabConfig):
+    """A cab's devices as a file of their own."""
+
+    format: Literal["topdress-cab/1"] = "topdress-cab/1"
+
+
+CAB = Kind("topdress-cab/1", "cabs", CabFile)
+WITH_CAB: Kinds = {**KINDS, CAB.format: CAB}
 
 
 def assemble(options: Options, clock: Clock) -> Assembly:
-    """Build bench, loop and writer. Raises ValueError or OSError with one line that says what to put right."""
-    given: dict[str, str] = {}
-    cab: CabConfig | None = None
-    for where in options.config:
-        kind, loaded = load_any(where, KINDS)
-        if kind.folder in given:
-            raise ValueError(f"{where}: a second file of kind {kind.format}: allowed is one")
-        given[kind.folder] = str(loaded.path)
-        if isinstance(loaded.model, CabConfig):
-            cab = loaded.model
-    now = dt.datetime.now(dt.UTC)
-    setup = load_setup(given.get("machines", "huanghai"), given.get("jobs", "demo"), now.date())
+    """Build bench, loop and log writer; without a cab file the machine is the simulated one.
+
+    Raises ValueError or OSError with one line for each thing that is to be put right.
+    """
+    try:
+        found = _by_kind(options.config)
+        cab = found.get(CAB.format)
+        machine_path, job_path = (found[kind.format].path if kind.format in found else shipped
+                                  for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo")))
+        setup = load_setup(machine_path, job_path, dt.date.today())
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    if cab is not None and options.effects:
+        raise ValueError(f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
+                         f"and {cab.path} names a real one")
+    machine, sha256 = setup.machine, dict(setup.sha256)
+    bench: Bench
     if cab is None:
-        job = with_simulated_field(setup.job, setup.machine)
-        bench: Bench = _simulated(options, setup, clock)
+        job = with_simulated_field(setup.job, machine)
+        bench = _simulated(options, machine, job, clock)
     else:
+        assert isinstance(cab.model, CabFile)
         job = setup.job
-        bench = Cab(cab, clock)
-    path = Path(options.log) if options.log else _log_folder() / f"{now:%Y-%m-%d-%H%M%S}-{job.id}.csv"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    meta = run_meta(setup.machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=setup.sha256,
-                    started_utc=now.isoformat(timespec="milliseconds").replace("+00:00", "Z"))
-    writer = RunLogWriter(path, meta)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-    names = Names(job.title or job.id, setup.machine.title or setup.machine.id, setup.crop.name, str(writer.path),
-                  cab is None)
+        bench = Cab(cab.model, clock)
+        sha256[str(cab.path)] = cab.sha256
+    loop = control_loop(machine, setup.crop, setup.rule, job)
+    simulated = cab is None
+    meta = run_meta(machine, setup.crop, job, seed=options.seed if simulated else None, sha256=sha256,
+                    started_utc=_utc_now().isoformat(timespec="milliseconds"),
+                    extra={"effects": list(options.effects)} if options.effects else None)
+    writer = RunLogWriter(_log_path(options.log), meta)
+    names = Names(job.title or job.id, machine.title or machine.id, setup.crop.id,
+                  str(writer.path), simulated)
     return Assembly(bench, loop, writer, names)
 
 
-def _simulated(options: Options, setup: Setup, clock: Clock) -> SimulatedBench:
+def _by_kind(files: Sequence[str]) -> dict[str, Loaded[BaseModel]]:
+    """The files given, by their format. Raises ConfigError."""
+    found: dict[str, Loaded[BaseModel]] = {}
+    for file in files:
+        kind, loaded = load_any(file, WITH_CAB)
+        if kind is CROP:
+            raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
+        if kind.format in found:
+            raise ConfigError([f"{file}: a second file with format {kind.format}: allowed is one"])
+        found[kind.format] = loaded
+    return found
+
+
+def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> SimulatedBench:
     planted = [parse_planted(text) for text in options.effects]
-    step_s = min(PLANT_STEP_S, 1.0 / options.hz)
-    plant = simulated_machine(setup.machine, setup.job, options.seed, step_s, planted)
-    cab, machine = virtual_cab(plant, clock, heads=setup.machine.geometry.heads, board=_board(setup.machine),
-                               opening_mm=setup.machine.set_points.opening_mm)
-    return SimulatedBench(cab, machine)
+    plant = simulated_machine(machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted)
+    board = BoardConfig(port="", max_shaft_rpm=machine.limits.shaft_high_rpm,
+                        max_opening_mm=machine.limits.opening_high_mm,
+                        wheel_circumference_m=machine.speed.wheel_circumference_m,
+                        wheel_pulses_per_turn=machine.speed.pulses_per_turn)
+    cab, virtual = virtual_cab(plant, clock, heads=machine.geometry.heads, board=board,
+                               opening_mm=machine.set_points.opening_mm)
+    return SimulatedBench(cab, virtual)
 
 
-def _board(machine: Machine) -> BoardConfig:
-    return BoardConfig(port="", max_shaft_rpm=machine.limits.shaft_high_rpm,
-                       max_opening_mm=machine.limits.opening_high_mm,
-                       wheel_circumference_m=machine.speed.wheel_circumference_m,
-                       wheel_pulses_per_turn=machine.speed.pulses_per_turn)
+def _log_path(wanted: str | None) -> Path:
+    """The log's name as wanted, else a new one in the user's data folder. Raises OSError, ValueError."""
+    if wanted is None:
+        folder = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "logs"
+        path = folder / f"{_utc_now():%Y%m%d-%H%M%S}.csv"
+    else:
+        path = Path(wanted)
+        if path.suffix != ".csv":
+            raise ValueError(f"--log {wanted}: allowed is a name that ends in .csv")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
-def _log_folder() -> Path:
-    return Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "logs"
+def _utc_now() -> dt.datetime:
+    return dt.datetime.now(dt.UTC)

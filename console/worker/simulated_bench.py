@@ -1,5 +1,7 @@
-"""The simulated machine as a bench: the virtual machine steps up to now, then the real drivers read its bytes."""
+"""The simulated machine as a bench: stepped by the loop's own ticks, reached through the same bytes as a real one."""
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from control.readings import DriveCommand, Measurements
 from drivers.cab import Cab, DeviceStatus
@@ -7,6 +9,8 @@ from drivers.virtual.machine import VirtualMachine
 
 
 class SimulatedBench:
+    """A cab plugged into a virtual machine that is brought up to the tick's time before it is read."""
+
     def __init__(self, cab: Cab, machine: VirtualMachine) -> None:
         self._cab = cab
         self._machine = machine
@@ -18,7 +22,7 @@ class SimulatedBench:
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         self._cab.command(now_s, command, enabled)
 
-    def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
+    def status(self, now_s: float) -> Sequence[DeviceStatus]:
         return self._cab.status(now_s)
 
     def close(self) -> None:

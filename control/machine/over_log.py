@@ -34,7 +34,7 @@ def over_log(step: Callable[..., Any]) -> Run:
                 current += 1
             if row + 1 < count:
                 dt_s = time_s[row + 1] - time_s[row]
-                steps = max(LEAST_STEPS, int(ceil(dt_s / most_step_s - 1e-9))  # noqa: RUF046 - compiled, ceil is a float)
+                steps = max(LEAST_STEPS, ceil(dt_s / most_step_s - 1e-9))
                 for _ in range(steps):
                     state, output = step(sets[current], state, rows[row], dt_s / steps)
         return out

@@ -1,6 +1,7 @@
 """From a wanted flow to what goes on the wire: strategy, bumpless switching, trims, rounding, dead bands."""
 from __future__ import annotations
 
+from control.machine.change_lag import Settled
 from control.machine.machine import Machine
 from control.orders import Strategy
 from control.readings import DriveCommand
@@ -51,7 +52,7 @@ class Setting:
         opening = opening_for(self.machine, wanted_kg_s, max(limits.shaft_low_rpm, there), c)
         return Pair(shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited)
 
-    def nudged(self, pair: Pair) -> Pair:
+    def nudged(self, pair: Settled) -> Settled:
         """The pair after a small change of rate, made by this strategy's own actuator."""
         if self.strategy is Strategy.SPEED_FIRST:
             return pair._replace(shaft_rpm=1.1 * pair.shaft_rpm)

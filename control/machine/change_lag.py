@@ -1,0 +1,116 @@
+"""The lag of a change of set-points: from the command until the landed step is half-way (lag papers)."""
+from __future__ import annotations
+
+from math import exp
+from typing import NamedTuple
+
+from .fall import drop_s
+from .machine import Machine
+
+
+class Settled(NamedTuple):
+    """True shaft speed and opening before or after a change."""
+
+    shaft_rpm: float
+    opening_mm: float
+
+
+class Lag(NamedTuple):
+    """`response_s`: dead time of the slowest actuator that moves; `transition_s`: half of its travel; `drop_s`."""
+
+    response_s: float
+    transition_s: float
+    drop_s: float
+
+    @property
+    def total_s(self) -> float:
+        return self.response_s + self.transition_s + self.drop_s
+
+
+STEP_S = 0.0125         # of the little simulation of one change
+SETTLE_S = 1.0          # after the slowest drive began to move
+ROUND_RPM = 1.0         # lags are kept by rounded pairs
+ROUND_MM = 0.5
+
+
+class ChangeLags:
+    """Lags of changes under one machine model, kept once computed.
+
+    A change is played through the model: shaft and gate move, each parcel falls with its own drop time, and the lag is
+    the time from the command to the half-way point of the landed step, found as rate and place errors are judged (the
+    best fitting step). Neither half a transition nor one shaft speed's drop time will do: while the shaft speeds up,
+    later parcels fall faster and catch up; from a standstill they even overtake.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._kept: dict[tuple[int, int, int, int], Lag] = {}
+
+    def lag(self, before: Settled, after: Settled) -> Lag:
+        key = (round(before.shaft_rpm / ROUND_RPM), round(before.opening_mm / ROUND_MM),
+               round(after.shaft_rpm / ROUND_RPM), round(after.opening_mm / ROUND_MM))
+        found = self._kept.get(key)
+        if found is None:
+            found = self._kept[key] = change_lag(
+                self._machine, Settled(key[0] * ROUND_RPM, key[1] * ROUND_MM), Settled(key[2] * ROUND_RPM, key[3] * ROUND_MM))
+        return found
+
+
+def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
+    """Lag of a change from one settled pair to another, s (lag paper: system response plus drop time).
+
+    Where nothing moves, and from zero to zero, it is the response of the gate plus the drop time.
+    """
+    fall, shaft, gate = machine.fall, machine.shaft, machine.gate
+    dead_shaft = shaft.dead_time_s + shaft.extra_dead_time_s
+    moves_shaft = abs(after.shaft_rpm - before.shaft_rpm) > 0.5 * ROUND_RPM
+    moves_gate = abs(after.opening_mm - before.opening_mm) > 0.5 * ROUND_MM
+    response = dead_shaft if moves_shaft and not moves_gate else gate.dead_time_s
+    if moves_shaft and moves_gate:
+        response = min(dead_shaft, gate.dead_time_s)
+    rising = after.shaft_rpm * after.opening_mm > before.shaft_rpm * before.opening_mm
+    extra = fall.latency_s + (-0.5 if rising else 0.5) * fall.asymmetry_s
+    if before.shaft_rpm <= 0.0:
+        extra += fall.first_fill_s
+    drop = max(0.0, drop_s(fall, max(before.shaft_rpm, after.shaft_rpm)) + extra)
+    if not moves_shaft and not moves_gate:
+        return Lag(response, 0.0, drop)
+    landed = _landed_half_way_s(machine, before, after, rising)
+    return Lag(response, 0.0 if landed is None else landed + extra - response - drop, drop)
+
+
+def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising: bool) -> float | None:
+    """From the command to the half-way point of the landed step, without the effects that depend on direction."""
+    shaft, gate = machine.shaft, machine.gate
+    dead_shaft = shaft.dead_time_s + shaft.extra_dead_time_s
+    tau = shaft.time_constant_s + shaft.slow_s
+    slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
+    rpm, opening = before.shaft_rpm, before.opening_mm
+    keep = exp(-STEP_S / tau)
+    most = shaft.acceleration_rpm_s * STEP_S
+    lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,
+                gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
+    parcels: list[tuple[float, float]] = []
+    lead = int(2.0 / STEP_S)
+    for k in range(-lead, int(lasts / STEP_S)):
+        now = k * STEP_S
+        if now >= dead_shaft:
+            wanted = after.shaft_rpm + (rpm - after.shaft_rpm) * keep
+            rpm = min(rpm + most, max(rpm - most, wanted))
+        if now >= gate.dead_time_s:
+            opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))
+        parcels.append((now + drop_s(machine.fall, rpm), rpm * opening))
+    parcels.sort()
+    middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)
+    sign = 1.0 if rising else -1.0
+    fit, best, at = 0.0, 0.0, None
+    last = parcels[0][0]
+    for lands, mass in parcels:
+        fit -= sign * middle * (lands - last)
+        if fit < best and lands > 0.0 and sign > 0.0:
+            best, at = fit, lands
+        fit += sign * mass * STEP_S
+        if fit < best and lands > 0.0 and sign < 0.0:
+            best, at = fit, lands
+        last = lands
+    return at
