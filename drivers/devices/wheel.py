@@ -38,8 +38,8 @@ class WheelSpeed:
 
         `micros`, `pulse_micros`: the board's 32-bit clock now and at the last pulse; `pulses`: 32-bit count.
         """
-        since_pulse_s = _forward(micros, pulse_micros) * 1e-6
-        if since_pulse_s >= STANDSTILL_S or pulses == 0:
+        since_pulse_us = _forward(micros, pulse_micros)
+        if since_pulse_us >= STANDSTILL_S * 1e6 or pulses == 0:
             self._pulses.clear()
             return 0.0
         if self._pulses and not self._goes_on(pulses, pulse_micros):
@@ -47,7 +47,7 @@ class WheelSpeed:
         if not self._pulses or pulses != self._pulses[-1][0]:
             self._pulses.append((pulses, pulse_micros))
             self._forget_what_the_window_does_not_need()
-        return self._speed_mps(since_pulse_s)
+        return self._speed_mps(since_pulse_us * 1e-6)
 
     def _goes_on(self, pulses: int, pulse_micros: int) -> bool:
         last_pulses, last_micros = self._pulses[-1]

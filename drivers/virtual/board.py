@@ -20,14 +20,16 @@ from drivers.virtual.encoders import Sensed
 
 class VirtualBoard:
     """One board. After power-on, and after the host was silent for a second, it stands still until it has received a
-    command with enable 0; the next one with enable 1 then turns the drives.
+    command with enable 0; the next one with enable 1 then turns the drives. Standing still: the shaft stops, the gate
+    keeps the set-point that it had; at power-on that is where it stands, `opening_mm`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, opening_mm: float = 0.0) -> None:
         self.counts = Counts()
         self.driver_fault = False           # set by tests and by fault injection
         self._cutter = LineCutter(longest=120)
-        self._command = CommandFrame(0, 0.0, 0.0, False)
+        self._command = CommandFrame(0, 0.0, opening_mm, False)
+        self._opening_mm = opening_mm
         self._heard_s: float | None = None
         self._last_seq: int | None = None
         self._armed = False
@@ -46,11 +48,13 @@ class VirtualBoard:
                     self.counts.reject(str(kind))
 
     def set_points(self, now_s: float) -> tuple[DriveCommand, bool]:
-        """What the drives follow at `now_s`, and whether they are enabled. Stopped: shaft 0, the gate stays."""
-        if self._heard_s is not None and now_s - self._heard_s > SILENT_HOST_S:
+        """What the drives follow at `now_s`, and whether they are enabled."""
+        if self._heard_s is not None and now_s - self._heard_s >= SILENT_HOST_S:
             self._heartbeat_lost, self._armed = True, False
         enabled = self._armed and self._command.enable and not self.driver_fault
-        return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._command.opening_mm), enabled
+        if enabled:
+            self._opening_mm = self._command.opening_mm
+        return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._opening_mm), enabled
 
     def status(self, sensed: Sensed, now_s: float) -> bytes:
         """The status line of this tick. A plant may tell the moment of its last pulse as `wheel_pulse_s` (on its own
@@ -70,7 +74,7 @@ class VirtualBoard:
         return line
 
     def _take(self, command: CommandFrame, now_s: float) -> None:
-        silent = self._heard_s is None or now_s - self._heard_s > SILENT_HOST_S
+        silent = self._heard_s is None or now_s - self._heard_s >= SILENT_HOST_S
         if not silent and is_repeat(command.seq, self._last_seq):
             raise BadFrame("repeated_sequence")
         if silent:

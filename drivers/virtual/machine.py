@@ -9,6 +9,7 @@ from drivers.ports import Clock, MemoryPort, Port, memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import Plant, gnss_sentences, head_line
 
+OPENING_MM = 25.0               # where the gate stands at power-on, as the nominal machine has it
 LONGEST_CATCH_UP_S = 5.0        # after a longer pause (a suspended computer) the rest of it is left out
 
 
@@ -21,13 +22,15 @@ class VirtualMachine:
     gnss, board : the machine's ends of those two lines.
     heads : one end a head, or one end for all of them where the line is multiplexed.
     layout : how a head writes its line.
+    opening_mm : where the plant's gate stands at its start.
     multiplexed : all heads on the one port in `heads`, each line preceded by its head.
     start_s : on the same clock as `advance`.
     """
 
     def __init__(self, plant: Plant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
-                 layout: FieldMap = PROTOCOLS["greenseeker"], multiplexed: bool = False) -> None:
-        self.board = VirtualBoard()
+                 layout: FieldMap = PROTOCOLS["greenseeker"], multiplexed: bool = False,
+                 opening_mm: float = OPENING_MM) -> None:
+        self.board = VirtualBoard(opening_mm)
         self._plant = plant
         self._gnss_port, self._head_ports, self._board_port = gnss, tuple(heads), board
         self._layout = layout
@@ -76,13 +79,14 @@ class VirtualMachine:
 
 
 def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "greenseeker", multiplexed: bool = False,
-                board: BoardConfig | None = None) -> tuple[Cab, VirtualMachine]:
+                board: BoardConfig | None = None, opening_mm: float = OPENING_MM) -> tuple[Cab, VirtualMachine]:
     """A cab and the virtual machine that it is plugged into, joined by ports in memory.
 
     Parameters
     ----------
     heads : how many canopy heads the plant has.
     protocol : how they write, one of `canopy_heads.PROTOCOLS`.
+    opening_mm : where the plant's gate stands at its start.
     board : drive limits and wheel, where they differ from the nominal machine's; its port name is not used.
 
     The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
@@ -95,5 +99,6 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "gre
         heads=HeadsConfig(protocol=protocol, ports=head_names, multiplexed=multiplexed, heads=heads),
         board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}))
     machine = VirtualMachine(plant, pairs["memory:gnss"][1], [pairs[name][1] for name in head_names],
-                             pairs["memory:board"][1], clock(), PROTOCOLS[protocol], multiplexed)
+                             pairs["memory:board"][1], clock(), PROTOCOLS[protocol], multiplexed,
+                             opening_mm)
     return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine

@@ -1,0 +1,194 @@
+"""Ports: memory, real sockets, pyserial URLs, reconnect; nothing blocks the caller."""
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import sys
+import threading
+import time
+
+import pytest
+
+from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, ThreadedPort, memory_pair, open_port
+from drivers.virtual.listen import listen_port
+
+
+def wait_for(what, seconds: float = 3.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.005)
+
+
+def read_all(port, length: int) -> bytes:
+    data = bytearray()
+
+    def enough() -> bool:
+        data.extend(port.read())
+        return len(data) >= length
+    wait_for(enough)
+    return bytes(data)
+
+
+def test_memory_pair_both_ways_in_order(clock):
+    host, device = memory_pair("memory:board", clock)
+    device.write(b"one\r\n")
+    device.write(b"two\r\nthr")
+    assert host.read() == b"one\r\ntwo\r\nthr"
+    assert host.read() == b""
+    host.write(b"go")
+    assert device.read() == b"go"
+    state = host.state()
+    assert (state.connected, state.bytes_in, state.bytes_out, state.last_byte_s) == (True, 13, 2, 100.0)
+    assert state.last_lines(2) == ["one", "two"], "a line under way is not shown"
+
+
+def test_memory_pair_closed_or_flooded(clock):
+    host, device = memory_pair("x", clock)
+    device.write(b"a" * (MAX_BUFFERED_BYTES - 1) + b"bc")
+    assert host.state().dropped_in == 1
+    assert host.read()[-3:] == b"abc"
+    device.close()
+    assert not host.state().connected
+    host.write(b"late")
+    assert host.state().dropped_out == 1
+
+
+@pytest.fixture
+def server(clock):
+    port = listen_port("127.0.0.1", 0, clock)
+    yield port
+    port.close()
+
+
+@pytest.fixture
+def opened():
+    """Ports to close at the end, whatever happens."""
+    with contextlib.ExitStack() as stack:
+        yield lambda port: stack.callback(port.close) and port
+
+
+def test_socket_both_ways(server, opened, clock):
+    port = opened(open_port(f"socket://127.0.0.1:{server.number}", 115200, clock))
+    wait_for(lambda: port.state().connected and server.state().connected)
+    port.write(b"hello")
+    assert read_all(server, 5) == b"hello"
+    server.write(b"$x\r\n" * 5000)
+    assert read_all(port, 20_000) == b"$x\r\n" * 5000
+    assert port.state().last_lines() == ["$x"]
+
+
+def test_socket_latency_is_milliseconds(server, opened, clock):
+    port = opened(open_port(f"socket://127.0.0.1:{server.number}", 115200, clock))
+    wait_for(lambda: port.state().connected and server.state().connected)
+    took = []
+    for _ in range(20):
+        begin = time.perf_counter()
+        server.write(b"ping\r\n")
+        while not port.read():
+            time.sleep(0.0002)
+        took.append(time.perf_counter() - begin)
+    assert sorted(took)[10] < 0.02
+
+
+def test_reconnects_when_the_device_comes_back_and_never_sends_late(opened, clock):
+    server = listen_port("127.0.0.1", 0, clock)
+    number = server.number
+    port = opened(open_port(f"socket://127.0.0.1:{number}", 115200, clock))
+    wait_for(lambda: port.state().connected and server.state().connected)
+    server.close()
+    wait_for(lambda: not port.state().connected)
+    assert port.state().last_error
+    port.write(b"stale set-point")
+    server = opened(listen_port("127.0.0.1", number, clock))
+    wait_for(lambda: port.state().connected)
+    port.write(b"fresh")
+    assert read_all(server, 5) == b"fresh"
+    assert (port.state().connects, port.state().dropped_out) == (2, 1)
+
+
+def test_a_device_that_is_not_there_is_said_and_blocks_nobody(opened, clock):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        number = free.getsockname()[1]
+    for url in (f"socket://127.0.0.1:{number}", "/dev/no-such-port"):
+        begin = time.perf_counter()
+        port = opened(open_port(url, 9600, clock))
+        for _ in range(1000):
+            port.write(b"x")
+            assert port.read() == b""
+        assert time.perf_counter() - begin < 0.3
+        wait_for(lambda port=port: port.state().last_error not in ("", "not yet opened"))
+        assert not port.state().connected
+
+
+def test_loop_url(opened, clock):
+    port = opened(open_port("loop://", 9600, clock))
+    wait_for(lambda: port.state().connected)
+    port.write(b"there and back\r\n")
+    assert read_all(port, 16) == b"there and back\r\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals on Windows")
+def test_a_serial_device(opened, clock):
+    master, slave = os.openpty()
+    try:
+        port = opened(open_port(os.ttyname(slave), 115200, clock))
+        wait_for(lambda: port.state().connected)
+        os.write(master, b"$status\r\n")
+        assert read_all(port, 9) == b"$status\r\n"
+        port.write(b"$go\r\n")
+        assert os.read(master, 100) == b"$go\r\n"
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+class StuckStream:
+    """Takes no byte until it is released."""
+
+    def __init__(self) -> None:
+        self.release = threading.Event()
+        self.written: list[bytes] = []
+
+    def read(self) -> bytes:
+        time.sleep(0.01)
+        return b""
+
+    def write(self, data: bytes) -> None:
+        self.release.wait(3.0)
+        self.written.append(data)
+
+    def close(self) -> None:
+        self.release.set()
+
+
+def test_a_line_that_takes_nothing_keeps_the_newest_commands_and_never_blocks(opened, clock):
+    stream = StuckStream()
+    port = opened(ThreadedPort("stuck", lambda: stream, clock))
+    wait_for(lambda: port.state().connected)
+    begin = time.perf_counter()
+    for number in range(500):
+        port.write(b"%d" % number)
+    assert time.perf_counter() - begin < 0.2
+    stream.release.set()
+    wait_for(lambda: stream.written and stream.written[-1] == b"499")
+    assert len(stream.written) <= MAX_QUEUED_WRITES + 1
+    assert port.state().dropped_out == 500 - len(stream.written)
+
+
+def test_close_sends_the_last_word_first(server, clock):
+    port = open_port(f"socket://127.0.0.1:{server.number}", 115200, clock)
+    wait_for(lambda: port.state().connected and server.state().connected)
+    port.write(b"stop")
+    port.close()
+    assert read_all(server, 4) == b"stop"
+    assert not port.state().connected
+
+
+@pytest.mark.parametrize("url", ["socket://127.0.0.1", "socket://:5000", "socket://127.0.0.1:99999", "socket://h:0"])
+def test_a_socket_without_host_or_port_is_refused_in_one_line(url, clock):
+    with pytest.raises(ValueError, match="allowed is socket://HOST:PORT"):
+        open_port(url, 9600, clock)
+    with pytest.raises(ValueError, match="baud 0"):
+        open_port("loop://", 0, clock)

@@ -1,0 +1,111 @@
+"""The slave board's line protocol, both directions, and what is never sent."""
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from control.readings import DriveCommand
+from drivers.devices.board_frames import CommandFrame, StatusFrame, crc16, encode_command, encode_status
+from drivers.devices.slave_board import DriveLimits, SlaveBoard
+
+STATUS = "S1,{seq},41,1000000,8,990000,69.900,24.980,250.050,13.480,1.500,-0.250,1,1"
+
+
+def status(seq: int, /, **changes: str) -> str:
+    names = ("name", "seq", "echo", "micros", "pulses", "pulse_micros", "shaft", "opening", "hopper", "supply", "pitch",
+             "roll", "switch", "flags")
+    fields = dict(zip(names, STATUS.format(seq=seq).split(","), strict=True)) | changes
+    return ",".join(fields.values())
+
+
+def test_crc_is_the_published_one():
+    assert crc16(b"123456789") == 0x29B1
+
+
+def test_frames_are_written_as_the_protocol_page_shows_them(board_line):
+    assert encode_command(CommandFrame(41, 70.0, 25.0, True)) == board_line("T1,41,70.000,25.000,1")
+    frame = StatusFrame(7, 41, 1_000_000, 8, 990_000, 69.9, 24.98, 250.05, 13.48, 1.5, -0.25, True, 1)
+    assert encode_status(frame) == board_line(status(7))
+    bare = frame._replace(hopper_kg=None, supply_v=math.nan, pitch_deg=None, roll_deg=None, work_switch=None)
+    assert encode_status(bare) == board_line(status(7, hopper="", supply="", pitch="", roll="", switch=""))
+
+
+def test_a_status_line_becomes_readings(board_line):
+    readings, = SlaveBoard().feed(board_line(status(7)), 5.0)
+    assert (readings.shaft_rpm, readings.opening_mm, readings.hopper_kg) == ((69.9, 5.0), (24.98, 5.0), (250.05, 5.0))
+    assert (readings.supply_v, readings.pitch_deg, readings.roll_deg) == ((13.48, 5.0), (1.5, 5.0), (-0.25, 5.0))
+    assert (readings.work_switch, readings.echo, readings.enabled) == (True, 41, True)
+    assert not readings.heartbeat_lost and not readings.driver_fault
+
+
+def test_what_is_not_fitted_is_none(board_line):
+    readings, = SlaveBoard().feed(board_line(status(7, hopper="", supply="", pitch="", roll="", switch="")), 5.0)
+    optional = ("hopper_kg", "supply_v", "pitch_deg", "roll_deg", "work_switch")
+    assert [getattr(readings, name) for name in optional] == [None] * 5
+
+
+def test_flags(board_line):
+    readings, = SlaveBoard().feed(board_line(status(7, flags="6")), 5.0)
+    assert (readings.enabled, readings.heartbeat_lost, readings.driver_fault) == (False, True, True)
+
+
+@pytest.mark.parametrize(("payload", "kind"), [
+    (status(8, shaft="401"), "out_of_range"), (status(8, opening="-11"), "out_of_range"),
+    (status(8, hopper="6000"), "out_of_range"), (status(8, supply="61"), "out_of_range"),
+    (status(8, switch="2"), "out_of_range"), (status(8, flags="256"), "out_of_range"),
+    (status(8, micros="4294967296"), "out_of_range"), (status(8, shaft=""), "not_a_number"),
+    (status(8, shaft="nan"), "not_a_number"), (status(8, shaft="1e1"), "not_a_number"),
+    (status(8, seq="-1"), "not_a_number"), (status(8, flags="1,1"), "wrong_length"), ("S1,8", "wrong_length"),
+    (status(8, name="S2"), "unknown_frame"), (status(7), "repeated_sequence"), (status(3), "repeated_sequence"),
+])
+def test_wrong_frames_are_rejected_and_named(board_line, payload, kind):
+    board = SlaveBoard()
+    board.feed(board_line(status(7)), 5.0)
+    assert board.feed(board_line(payload), 5.1) == []
+    assert dict(board.counts.rejected) == {kind: 1}
+
+
+def test_crc_missing_wrong_and_cut_lines(board_line):
+    board = SlaveBoard()
+    line = board_line(status(7))
+    board.feed(line.replace(b"69.9", b"59.9") + line.partition(b"*")[0] + b"\r\n" + b"noise" + line[:30] + line, 5.0)
+    assert board.counts.rejected == {"bad_crc": 1, "missing_crc": 2, "garbage": 1}
+    assert board.counts.accepted == 1
+
+
+def test_missed_status_lines_are_counted_over_the_wrap(board_line):
+    board = SlaveBoard()
+    for seq in (65533, 65535, 2):
+        board.feed(board_line(status(seq)), 5.0)
+    assert (board.counts.accepted, board.missed) == (3, 3)
+
+
+def test_a_restarted_board_is_heard_at_once(board_line):
+    board = SlaveBoard()
+    for seq in (500, 0, 1):
+        board.feed(board_line(status(seq)), 5.0)
+    assert (board.counts.accepted, board.missed) == (3, 0)
+
+
+def test_commands_count_up_and_stop_when_not_enabled(board_line):
+    board = SlaveBoard()
+    assert board.command(DriveCommand(70.0, 25.0), True) == board_line("T1,0,70.000,25.000,1")
+    assert board.command(DriveCommand(70.0, 25.0), False) == board_line("T1,1,0.000,25.000,0")
+    assert board.command(None, True) == board_line("T1,2,0.000,25.000,0")
+
+
+def test_commands_are_cut_to_the_limits(board_line):
+    board = SlaveBoard(DriveLimits(max_shaft_rpm=80.0, max_opening_mm=50.0))
+    assert board.command(DriveCommand(1e9, 1e9), True) == board_line("T1,0,80.000,50.000,1")
+    assert board.command(DriveCommand(-5.0, -5.0), True) == board_line("T1,1,0.000,0.000,1")
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("enabled", [True, False])
+def test_no_command_that_is_not_finite(bad, enabled):
+    for command in (DriveCommand(bad, 25.0), DriveCommand(70.0, bad)):
+        with pytest.raises(ValueError, match="finite"):
+            SlaveBoard().command(command, enabled)
+    with pytest.raises(ValueError, match="allowed is 0 to 300"):
+        encode_command(CommandFrame(0, bad, 25.0, True))
