@@ -69,7 +69,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
                     started_utc=_utc_now().isoformat(timespec="milliseconds"),
                     extra={"effects": list(options.effects)} if options.effects else None)
     writer = RunLogWriter(_log_path(options.log), meta)
-    names = Names(job.title or job.id, machine.title or machine.id, setup.crop.id,
+    names = Names(job.title or job.id, machine.title or machine.id, setup.crop.name,
                   str(writer.path), simulated)
     return Assembly(bench, loop, writer, names)
 
