@@ -77,7 +77,8 @@ def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[B
     if found is None:
         raise ConfigError([f"{label}: key format: missing: allowed {allowed}"])
     if not isinstance(found, str) or found not in kinds:
-        raise ConfigError([f"{label}: key format: value {found}: allowed {allowed}{nearest(str(found), kinds)}"])
+        raise ConfigError([f"{label}: key format: value {found}: allowed {allowed}{nearest(str(found), kinds)} "
+                           f"(line {lines[('format',)]})"])
     kind = kinds[found]
     return kind, Loaded(_valid(data, kind, label, lines), path, sha256)
 

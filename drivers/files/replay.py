@@ -27,9 +27,9 @@ Flags = NDArray[np.bool_]
 HEADS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
 
-# How long the control loop goes on writing a value that no longer comes: the time-outs of its interlocks.
-HOLD_S = {"wheel_speed_mps": 0.8, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0,
-          "pitch_deg": 2.0, "roll_deg": 2.0, **dict.fromkeys(HEADS, 2.0)}
+# How long the control loop goes on writing a value that no longer comes (the row of `control.loop`).
+HOLD_S = {"wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0,
+          "pitch_deg": 1.0, "roll_deg": 1.0, **dict.fromkeys(HEADS, 1.25)}
 GNSS_HOLD_S = 0.5
 GNSS_HOLD_PERIODS = 2.5
 
