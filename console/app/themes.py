@@ -44,7 +44,7 @@ NIGHT = _theme(
 CONTRAST = _theme(
     "contrast", dark=True, background="#000000", surface="#000000", panel="#555555", foreground="#ffffff",
     primary="#ffff00", stale="#808080", muted="#d0d0d0", target="#00ffff",
-    red=("#ff9a00", "#000000"), amber=("#0000e0", "#ffffff"),
+    red=("#ff9a00", "#000000"), amber=("#2a55ff", "#ffffff"),
     states={"off": ("#555555", "#ffffff"), "ready": ("#000000", "#ffff00"), "working": ("#ffff00", "#000000"),
             "held": ("#ffffff", "#000000"), "calibrating": ("#ff55ff", "#000000"), "fault": ("#ff9a00", "#000000")},
     bar=("#000000", "#ffffff"), key="#ffff00")

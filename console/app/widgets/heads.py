@@ -36,7 +36,7 @@ class Heads(Panel[HeadsView]):
         if head.dropped:
             word = f" ✖ {_('dropped')} "
             return [(f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"), " ",
-                    (fit(word, room), "$alarm-amber on $track"), (f" {head.value:>5} ", "$stale")]
+                    (fit(word, room), "$on-alarm-amber on $alarm-amber"), (f" {head.value:>5} ", "$stale")]
         style = "$stale" if stale else "$target"
         full, rest = bar(head.share or 0.0, room)
         return [(f" {head.number} ", "bold"), " ", (full, style), (rest, "$muted"),

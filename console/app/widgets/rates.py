@@ -45,14 +45,16 @@ class Rates(Panel[RatesView]):
     def _bar(view: RatesView, width: int) -> Content:
         """`error  -30 % [      |###     ] +30 %   +12 % !`: filled from the middle, sign and size in one look."""
         style = "$stale" if view.error.stale else _LEVELS[view.level]
+        chip = f"bold $on-alarm-{view.level} on $alarm-{view.level}" if view.level and not view.error.stale else (
+            f"bold {style}")
         label = f" {_('error')} "
-        value = f" {_MARKS[view.level]}{view.error.text:>6} "
+        value = f"{_MARKS[view.level]}{view.error.text:>6} "
         low, high = f"-{ERROR_SPAN:.0%} ", f" +{ERROR_SPAN:.0%}"
-        room = width - sum(cell_len(part) for part in (label, value, low, high))
+        room = width - sum(cell_len(part) for part in (label, " ", value, low, high))
         arm = max(2, (room - 1) // 2)
         share = view.error_share or 0.0
         filled = min(arm, round(abs(share) * arm))
         left = " " * (arm - filled) + "█" * filled if share < 0 else " " * arm
         right = "█" * filled + " " * (arm - filled) if share > 0 else " " * arm
         return line((label, "$muted"), (low, "$muted"), *solid(left, style, "$track"), ("┃", "bold on $track"),
-                    *solid(right, style, "$track"), (high, "$muted"), (value, f"bold {style}"))
+                    *solid(right, style, "$track"), (high, "$muted"), " ", (value, chip))

@@ -11,10 +11,11 @@ class StatusLine(Panel[StatusView]):
     def lines(self, view: StatusView, width: int, height: int) -> list[Content]:
         state = view.state if view.state else "off"
         left: list[Part] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
-        left += [(f" {view.symbol} {view.word} ", f"bold $on-state-{state} on $state-{state}"), " "]
+        chip = f"bold $on-state-{state} on $state-{state}" if not view.silent else "bold $background on $stale"
+        left += [(f" {view.symbol} {view.word} ", chip), " "]
         for word in (view.strategy, view.source):
             if word:
-                left += [f" {word} "]
+                left += [(f" {word} ", "$stale" if view.silent else "")]
         end: list[Part] = []
         if view.silent:
             end += [(f" {view.silent} ", "bold $on-alarm-red on $alarm-red"), " "]

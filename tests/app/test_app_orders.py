@@ -1,0 +1,227 @@
+"""Keys become orders: what is sent, what is asked first, what a lock lets through."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from console.app.dialogs import ChoiceDialog, Confirm, NudgeDialog, NumberDialog
+from console.app.widgets.alarm_bar import AlarmBar
+from console.app.widgets.key_bar import KeyBar, laid_out
+from control.orders import Answer, Do, Order
+
+SIZE = (120, 40)
+
+
+async def press(app, *keys):
+    """Press keys in a running app and let the orders go out."""
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press(*keys)
+        await pilot.pause()
+        await app.workers.wait_for_complete([w for w in app.workers if w.group == "orders"])
+        return app.source.orders if app.source else []
+
+
+@pytest.mark.parametrize(("key", "order"), [
+    ("space", Order(Do.HOLD)), ("x", Order(Do.STOP)), ("f12", Order(Do.STOP)), ("s", Order(Do.START)),
+    ("r", Order(Do.READY)), ("k", Order(Do.MARK, "mark"))])
+async def test_one_key_one_order(app, key, order):
+    assert await press(app, key) == [order]
+
+
+@pytest.mark.parametrize("dialog_key", ["plus", "t", "l", "m", "f1", "ctrl+p", "h"])
+async def test_space_holds_and_stop_stops_under_any_dialog(app, dialog_key):
+    stop = "f12" if dialog_key == "ctrl+p" else "x"
+    orders = await press(app, dialog_key, "space", *(() if stop == "f12" else (stop,)))
+    assert orders[0] == Order(Do.HOLD)
+    if stop == "x":
+        assert orders[1] == Order(Do.STOP)
+
+
+async def test_space_holds_even_where_a_button_has_the_focus(app):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("l", "tab")
+        await pilot.pause()
+        assert app.focused is not None
+        await pilot.press("space")
+        await pilot.pause()
+        assert app.source.orders == [Order(Do.HOLD)]
+        assert isinstance(app.screen, Confirm)
+
+
+@pytest.mark.parametrize(("keys", "order"), [
+    (("plus", "enter"), Order(Do.NUDGE, 5.0)),
+    (("plus", "plus", "plus", "enter"), Order(Do.NUDGE, 15.0)),
+    (("minus", "enter"), Order(Do.NUDGE, -5.0)),
+    (("l", "enter"), Order(Do.LOOK_AHEAD, False)),
+    (("w", "enter"), Order(Do.FLOW_TRIM, False)),
+    (("t", "2", "enter"), Order(Do.STRATEGY, "speed_first")),
+    (("t", "down", "down", "enter"), Order(Do.STRATEGY, "balanced")),
+    (("o", "4", "enter"), Order(Do.SOURCE, "manual")),
+    (("h", "3", "enter"), Order(Do.ALLOW_OUTSIDE, True)),
+    (("h", "2", "enter"), Order(Do.ALLOW_REVERSE, False)),
+    (("f", "2", "5", "0", "enter"), Order(Do.REFILL, 250.0)),
+])
+async def test_what_changes_the_dose_is_asked_once(app, keys, order):
+    assert await press(app, *keys) == [order]
+
+
+@pytest.mark.parametrize("keys", [("plus",), ("l",), ("w",), ("t", "2"), ("m", "9", "0"), ("f", "9")])
+async def test_nothing_is_sent_before_yes_and_nothing_after_no(app, keys):
+    assert await press(app, *keys) == []
+    assert await press_again(app, *keys, "escape") == []
+
+
+async def press_again(app, *keys):
+    from console.app.app import TopdressApp
+    again = TopdressApp(app.source, app.clock, live=False, utc_offset_s=0.0)
+    return await press(again, *keys)
+
+
+async def test_a_nudge_stays_within_30_percent(app):
+    assert await press(app, *["plus"] * 9, "enter") == [Order(Do.NUDGE, 30.0)]
+
+
+async def test_a_nudge_begins_at_the_one_in_force(app, source):
+    row = source.newest.row._replace(nudge_percent=10.0)
+    source.newest = replace(source.newest, row=row)
+    assert await press(app, "minus", "enter") == [Order(Do.NUDGE, 5.0)]
+
+
+async def test_a_manual_rate_is_asked_again_before_it_takes_the_place_of_the_canopy(app):
+    orders = await press(app, "m", "1", "8", "0", "enter", "enter")
+    assert orders == [Order(Do.MANUAL_RATE, 180.0), Order(Do.SOURCE, "manual")]
+
+
+@pytest.mark.parametrize("typed", ["601", "9999", "", "."])
+async def test_a_number_outside_its_range_is_not_taken(app, typed):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("m", *("full_stop" if c == "." else c for c in typed), "enter")
+        await pilot.pause()
+        assert isinstance(app.screen, NumberDialog)
+        assert app.source.orders == []
+
+
+async def test_a_manual_rate_in_pounds_an_acre_is_sent_in_kg_ha(app):
+    orders = await press(app, "u", "m", "1", "0", "0", "enter", "escape")
+    assert orders[0].value == pytest.approx(112.085, abs=1e-3)
+
+
+async def test_the_pad_can_be_clicked(app):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("m")
+        await pilot.pause()
+        for key in ("1", "5", "0"):
+            button = next(b for b in app.screen.query("Button").results() if b.name == key)
+            await pilot.click(button)
+        await pilot.click("#yes")
+        await pilot.pause()
+        assert app.source.orders == [Order(Do.MANUAL_RATE, 150.0)]
+
+
+async def test_a_choice_of_what_is_already_so_sends_nothing(app):
+    assert await press(app, "t", "1", "enter") == []
+
+
+async def test_the_lock_leaves_hold_and_stop_and_asks_before_it_opens(app):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("f8")
+        assert app.locked
+        for key in ("s", "r", "plus", "t", "l", "m", "a", "ctrl+p", "ctrl+q", "o"):
+            await pilot.press(key)
+        await pilot.pause()
+        assert app.source.orders == [] and len(app.screen_stack) == 1
+        assert app.notice_text
+        await pilot.press("space", "x", "f12")
+        await pilot.pause()
+        assert [order.do for order in app.source.orders] == [Do.HOLD, Do.STOP, Do.STOP]
+        await pilot.press("f8", "escape")
+        assert app.locked
+        await pilot.press("f8", "enter")
+        await pilot.pause()
+        assert not app.locked
+
+
+async def test_the_lock_is_said_on_the_screen(app, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("f8")
+        await pilot.pause()
+        assert "LOCKED" in shown(app)[0]
+
+
+async def test_keys_are_clickable(app):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        bar = app.page.query_one("#keys", KeyBar)
+        stop = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop")
+        await pilot.click("#keys", offset=(stop[1] + 1, 0))
+        await pilot.pause()
+        assert app.source.orders == [Order(Do.STOP)]
+
+
+@pytest.mark.parametrize("size", [(40, 10), (60, 16), (80, 24), (100, 30), (120, 40)])
+async def test_hold_and_stop_stand_on_the_key_bar_at_every_size(app, shown, size):
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        last = shown(app)[-1]
+        assert "hold" in last and "STOP" in last
+
+
+async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, clock, shown):
+    source.answer = Answer(False, "not_from_state;state=working")
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("s")
+        await pilot.pause()
+        assert "Not possible in state WORKING." in shown(app)[-1]
+        clock.now_s += 5.0
+        app.tick()
+        await pilot.pause()
+        assert "Not possible" not in shown(app)[-1]
+
+
+async def test_acknowledge_names_each_red_alarm_that_stands(app, source):
+    from console.app.sample import sample_alarms
+    source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
+    assert await press(app, "a") == [Order(Do.ACKNOWLEDGE, "shaft_silent")]
+
+
+async def test_a_click_on_the_alarms_acknowledges(app, source):
+    from console.app.sample import sample_alarms
+    source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.click(AlarmBar)
+        await pilot.pause()
+        assert source.orders == [Order(Do.ACKNOWLEDGE, "shaft_silent")]
+
+
+async def test_a_keymap_moves_keys(source, clock):
+    from console.app.app import TopdressApp
+    app = TopdressApp(source, clock, live=False, keymap={"start": "f9"})
+    assert await press(app, "s", "f9") == [Order(Do.START)]
+
+
+async def test_every_action_of_the_screen_is_in_the_palette(app):
+    from console.app import actions
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        titles = {command.title for command in app.get_system_commands(app.screen)}
+        assert titles == {action.label for action in actions.at(actions.RUN) if action.id != "palette"}
+
+
+async def test_quit_asks_while_the_machine_works(app):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("ctrl+q")
+        await pilot.pause()
+        assert isinstance(app.screen, Confirm)
+
+
+async def test_dialogs_open_as_what_they_are(app):
+    async with app.run_test(size=SIZE) as pilot:
+        for key, kind in (("plus", NudgeDialog), ("t", ChoiceDialog), ("l", Confirm), ("m", NumberDialog)):
+            await pilot.press(key)
+            await pilot.pause()
+            assert isinstance(app.screen, kind)
+            await pilot.press("escape")
+            await pilot.pause()
