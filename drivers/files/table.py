@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -225,11 +225,11 @@ def _finite(values: NDArray[Any]) -> NDArray[np.float64]:
     return np.where(infinite, np.nan, values) if infinite.any() else values
 
 
-def _texts(values: list[str | None]) -> NDArray[Any]:
-    """Equal texts share one object, so that a million states cost a million references only."""
+def _texts(values: Sequence[str | None]) -> NDArray[Any]:
+    """Texts without blanks around; equal ones share one object: a million states cost a million references only."""
     shared: dict[str, str] = {}
     array = np.empty(len(values), object)
-    array[:] = [shared.setdefault(text, text) if (text := value or "") else "" for value in values]
+    array[:] = [shared.setdefault(text, text) if (text := (value or "").strip()) else "" for value in values]
     return array
 
 
@@ -244,7 +244,7 @@ def _carefully(path: Path, data: bytes, layout: _Layout, wanted: list[str], numb
         for name, place in places.items():
             cells = by_place[place]
             parts[name].append(_to_floats(cells, layout.decimal_comma, bad[name]) if name in numbers
-                               else _texts([cell.strip() for cell in cells]))
+                               else _texts(cells))
     wrong.tell(path, layout, wanted, parts, findings)
     columns: Columns = {}
     for name in wanted:

@@ -45,7 +45,9 @@ rows_of_any_kind = st.lists(
 def as_logged(row: LogRow) -> LogRow:
     """The row with the digits that the format keeps."""
     def kept(column: str, value: Any) -> Any:
-        if value is None or column in TEXT_COLUMNS or column in WHOLE_COLUMNS or column in EXACT_COLUMNS:
+        if column in TEXT_COLUMNS:
+            return (value or "").strip() or None
+        if value is None or column in WHOLE_COLUMNS or column in EXACT_COLUMNS:
             return value
         return float(f"{value:.{DECIMALS[column]}f}")
 
