@@ -26,7 +26,7 @@ def after_tick(m: Memory, now_s: float, s: Situation, motion: Motion, troubles: 
     cause = leading_to(troubles, State.FAULT)
     if m.state is State.FAULT or cause is not None:
         return State.FAULT, m.why_state if m.state is State.FAULT else cause or ""
-    if s.console_age_s is not None and not s.console_age_s <= limits.console_off_s:
+    if s.console_age_s is not None and s.console_age_s > limits.console_off_s:
         return State.OFF, "console_gone"
     if m.state is State.CALIBRATING:
         return _calibrating(m, now_s, limits)

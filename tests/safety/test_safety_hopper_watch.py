@@ -109,19 +109,19 @@ def test_filling_slowly_while_working_is_no_missing_flow(working):
 
 
 def test_the_order_refill_takes_a_small_one_out(working):
-    """Below what is seen as a refill, but enough, twice, to hide most of 20 s of flow."""
+    """Bags of 0.9 kg every 10 s: each too small to be seen as a refill, together they hide most of the flow."""
 
-    def held_after_s(told):
+    def state_after(told):
         run = working()
         run.tick(30.0)
-        for _ in range(3):
-            run.hopper_kg += 1.4
+        for _ in range(5):
+            run.hopper_kg += 0.9
             if told:
-                run.order(Do.REFILL, 1.4)
+                run.order(Do.REFILL, 0.9)
             run.tick(10.0)
         return run.verdict.state
 
-    assert (held_after_s(False), held_after_s(True)) == (State.HELD, State.WORKING)
+    assert (state_after(False), state_after(True)) == (State.HELD, State.WORKING)
 
 
 def test_pauses_without_expected_flow_count_for_nothing(working):

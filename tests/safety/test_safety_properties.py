@@ -76,28 +76,63 @@ class Rules(RuleBasedStateMachine):
         self.ticked = False
         self.situation = None
         self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
-        self.calibrate_s = self.calibrate_begun_s = -inf
+        self.calibrate_s = self.calibrate_ends_s = -inf
         self.unseen_red: set[str] = set()
         self.course_deg = self.epoch_s = None
         self.started = False
         self.stopped_since_course = False
         self.backwards = False
 
-    @rule()
-    def go_to_work(self):
-        """Most of what matters happens at work; random orders alone seldom get there."""
-        for do in (Do.ACKNOWLEDGE, Do.READY, Do.START):
-            self.give_order(Order(do))
+    def bring_to(self, state):
+        """Most of what matters happens where random orders alone seldom get."""
         self.tick({}, 0.05)
-
-    @rule(seconds=st.sampled_from([0.3, 1.0]))
-    def go_calibrating(self, seconds):
-        self.give_order(Order(Do.STOP))
         self.give_order(Order(Do.ACKNOWLEDGE))
+        for do in (Do.RELEASE, Do.STOP, Do.READY):
+            self.give_order(Order(do))
+        if state in (State.WORKING, State.HELD):
+            self.give_order(Order(Do.START))
+            self.tick({}, 0.05)
+            assert self.verdict.flow_allowed or self.backwards
+        if state is State.HELD:
+            self.give_order(Order(Do.HOLD))
+        if state is State.CALIBRATING:
+            self.tick({"speed_mps": 0.0}, 0.6)
+            self.give_order(Order(Do.CALIBRATE, 1.0))
+            self.tick({"speed_mps": 0.0}, 0.05)
+            assert self.verdict.flow_allowed
+        if state is State.FAULT:
+            self.tick({"shaft_age_s": 0.6}, 0.05)
+        assert self.safety.state is state
+
+    @rule(state=st.sampled_from([State.WORKING, State.WORKING, *(s for s in State if s is not State.OFF)]),
+          change=st.sampled_from(sorted(DISTURBANCES)).flatmap(
+              lambda name: st.fixed_dictionaries({name: DISTURBANCES[name]})),
+          ticks=st.sampled_from([1, 3]), allowance=st.sampled_from([None, Do.ALLOW_OUTSIDE, Do.ALLOW_REVERSE]))
+    def disturb(self, state, change, ticks, allowance):
+        """One thing goes wrong in a known state, and comes right again."""
+        self.bring_to(state)
+        if allowance is not None:
+            self.give_order(Order(allowance, True))
+        standing = {"speed_mps": 0.0} if state is State.CALIBRATING else {}
+        for _ in range(ticks):
+            self.tick(standing | change, 0.05)
+        self.tick(dict(standing), 0.05)
+
+    @rule()
+    def start_without_looking(self):
         self.give_order(Order(Do.READY))
-        self.tick({"speed_mps": 0.0}, 0.6)
-        self.give_order(Order(Do.CALIBRATE, seconds))
-        self.tick({"speed_mps": 0.0}, 0.05)
+        self.give_order(Order(Do.START))
+
+    @rule(ticks=st.integers(1, 10))
+    def hold_the_button_down(self, ticks):
+        self.bring_to(State.CALIBRATING)
+        for _ in range(ticks):
+            self.give_order(Order(Do.CALIBRATE, 120.0))
+            self.tick({"speed_mps": 0.0}, 0.2)
+
+    @rule(seconds=STEPS_S)
+    def time_passes_unchecked(self, seconds):
+        self.now_s += seconds
 
     @rule(order=ORDERS)
     def give_order(self, order):
@@ -114,9 +149,10 @@ class Rules(RuleBasedStateMachine):
             assert after is State.OFF
             self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
         if order.do is Do.CALIBRATE and answer.accepted:
+            assert before is State.READY or self.now_s - self.calibrate_s < 0.5, "let go, and yet goes on"
             self.calibrate_s = self.now_s
             if before is State.READY:
-                self.calibrate_begun_s = self.now_s
+                self.calibrate_ends_s = self.now_s + (order.value or 120.0)
         if answer.accepted and order.do is Do.ALLOW_OUTSIDE:
             self.outside_allowed = order.value
         if answer.accepted and order.do is Do.ALLOW_REVERSE:
@@ -143,7 +179,8 @@ class Rules(RuleBasedStateMachine):
     def tick(self, changes, step_s):
         self.now_s += step_s
         before = self.state
-        self.situation = s = self.situation_at(self.now_s, **changes)
+        switch = {"work_switch": True} if self.has_work_switch else {}
+        self.situation = s = self.situation_at(self.now_s, **(switch | changes))
         self.follow_motion(s)
         if s.log_ok:
             self.unlogged_allowed = False
@@ -192,7 +229,7 @@ class Rules(RuleBasedStateMachine):
         assert fresh(m.shaft_rpm, self.now_s, 0.5) and fresh(m.opening_mm, self.now_s, 0.5)
         assert m.work_switch is True or (m.work_switch is None and not self.has_work_switch)
         if v.state is State.CALIBRATING:
-            assert self.now_s - self.calibrate_s < 0.5 and self.now_s - self.calibrate_begun_s < 120.0
+            assert self.now_s - self.calibrate_s < 0.5 and self.now_s < self.calibrate_ends_s
             return
         assert self.started, "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s"
         assert s.position_ok or s.target_source not in (TargetSource.MAP, TargetSource.POINT)
@@ -231,7 +268,7 @@ class Rules(RuleBasedStateMachine):
             assert self.verdict.state is self.state
 
 
-QUICK = settings(max_examples=120, stateful_step_count=30, deadline=None, derandomize=True,
+QUICK = settings(max_examples=150, stateful_step_count=25, deadline=None, derandomize=True,
                  suppress_health_check=list(HealthCheck))
 
 

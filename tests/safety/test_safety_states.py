@@ -57,6 +57,15 @@ def test_an_order_of_another_room_is_refused(working):
     assert working().order(Do.NUDGE, 5.0).why == "not_for_safety"
 
 
+@pytest.mark.parametrize("do", [Do.ALLOW_REVERSE, Do.ALLOW_OUTSIDE, Do.GO_ON_UNLOGGED])
+@pytest.mark.parametrize("value", ["yes", 1.0, 1, None])
+def test_an_allowance_is_yes_or_no_and_nothing_like_it(working, do, value):
+    run = working()
+    run.tick(log_ok=False)
+    assert run.order(do, value).why == "yes_or_no"
+    assert not any(run.safety.memory.allow)
+
+
 def test_ten_seconds_at_standstill_hold(working):
     run = working()
     assert run.tick(9.9, speed_mps=0.0).state is State.WORKING
@@ -129,6 +138,9 @@ class TestConsole:
         run = working()
         run.tick(console_age_s=3.0)
         assert run.tick(5.0).state is State.HELD
+
+    def test_an_age_that_is_no_number_is_silence(self, working):
+        assert working().tick(console_age_s=nan).state is State.HELD
 
     def test_headless_needs_none(self, working):
         assert working().tick(console_age_s=None).flow_allowed
