@@ -58,7 +58,7 @@ def vincenty_m(lat1: float, lon1: float, lat2: float, lon2: float) -> float:
         sigma = math.atan2(sin_s, cos_s)
         sin_a = math.cos(u1) * math.cos(u2) * math.sin(lam) / sin_s
         cos2_a = 1 - sin_a ** 2
-        cos_2m = cos_s - 2 * math.sin(u1) * math.sin(u2) / cos2_a
+        cos_2m = cos_s - 2 * math.sin(u1) * math.sin(u2) / cos2_a if cos2_a > 0.0 else 0.0      # 0: on the equator
         c = f / 16 * cos2_a * (4 + f * (4 - 3 * cos2_a))
         before, lam = lam, big_l + (1 - c) * f * sin_a * (
             sigma + c * sin_s * (cos_2m + c * cos_s * (2 * cos_2m ** 2 - 1)))

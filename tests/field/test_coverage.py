@@ -74,10 +74,10 @@ def test_only_what_flowed_counts_to_the_last_tick():
     straight(coverage, (1.2, 0.0), 0.0, 20.0, flowing=False)
     assert coverage.covered.area_ha == 0.0
     coverage.lay((1.2, 20.0), 0.0, False)
-    for k in range(1, 17):
-        coverage.lay((1.2, 20.0 + 0.0625 * k), 0.0, True)
-    coverage.lay((1.2, 21.05), 0.0, False)
-    assert coverage.covered.area_ha * 1e4 == pytest.approx(2.4)
+    for k in range(1, 20):
+        coverage.lay((1.2, 20.0 + 0.06 * k), 0.0, True)       # the last tick is less than half a cell after the 18th
+    coverage.lay((1.2, 21.2), 0.0, False)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(6 * 0.2 * 2.4)
 
 
 def test_already_applied_is_about_earlier_passes():
