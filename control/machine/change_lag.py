@@ -1,11 +1,11 @@
 """The lag of a change of set-points: from the command until the landed step is half-way (lag papers)."""
 from __future__ import annotations
 
-from math import exp
 from typing import NamedTuple
 
 from .fall import drop_s
 from .machine import Machine
+from .shaft import approach
 
 
 class Settled(NamedTuple):
@@ -52,7 +52,8 @@ class ChangeLags:
         found = self._kept.get(key)
         if found is None:
             found = self._kept[key] = change_lag(
-                self._machine, Settled(key[0] * ROUND_RPM, key[1] * ROUND_MM), Settled(key[2] * ROUND_RPM, key[3] * ROUND_MM))
+                self._machine, Settled(key[0] * ROUND_RPM, key[1] * ROUND_MM),
+                Settled(key[2] * ROUND_RPM, key[3] * ROUND_MM))
         return found
 
 
@@ -86,8 +87,6 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     tau = shaft.time_constant_s + shaft.slow_s
     slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
     rpm, opening = before.shaft_rpm, before.opening_mm
-    keep = exp(-STEP_S / tau)
-    most = shaft.acceleration_rpm_s * STEP_S
     lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,
                 gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
     parcels: list[tuple[float, float]] = []
@@ -95,8 +94,7 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     for k in range(-lead, int(lasts / STEP_S)):
         now = k * STEP_S
         if now >= dead_shaft:
-            wanted = after.shaft_rpm + (rpm - after.shaft_rpm) * keep
-            rpm = min(rpm + most, max(rpm - most, wanted))
+            rpm = approach(rpm, after.shaft_rpm, tau, shaft.acceleration_rpm_s, STEP_S)
         if now >= gate.dead_time_s:
             opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))
         parcels.append((now + drop_s(machine.fall, rpm), rpm * opening))

@@ -38,6 +38,21 @@ def line_put(line: DelayLine, time_s: float, value: float) -> DelayLine:
     return DelayLine(line.times_s, line.values, newest, line.in_force)
 
 
+def line_held(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float, float]:
+    """What the signal holds at `from_s`, and until when: its next change or `to_s`, whichever is sooner.
+
+    A step that is cut at these times is exact for held commands, however long it is; times must be asked for in order.
+    """
+    at = line.in_force
+    while at != line.newest:
+        after = (at + 1) % LINE_SIZE
+        if line.times_s[after] > from_s:
+            return (DelayLine(line.times_s, line.values, line.newest, at), float(line.values[at]),
+                    min(to_s, float(line.times_s[after])))
+        at = after
+    return DelayLine(line.times_s, line.values, line.newest, at), float(line.values[at]), to_s
+
+
 def line_mean(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
     """Mean of the held signal over [from_s, to_s], and the line with its reading mark moved up to `from_s`.
 

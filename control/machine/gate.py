@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import FLAT, TABLE_X, DelayLine, Table, line_mean, line_put, line_start, table_at
+from .elements import FLAT, TABLE_X, DelayLine, Table, line_held, line_put, line_start, table_at
 
 
 class Gate(NamedTuple):
@@ -79,12 +79,18 @@ def gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
 def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
     """One step of `dt_s` with the command held; the outputs are those at its end."""
     line = line_put(s.line, s.time_s, u.command_mm)
-    line, wanted = line_mean(line, s.time_s - p.dead_time_s, s.time_s - p.dead_time_s + dt_s)
-    most = max(0.0, p.slew_mm_s - p.slow_mm_s) * dt_s * (1.0 - p.stuck)
-    driven = s.driven_mm + min(most, max(-most, wanted - s.driven_mm))
+    slew = max(0.0, p.slew_mm_s - p.slow_mm_s) * (1.0 - p.stuck)
     half = 0.5 * p.backlash_mm
-    carried = min(driven + half, max(driven - half, s.carried_mm))
-    travelled = s.travelled_mm + abs(driven - s.driven_mm)
+    driven, carried, travelled = s.driven_mm, s.carried_mm, s.travelled_mm
+    at_s, end_s = s.time_s - p.dead_time_s, s.time_s - p.dead_time_s + dt_s
+    while at_s < end_s:
+        line, wanted, until_s = line_held(line, at_s, end_s)
+        most = slew * (until_s - at_s)
+        move = min(most, max(-most, wanted - driven))
+        driven += move
+        travelled += abs(move)
+        carried = min(driven + half, max(driven - half, carried))
+        at_s = until_s
     true = carried + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
     true = min(p.full_mm, max(0.0, true + table_at(p.table_x, p.table_mm, u.table_at)))
     return GateState(s.time_s + dt_s, driven, carried, travelled, line), GateOutput(true, true + p.offset_mm)

@@ -38,8 +38,8 @@ def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: 
         speed = (track_m[-1] - track_m[-2]) / (time_s[-1] - time_s[-2])
         place[beyond] += (time_s[beyond] + drop_s[beyond] - time_s[-1]) * speed
     following = np.append(place[1:], 2.0 * place[-1] - place[-2] if len(place) > 1 else place[-1])
-    origin = np.floor(min(place.min(), following.min()) / bin_m) * bin_m
-    count = int(np.ceil((max(place.max(), following.max()) - origin) / bin_m)) + 1
+    origin = (np.floor(min(place.min(), following.min()) / bin_m) - 1.0) * bin_m
+    count = int(np.ceil((max(place.max(), following.max()) - origin) / bin_m)) + 2
     return Ground(float(origin), bin_m, _spread(place, following, mass_kg, float(origin), bin_m, count)), place
 
 
@@ -53,7 +53,7 @@ def _spread(a: Array, b: Array, mass_kg: Array, origin: float, bin_m: float, cou
         at = first + step
         inside = at <= last
         edge_low = origin + at * bin_m
-        overlap = np.minimum(high, edge_low + bin_m) - np.maximum(low, edge_low)
+        overlap = np.maximum(0.0, np.minimum(high, edge_low + bin_m) - np.maximum(low, edge_low))
         whole = first == last
         share = np.where(whole, 1.0, overlap / np.where(width > 0.0, width, 1.0))
         total += np.bincount(at[inside], weights=(share * mass_kg)[inside], minlength=count)

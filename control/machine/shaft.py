@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import FLAT, TABLE_X, DelayLine, Table, line_mean, line_put, line_start, stepped, table_at
+from .elements import FLAT, TABLE_X, DelayLine, Table, line_held, line_put, line_start, stepped, table_at
 
 
 class Shaft(NamedTuple):
@@ -91,6 +91,18 @@ def shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
     return ShaftState(time_s, rpm, line_start(rpm))
 
 
+def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float) -> float:
+    """First order with a limited slope, exact for a held `wanted`: a ramp while the limit binds, then exponential."""
+    gap = wanted - value
+    reach = fastest_per_s * tau_s
+    left_s = dt_s
+    if abs(gap) > reach:
+        ramp_s = min(dt_s, (abs(gap) - reach) / fastest_per_s)
+        value += fastest_per_s * ramp_s if gap > 0.0 else -fastest_per_s * ramp_s
+        left_s = dt_s - ramp_s
+    return wanted + (value - wanted) * exp(-left_s / tau_s)
+
+
 def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[ShaftState, ShaftOutput]:
     """One step of `dt_s` with the inputs held; the outputs are those at its end.
 
@@ -98,16 +110,17 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     set-point from 10 r/min up (lag paper, table 2).
     """
     dead_s = p.dead_time_s + p.extra_dead_time_s
-    line = line_put(s.line, s.time_s, u.command_rpm)
-    line, wanted = line_mean(line, s.time_s - dead_s, s.time_s - dead_s + dt_s)
-    if wanted < p.dead_band_rpm:
-        wanted = 0.0
-    lost = p.sag_percent_per_v * max(0.0, p.nominal_supply_v - u.supply_v)
+    sag = p.sag_percent_per_v * max(0.0, p.nominal_supply_v - u.supply_v)
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
     more = table_at(p.table_x, p.table_percent, u.table_at)
-    wanted *= (1.0 + p.gain_percent / 100.0) * (1.0 - lost / 100.0) * (1.0 - droop / 100.0) * (1.0 + more / 100.0)
-    wanted = max(0.0, wanted) * (1.0 - p.stalled)
-    rpm = wanted + (s.rpm - wanted) * exp(-dt_s / (p.time_constant_s + p.slow_s))
-    most = p.acceleration_rpm_s * dt_s
-    rpm = min(s.rpm + most, max(s.rpm - most, rpm))
+    turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0) * (1.0 + more / 100.0)
+    turns = max(0.0, turns) * (1.0 - p.stalled)
+    line = line_put(s.line, s.time_s, u.command_rpm)
+    rpm, at_s, end_s = s.rpm, s.time_s - dead_s, s.time_s - dead_s + dt_s
+    while at_s < end_s:
+        line, wanted, until_s = line_held(line, at_s, end_s)
+        if wanted < p.dead_band_rpm:
+            wanted = 0.0
+        rpm = approach(rpm, turns * wanted, p.time_constant_s + p.slow_s, p.acceleration_rpm_s, until_s - at_s)
+        at_s = until_s
     return ShaftState(s.time_s + dt_s, rpm, line), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))

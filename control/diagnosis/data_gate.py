@@ -1,0 +1,143 @@
+"""What is odd about the recorded data itself, put right where that is safe and always said."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+SENTINELS = (-9999.0, -999.0, -99.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0)
+FASTEST_MPS = 9.0           # ground speeds above this, most of the time, are not m/s
+HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
+NEEDED = {
+    "shaft": ("shaft_rpm_cmd", "shaft_rpm"),
+    "gate": ("opening_mm_cmd", "opening_mm"),
+    "flow": ("shaft_rpm", "opening_mm", "hopper_kg"),
+    "speed": ("speed_mps", "wheel_speed_mps"),
+    "heads": HEADS[:3],
+}
+NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
+           "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
+LEAST_ROWS = 40
+
+
+class Clean(NamedTuple):
+    """A run log that can be worked with. Arrays of shape (n,); NaN: not known."""
+
+    time_s: Array
+    step_s: float                           # median
+    columns: dict[str, Array]
+    events: npt.NDArray[Any]                # texts, shape (n,)
+    state: npt.NDArray[Any]
+    stages: tuple[str, ...]                 # channels that this log can show
+    findings: tuple[str, ...]
+
+    def has(self, name: str) -> bool:
+        return bool(np.isfinite(self.columns[name]).any())
+
+
+def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
+    """Examine and clean the columns of a run log (contract of the run log; `time_s` in s, the others optional).
+
+    Raises ValueError with one plain line where there is no usable time column.
+    """
+    if "time_s" not in columns:
+        raise ValueError("column time_s: missing: a run log needs it")
+    findings: list[str] = []
+    time, order = _times(np.asarray(columns["time_s"], np.float64), findings)
+    found: dict[str, Array] = {}
+    for name in NUMBERS:
+        raw = columns.get(name)
+        values = np.full(len(time), np.nan) if raw is None else np.asarray(raw, np.float64)[order]
+        found[name] = _without_sentinels(name, values, findings)
+    _units(found, findings)
+    for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
+        found[name] = _without_held(name, found[name], findings)
+    stages = []
+    for stage, needed in NEEDED.items():
+        missing = [name for name in needed if np.isfinite(found[name]).sum() < LEAST_ROWS]
+        if missing:
+            findings.append(f"stage {stage} is left out: column {missing[0]} is missing or nearly empty")
+        else:
+            stages.append(stage)
+    if "flow" in stages:
+        stages.append("scale")
+    step = float(np.median(np.diff(time)))
+    return Clean(time, step, found, _texts(columns, "events", order), _texts(columns, "state", order),
+                 tuple(stages), tuple(findings))
+
+
+def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int64]]:
+    finite = np.flatnonzero(np.isfinite(time))
+    if len(finite) < len(time):
+        findings.append(f"column time_s: {len(time) - len(finite)} rows have no time and are left out")
+    order = finite[np.argsort(time[finite], kind="stable")]
+    if np.any(np.diff(time[finite]) < 0):
+        findings.append("column time_s: times run backwards in places; rows are taken in order of time")
+    keep = np.concatenate(([True], np.diff(time[order]) > 1e-6))
+    if not keep.all():
+        findings.append(f"column time_s: {int((~keep).sum())} rows repeat a time; the first of each is kept")
+    order = order[keep]
+    if len(order) < LEAST_ROWS:
+        raise ValueError(f"column time_s: {len(order)} usable rows: at least {LEAST_ROWS} are needed")
+    steps = np.diff(time[order])
+    step = float(np.median(steps))
+    missing = int(np.round(steps / step - 1.0)[steps > 1.5 * step].sum())
+    if missing:
+        findings.append(f"column time_s: about {missing} rows are missing ({100 * missing / (len(order) + missing):.1f} %)")
+    if np.mean(np.abs(steps / step - 1.0) > 0.25) > 0.2:
+        findings.append("column time_s: the sample time is mixed; the median is "
+                        f"{step:.3g} s, from {steps.min():.3g} to {steps.max():.3g} s")
+    return time[order] - time[order[0]], order
+
+
+def _without_sentinels(name: str, values: Array, findings: list[str]) -> Array:
+    values = np.where(np.isfinite(values), values, np.nan)
+    marked = np.isin(values, SENTINELS)
+    if marked.any():
+        shown = float(values[marked][0])
+        findings.append(f"column {name}: {int(marked.sum())} cells hold {shown:g}, which stands for a missing value")
+        values = np.where(marked, np.nan, values)
+    return values
+
+
+def _units(found: dict[str, Array], findings: list[str]) -> None:
+    typical = {}
+    for name in ("speed_mps", "wheel_speed_mps"):
+        moving = found[name][found[name] > 0.3]
+        typical[name] = float(np.median(moving)) if len(moving) > LEAST_ROWS else np.nan
+    for name, other in (("speed_mps", "wheel_speed_mps"), ("wheel_speed_mps", "speed_mps")):
+        ratio = typical[name] / typical[other] if np.isfinite(typical[other]) else np.nan
+        if 3.2 < ratio < 4.0 or (not np.isfinite(ratio) and typical[name] > FASTEST_MPS):
+            findings.append(f"column {name}: values look like km/h (median {typical[name]:.1f}); divided by 3.6")
+            found[name] = found[name] / 3.6
+            return
+
+
+def _without_held(name: str, values: Array, findings: list[str]) -> Array:
+    """Readings held through a dropout say nothing new: only the first of an improbably long run of equals is kept."""
+    same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
+    known = np.isfinite(values)
+    share = same.sum() / max(1, known.sum())
+    if share == 0.0 or share > 0.5:
+        return values
+    longest = max(3, int(np.ceil(np.log(0.01 / len(values)) / np.log(min(0.9, share + 1e-4)))))
+    starts = np.flatnonzero(~same)
+    lengths = np.diff(np.append(starts, len(values)))
+    held = np.zeros(len(values), bool)
+    for start, length in zip(starts[lengths > longest], lengths[lengths > longest], strict=True):
+        held[start + 1:start + length] = True
+    if held.any():
+        findings.append(f"column {name}: {int(held.sum())} cells only repeat an older reading and are not used")
+    return np.where(held, np.nan, values)
+
+
+def _texts(columns: Mapping[str, npt.NDArray[Any]], name: str, order: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    raw = columns.get(name)
+    if raw is None:
+        return np.full(len(order), "", object)
+    return np.array(["" if text is None or text != text else str(text) for text in np.asarray(raw, object)[order]],
+                    object)

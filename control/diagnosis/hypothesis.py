@@ -1,0 +1,71 @@
+"""A hypothesis: effects with sizes, and the machine's stages as they are under it."""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from control.machine.machine import CATALOGUE, STAGES, Machine
+
+MOST_SWITCHES = 3           # parameter sets of one run are compiled for this many onsets
+
+
+class Part(NamedTuple):
+    """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its onset)."""
+
+    id: str
+    size: float
+    onset_s: float | None = None
+    member: int | None = None
+
+
+Parts = tuple[Part, ...]
+
+
+class Stages(NamedTuple):
+    """Parameter tuples of the stages in force, by stage name."""
+
+    by_name: dict[str, Any]
+
+    def put(self, stage: str, **changes: Any) -> Stages:
+        return Stages({**self.by_name, stage: self.by_name[stage]._replace(**changes)})
+
+
+def stages_of(machine: Machine) -> Stages:
+    return Stages({name: getattr(machine, name) for name in STAGES})
+
+
+def bounds(effect_id: str) -> tuple[float, float]:
+    """Allowed range of an effect's size."""
+    entry = CATALOGUE[effect_id]
+    return entry.low - entry.neutral, entry.high - entry.neutral
+
+
+def with_part(stages: Stages, part: Part) -> Stages:
+    """Stages with one more effect on top of what they have; no bounds are looked at."""
+    entry = CATALOGUE[part.id]
+    before = getattr(stages.by_name[entry.stage], entry.field)
+    changes: dict[str, float] = {entry.field: float(before + part.size)}
+    if entry.effect.member_field:
+        changes[entry.effect.member_field] = float(part.member or 1)
+    return stages.put(entry.stage, **changes)
+
+
+class Schedule(NamedTuple):
+    """Stage sets in the order in which they come into force; `from_s[j]` is when set j+1 does."""
+
+    sets: tuple[Stages, ...]
+    from_s: tuple[float, ...]
+
+
+def schedule(stages: Stages, parts: Parts) -> Schedule:
+    """When which stages are in force under a hypothesis. Raises ValueError for too many onsets."""
+    times = sorted({part.onset_s for part in parts if part.onset_s is not None and part.onset_s > 0.0})
+    if len(times) > MOST_SWITCHES:
+        raise ValueError(f"hypothesis with {len(times)} onsets: at most {MOST_SWITCHES} are allowed")
+    sets = []
+    for begin in (0.0, *times):
+        now = stages
+        for part in parts:
+            if part.onset_s is None or part.onset_s <= begin:
+                now = with_part(now, part)
+        sets.append(now)
+    return Schedule(tuple(sets), tuple(times))

@@ -1,0 +1,186 @@
+"""Each channel's prediction through the machine model, and what of the measurement it leaves."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.compiled import flow_run, gate_run, heads_run, scale_run, shaft_run, speed_run
+from control.machine.flow import FlowInput, FlowOutput, flow_start
+from control.machine.gate import GateInput, GateOutput, gate_start
+from control.machine.heads import HeadInput
+from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S, input_rows
+from control.machine.scale import ScaleInput
+from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
+from control.machine.speed import SpeedInput, SpeedOutput, speed_start
+
+from .hypothesis import MOST_SWITCHES, Schedule
+from .noise import NoisePrior, Segments, segments
+from .stages_data import Drive, Grid, Heads, Hopper, RunData, Speed
+
+Array = npt.NDArray[np.float64]
+WHITE_S = 0.02              # correlation time that stands for "none"
+
+
+class Channel(NamedTuple):
+    """One measured series on its even grid, with its way through the model."""
+
+    name: str
+    unit: str
+    measured: Array                                 # (m,)
+    predict: Callable[[Schedule, float], Array]     # schedule, model step s -> (m,)
+    grid: Grid
+    cut: Segments
+    prior: NoisePrior
+    copies: int = 1                                 # series stacked one after the other (heads)
+
+
+def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
+    """Parameter sets of one stage and the rows from which they hold, always MOST_SWITCHES + 1 of them."""
+    sets = [one.by_name[stage] for one in plan.sets]
+    rows = [int(np.searchsorted(time_s, begin)) for begin in plan.from_s]
+    while len(sets) <= MOST_SWITCHES:
+        sets.append(sets[-1])
+        rows.append(len(time_s) + 1)
+    return tuple(sets), np.array(rows, np.int64)
+
+
+def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+    inputs = input_rows(ShaftInput, len(drive.time_s), command_rpm=drive.command, opening_mm=drive.opening_mm,
+                        supply_v=drive.supply_v, **_table(record))
+    first = float(drive.command[0])
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        sets, rows = switches(plan, "shaft", drive.time_s)
+        out = shaft_run(sets, rows, shaft_start(first, drive.time_s[0]), ShaftOutput(first, first), inputs,
+                        drive.time_s, step_s)
+        return drive.grid.of(out[:, 1])
+    floor = _floor(drive.measured)
+    return _channel("shaft", "r/min", drive.grid, drive.measured, predict,
+                    NoisePrior(machine.noise.shaft_rpm, WHITE_S, max(floor, 0.02 * machine.noise.shaft_rpm)))
+
+
+def gate_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+    inputs = input_rows(GateInput, len(drive.time_s), command_mm=drive.command, **_table(record))
+    first = float(drive.command[0])
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        sets, rows = switches(plan, "gate", drive.time_s)
+        out = gate_run(sets, rows, gate_start(first, drive.time_s[0]), GateOutput(first, first), inputs,
+                       drive.time_s, step_s)
+        return drive.grid.of(out[:, 1])
+    floor = _floor(drive.measured)
+    return _channel("gate", "mm", drive.grid, drive.measured, predict,
+                    NoisePrior(machine.noise.opening_mm, WHITE_S, max(floor, 0.02 * machine.noise.opening_mm)))
+
+
+def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+    """Scale reading, kg. The flow follows the true opening: a read-back offset (gate.offset) is taken off first."""
+    count = len(h.time_s)
+    none = np.zeros(count)
+    turns = h.shaft_rpm > 0.0
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        flow_sets, rows = switches(plan, "flow", h.time_s)
+        gates, _ = switches(plan, "gate", h.time_s)
+        at = np.searchsorted(np.asarray(rows), np.arange(count), side="right")
+        offset = np.array([p.offset_mm for p in gates])[at]
+        table = none if record is None else record[1]
+        inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=h.refill_kg,
+                            opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
+                            table_at=table)
+        start_kg = h.start_kg
+        first = FlowOutput(0.0, start_kg)
+        out = flow_run(flow_sets, rows, flow_start(start_kg, float(h.time_s[0])), first, inputs, h.time_s, 1e9)
+        hopper = 0.5 * (out[:-1, 1] + out[1:, 1])
+        middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
+        reads = np.empty(count - 1)
+        scales, _ = switches(plan, "scale", h.time_s)
+        seen = input_rows(ScaleInput, count - 1, hopper_kg=hopper, time_s=middle, pitch_deg=h.pitch_deg[:-1],
+                          table_at=table[:-1])
+        for k in sorted(set(at[:-1].tolist())):
+            reads = np.where(at[:-1] == k, scale_run(scales[k], seen), reads)
+        return h.grid.of(reads)
+    noise = machine.noise
+    per_bin = max(1.0, h.grid.step_s / 0.05)
+    return _channel("scale", "kg", h.grid, h.reading_kg, predict,
+                    NoisePrior(noise.scale_kg, noise.scale_correlation_s,
+                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin)))
+
+
+def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+    """Wheel less GNSS speed, m/s."""
+    inputs = input_rows(SpeedInput, len(s.time_s), speed_mps=s.true_mps, working=s.working, pitch_deg=s.pitch_deg,
+                        **_table(record))
+    first = float(s.true_mps[0])
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        sets, rows = switches(plan, "speed", s.time_s)
+        out = speed_run(sets, rows, speed_start(first, float(s.time_s[0])), SpeedOutput(first, first), inputs,
+                        s.time_s, step_s)
+        return s.grid.of(out[:, 0] - out[:, 1])
+    sd = float(np.hypot(machine.noise.gnss_mps, machine.noise.wheel_mps))
+    return _channel("speed", "m/s", s.grid, s.wheel_mps - s.gnss_mps, predict, NoisePrior(sd, WHITE_S, 0.05 * sd))
+
+
+def heads_channel(h: Heads, machine: Machine) -> Channel:
+    """Each head less the mean of all, one after the other."""
+    used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
+    measured = (h.ndvi[used] - h.mean)
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        sets, rows = switches(plan, "heads", h.time_s)
+        at = np.searchsorted(np.asarray(rows), np.arange(len(h.time_s)), side="right")
+        reads = np.empty((len(used), len(h.time_s)))
+        for k in sorted(set(at.tolist())):
+            for line, head in enumerate(used):
+                seen = input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s)
+                reads[line] = np.where(at == k, heads_run(sets[k], seen), reads[line])
+        return h.grid.of(reads - reads.mean(axis=0)).ravel()
+    length = len(h.grid.even_s)
+    bounds = tuple((k * length, (k + 1) * length) for k in range(len(used)))
+    return Channel("heads", "NDVI", h.grid.of(measured).ravel(), predict, h.grid, segments(length * len(used), bounds),
+                   NoisePrior(2.0 * machine.noise.ndvi, 3.0, 0.7 * machine.noise.ndvi), len(used))
+
+
+def channels(data: RunData, machine: Machine) -> dict[str, Channel]:
+    """Every channel that the log can show, by name; flow and scale are read off the same reading."""
+    found: dict[str, Channel] = {}
+    if data.shaft is not None:
+        found["shaft"] = shaft_channel(data.shaft, machine)
+    if data.gate is not None:
+        found["gate"] = gate_channel(data.gate, machine)
+    if data.hopper is not None:
+        found["scale"] = hopper_channel(data.hopper, machine)
+    if data.speed is not None:
+        found["speed"] = speed_channel(data.speed, machine)
+    if data.heads is not None:
+        found["heads"] = heads_channel(data.heads, machine)
+    return found
+
+
+def step_error(channel: Channel, plan: Schedule) -> float:
+    """Largest typical change of the prediction when the model's step is halved, in units of the channel's noise."""
+    change = channel.predict(plan, 0.5 * MOST_STEP_S) - channel.predict(plan, MOST_STEP_S)
+    return float(np.sqrt(np.mean(change ** 2))) / channel.prior.fast_sd
+
+
+def _channel(name: str, unit: str, grid: Grid, measured: Array, predict: Callable[[Schedule, float], Array],
+             prior: NoisePrior) -> Channel:
+    series = grid.of(measured)
+    return Channel(name, unit, series, predict, grid, segments(len(series)), prior)
+
+
+def _table(record: tuple[str, Array] | None) -> dict[str, Array]:
+    return {} if record is None else {"table_at": record[1]}
+
+
+def _floor(measured: Array) -> float:
+    """s.d. of rounding to the smallest step found among the readings."""
+    known = np.unique(measured[np.isfinite(measured)][:20000])
+    steps = np.diff(known)
+    steps = steps[steps > 1e-9]
+    return float(np.percentile(steps, 5) / np.sqrt(12.0)) if len(steps) and len(known) < 2000 else 0.0

@@ -1,0 +1,262 @@
+"""A run log as the machine model's stages see it: inputs and measured outputs of each channel on an even time grid."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.machine import Machine
+
+from .data_gate import HEADS, Clean
+
+Array = npt.NDArray[np.float64]
+
+HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
+SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
+SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
+STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
+REFILL_KG = 3.0
+WORKING_RPM = 2.0
+
+
+class Grid(NamedTuple):
+    """From a log's rows to an even grid: gaps are bridged by straight lines, in data and prediction alike."""
+
+    time_s: Array               # of the known rows
+    rows: npt.NDArray[np.int64]
+    even_s: Array
+    step_s: float
+    as_is: bool                 # every row is known and evenly spaced
+
+    def of(self, series: Array) -> Array:
+        """Series over the log's rows (..., rows) on the grid (..., m)."""
+        if self.as_is:
+            return series[..., self.rows]
+        if series.ndim == 1:
+            return np.interp(self.even_s, self.time_s, series[self.rows])
+        return np.array([np.interp(self.even_s, self.time_s, one[self.rows]) for one in series])
+
+
+class Drive(NamedTuple):
+    """Shaft or gate: command to read-back, at the log's own rows."""
+
+    name: str
+    time_s: Array
+    command: Array
+    measured: Array
+    opening_mm: Array
+    supply_v: Array
+    grid: Grid
+
+
+class Hopper(NamedTuple):
+    """Flow and scale, in bins of HOPPER_STEP_S or the log's own step."""
+
+    time_s: Array               # begin of each bin, and the end of the last: (m+1,)
+    shaft_rpm: Array            # (m+1,), mean over the bin
+    opening_mm: Array           # (m+1,), weighted with shaft speed
+    pitch_deg: Array
+    reading_kg: Array           # (m,), mean over the bin
+    refill_kg: Array            # (m+1,)
+    start_kg: float
+    jumps: tuple[int, ...]      # bins from which a refill counts
+    grid: Grid                  # over the m bins
+
+
+class Speed(NamedTuple):
+    """Wheel against GNSS at the rows where GNSS is new."""
+
+    time_s: Array
+    true_mps: Array             # smoothed from both
+    working: Array
+    pitch_deg: Array
+    wheel_mps: Array
+    gnss_mps: Array
+    grid: Grid
+
+
+class Heads(NamedTuple):
+    """Contrast of each head with the mean of all, at the rows where the heads are new."""
+
+    time_s: Array
+    ndvi: Array                 # (k, m)
+    mean: Array                 # (m,)
+    grid: Grid
+
+
+class RunData(NamedTuple):
+    duration_s: float
+    rows: int
+    variables: dict[str, Array]         # recorded variables over the log's rows, gaps bridged
+    time_s: Array
+    working: Array
+    shaft: Drive | None
+    gate: Drive | None
+    hopper: Hopper | None
+    speed: Speed | None
+    heads: Heads | None
+
+
+def run_data(log: Clean, machine: Machine) -> RunData:
+    """Channels of a cleaned log; None where the log cannot show one."""
+    time, c = log.time_s, log.columns
+    command = _held(c["shaft_rpm_cmd"])
+    opening_command = _held(c["opening_mm_cmd"])
+    opening = _bridged(time, c["opening_mm"], opening_command)
+    supply = _smooth(_bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v)), log.step_s)
+    pitch = _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s)
+    shaft_rpm = _bridged(time, c["shaft_rpm"], command)
+    working = (np.nan_to_num(shaft_rpm) > WORKING_RPM).astype(np.float64)
+    variables: dict[str, Array] = {"time_s": time}
+    if "shaft" in log.stages or "flow" in log.stages:
+        variables["shaft_rpm"] = np.where(np.isfinite(command), command, shaft_rpm)
+    if "gate" in log.stages or "flow" in log.stages:
+        variables["opening_mm"] = np.where(np.isfinite(opening_command), opening_command, opening)
+    for name, series in (("supply_v", supply), ("pitch_deg", pitch)):
+        if log.has(name):
+            variables[name] = series
+    for name in ("roll_deg", "hopper_kg", "speed_mps"):
+        if log.has(name):
+            variables[name] = _smooth(_bridged(time, c[name], np.zeros(len(time))), log.step_s)
+    if log.has("heading_deg"):
+        variables["heading_deg"] = _held(c["heading_deg"])
+    shaft = gate = hopper = speed = heads = None
+    if "shaft" in log.stages:
+        shaft = _drive("shaft", time, command, c["shaft_rpm"], opening, supply, log.step_s)
+    if "gate" in log.stages:
+        gate = _drive("gate", time, opening_command, c["opening_mm"], opening, supply, log.step_s)
+    if "flow" in log.stages:
+        hopper = _hopper(time, shaft_rpm, opening, pitch, c["hopper_kg"], log.step_s)
+    if "speed" in log.stages:
+        speed = _speed(time, c["speed_mps"], c["wheel_speed_mps"], working, pitch)
+    if "heads" in log.stages:
+        heads = _heads(time, np.array([c[name] for name in HEADS]))
+    return RunData(float(time[-1]), len(time), variables, time, working, shaft, gate, hopper, speed, heads)
+
+
+def _held(series: Array) -> Array:
+    """Last known value; before the first, that one."""
+    known = np.isfinite(series)
+    if not known.any():
+        return series
+    at = np.maximum.accumulate(np.where(known, np.arange(len(series)), -1))
+    return np.asarray(series[np.where(at < 0, np.argmax(known), at)])
+
+
+def _bridged(time: Array, series: Array, instead: Array) -> Array:
+    known = np.isfinite(series)
+    return np.interp(time, time[known], series[known]) if known.any() else instead
+
+
+def _smooth(series: Array, step_s: float) -> Array:
+    half = int(round(0.5 * SMOOTH_S / step_s))
+    if half < 1:
+        return series
+    padded = np.concatenate((np.full(half, series[0]), series, np.full(half, series[-1])))
+    total = np.concatenate(([0.0], np.cumsum(padded)))
+    width = 2 * half + 1
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float) -> Grid:
+    rows = np.flatnonzero(known)
+    inner = time[rows]
+    count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
+    even = inner[0] + step_s * np.arange(count)
+    as_is = count == len(rows) and bool(np.allclose(inner, even, atol=0.2 * step_s))
+    return Grid(inner, rows, even, step_s, as_is)
+
+
+def _drive(name: str, time: Array, command: Array, measured: Array, opening: Array, supply: Array,
+           step_s: float) -> Drive:
+    known = np.isfinite(measured) & (time >= time[0] + SETTLE_S)
+    return Drive(name, time, command, measured, opening, supply, _grid(time, known, step_s))
+
+
+def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float) -> Hopper:
+    width = max(HOPPER_STEP_S, step_s)
+    count = int(np.floor((time[-1] - time[0]) / width))
+    edges = time[0] + width * np.arange(count + 1)
+    spans = np.diff(time)
+    rpm = np.where(shaft_rpm < STOPPED_RPM, 0.0, shaft_rpm)
+    turned = _mean_in(time, spans * 0.5 * (rpm[1:] + rpm[:-1]), edges) / width
+    metered = _mean_in(time, spans * 0.5 * (rpm[1:] * opening[1:] + rpm[:-1] * opening[:-1]), edges) / width
+    plain = _mean_in(time, spans * 0.5 * (opening[1:] + opening[:-1]), edges) / width
+    level = _mean_in(time, spans * 0.5 * (pitch[1:] + pitch[:-1]), edges) / width
+    turned = np.where(turned < STOPPED_RPM, 0.0, turned)
+    wide = np.where(turned > 0.0, metered / np.where(turned > 0.0, turned, 1.0), plain)
+    known = np.isfinite(reading) & (time < edges[-1])
+    bins = np.minimum(count - 1, np.floor((time[known] - time[0]) / width).astype(int))
+    seen = np.bincount(bins, minlength=count)
+    sums = np.bincount(bins, weights=reading[known], minlength=count)
+    kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
+    refill, jumps, hidden = _refills(kg)
+    good = np.isfinite(kg) & ~hidden
+    last = len(turned) - 1
+    extend = np.append(np.arange(last + 1), last)
+    return Hopper(edges, turned[extend], wide[extend], level[extend], kg, np.append(refill, 0.0),
+                  float(np.median(kg[good][:10])), jumps, _grid(edges[:-1] + 0.5 * width, good, width))
+
+
+def _mean_in(time: Array, amounts: Array, edges: Array) -> Array:
+    """Sums of amounts per row interval, shared out over bins: (len(edges)-1,)."""
+    total = np.concatenate(([0.0], np.cumsum(amounts)))
+    return np.diff(np.interp(edges, time, total))
+
+
+def _refills(kg: Array) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
+    """kg filled in by bin, the bins from which it counts, and the bins in which the reading is between two levels."""
+    refill = np.zeros(len(kg))
+    hidden = np.zeros(len(kg), bool)
+    filled = _held(kg)
+    ahead = 3
+    rises = np.flatnonzero(filled[ahead:] - filled[:-ahead] > REFILL_KG)
+    jumps: list[int] = []
+    if len(rises):
+        groups = np.split(rises, np.flatnonzero(np.diff(rises) > 10) + 1)
+        for group in groups:
+            begin, end = int(group[0]), min(len(kg) - 1, int(group[-1]) + ahead + 1)
+            before = filled[max(0, begin - 5):begin + 1]
+            after = filled[end:end + 6]
+            at = min(len(kg) - 1, end)
+            refill[at] = max(0.0, float(np.median(after)) - float(np.median(before)))
+            hidden[begin:at + 1] = True
+            jumps.append(at)
+    return refill, tuple(jumps), hidden
+
+
+def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array) -> Speed:
+    fresh = _fresh(gnss)
+    known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
+    rows = np.flatnonzero(known)
+    at = time[rows]
+    step = float(np.median(np.diff(at)))
+    wheel_there = wheel[rows]
+    both = 0.5 * (gnss[rows] + wheel_there)
+    half = max(1, int(round(0.4 / step)))
+    kernel = np.ones(2 * half + 1) / (2 * half + 1)
+    smooth = np.convolve(np.pad(both, half, mode="edge"), kernel, mode="valid")
+    grid = _grid(at, np.ones(len(at), bool), step)
+    return Speed(at, smooth, working[rows], pitch[rows], wheel_there, gnss[rows], grid)
+
+
+def _fresh(series: Array) -> npt.NDArray[np.bool_]:
+    """Rows with a new value, where a sensor slower than the log is held between its readings."""
+    changed = np.concatenate(([True], series[1:] != series[:-1]))
+    known = np.isfinite(series)
+    return changed if changed[known].mean() < 0.7 else np.ones(len(series), bool)
+
+
+def _heads(time: Array, ndvi: Array) -> Heads | None:
+    there = np.isfinite(ndvi).mean(axis=1) > 0.2
+    ndvi = np.where(there[:, None], ndvi, np.nan)
+    some = ndvi[there]
+    known = np.isfinite(some).all(axis=0)
+    changed = np.concatenate(([True], (some[:, 1:] != some[:, :-1]).any(axis=0)))
+    rows = np.flatnonzero(known & changed)
+    if len(rows) < 40:
+        return None
+    at = time[rows]
+    used = ndvi[:, rows]
+    return Heads(at, used, np.nanmean(used, axis=0), _grid(at, np.ones(len(at), bool), float(np.median(np.diff(at)))))
