@@ -317,7 +317,6 @@ class ThreadedPort:
 
     def _connect(self, stream: Stream) -> None:
         with self._to_send:
-            self._outbox.clear()
             self._connects += 1
             self._last_error = ""
             self._stream = stream

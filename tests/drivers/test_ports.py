@@ -186,6 +186,25 @@ def test_close_sends_the_last_word_first(server, clock):
     assert not port.state().connected
 
 
+class SlowStream(StuckStream):
+    """Takes a tenth of a second for every write, and none once it is closed."""
+
+    def write(self, data: bytes) -> None:
+        time.sleep(0.1)
+        if not self.release.is_set():
+            self.written.append(data)
+
+
+def test_close_waits_for_a_slow_line(clock):
+    stream = SlowStream()
+    port = ThreadedPort("slow", lambda: stream, clock)
+    wait_for(lambda: port.state().connected)
+    for word in (b"one", b"two", b"stop"):
+        port.write(word)
+    port.close()
+    assert stream.written == [b"one", b"two", b"stop"]
+
+
 @pytest.mark.parametrize("url", ["socket://127.0.0.1", "socket://:5000", "socket://127.0.0.1:99999", "socket://h:0"])
 def test_a_socket_without_host_or_port_is_refused_in_one_line(url, clock):
     with pytest.raises(ValueError, match="allowed is socket://HOST:PORT"):

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
@@ -109,3 +111,12 @@ def test_no_command_that_is_not_finite(bad, enabled):
             SlaveBoard().command(command, enabled)
     with pytest.raises(ValueError, match="allowed is 0 to 300"):
         encode_command(CommandFrame(0, bad, 25.0, True))
+
+
+def test_the_examples_on_the_protocol_page_are_real_frames(board_line):
+    page = (Path(__file__).parents[2] / "docs" / "protocol-slave-board.md").read_text()
+    examples = re.findall(r"\$((?:T1|S1),[^*`]+)\*([0-9A-F]{4})`", page)
+    assert len(examples) == 2
+    for payload, crc in examples:
+        assert board_line(payload).endswith(f"*{crc}\r\n".encode())
+    assert len(SlaveBoard().feed(board_line(examples[1][0]), 0.0)) == 1
