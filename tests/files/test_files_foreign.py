@@ -53,6 +53,7 @@ def track(speed: float, written_speed: float, rows: int = 100, swap: bool = Fals
     ("time_s,speed_mps,note\n0,1.5,地块\n1,1.25,\n".encode("gb18030"), {"encoding"}),
     (b"time_s,speed_mps\n0,1.5\n0.5,1.4,7\n1,1.25\n", {"wrong_fields"}),
     (b"time_s,speed_mps\n0,1.5\n0.5\n1,1.25\n", {"wrong_fields"}),
+    (b"time_s,speed_mps\n0,1.5\n\0\0\0\0001,1.25\n", {"zero_bytes"}),
 ])
 def test_tables_of_other_programs(written: Written, content: bytes, found: set[str]) -> None:
     log = read_log(written(content))

@@ -98,7 +98,7 @@ def _fields(line: str) -> list[str]:
 
 @pytest.mark.parametrize("beside", [True, False], ids=["with sidecar", "without sidecar"])
 def test_a_log_cut_anywhere_opens_up_to_its_last_whole_row(tmp_path: Path, full_row: MakeRow, beside: bool) -> None:
-    rows = [full_row(k * 0.05)._replace(events="雨 mark, \"so\"" if k else None) for k in range(2)]
+    rows = [full_row(0.0), LogRow(0.05, lat_deg=34.1, events="雨 mark, \"so\"")]
     path = write_log(tmp_path / "run.csv", RunMeta(software="t"), rows)
     whole = path.read_bytes()
     expected = [as_logged(row) for row in rows]
@@ -121,6 +121,13 @@ def test_zeros_left_by_a_power_loss_are_no_row(tmp_path: Path, full_row: MakeRow
     log = read_log(path)
     assert len(log) == 2
     assert {"cut_row", "zero_bytes"} <= {finding.id for finding in log.findings}
+
+
+def test_rows_hold_plain_python_values(tmp_path: Path, full_row: MakeRow) -> None:
+    (row,) = read_log(write_log(tmp_path / "run.csv", RunMeta(), [full_row(0.0)])).rows()
+    for column, value in row._asdict().items():
+        wanted = str if column in TEXT_COLUMNS else int if column in WHOLE_COLUMNS else float
+        assert type(value) is wanted, column
 
 
 def test_an_empty_file_is_refused_unless_it_is_ours(written: Written) -> None:

@@ -123,6 +123,12 @@ def test_a_lost_fix_stays_the_newest_and_grows_old(written: Written) -> None:
     assert fixes[8].fix_quality == 1
 
 
+def test_a_place_that_comes_after_its_utc_is_as_old_as_itself(written: Written) -> None:
+    utc = "2026-03-20T08:00:00.000Z"
+    log = read_log(written(f"time_s,utc,lat_deg,lon_deg\n0,{utc},,\n1,{utc},34.1,119.5\n2,{utc},34.1,119.5\n"))
+    assert [m.gnss and m.gnss.time_s for m in measurements(log)] == [None, 1.0, 1.0]
+
+
 def test_without_utc_a_new_place_makes_a_new_fix(written: Written) -> None:
     lines = [f"{k * 0.05:.2f},{34.1 + k // 2 * 1e-6:.6f},119.5" for k in range(40)]
     log = read_log(written("time_s,lat_deg,lon_deg\n" + "\n".join(lines) + "\n"))

