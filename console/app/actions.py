@@ -28,7 +28,7 @@ ACTIONS = (
     Action("hold", "space", "Space", N_("hold"), N_("Flow to zero at once; start goes on. In a replay alone: pause."),
            bar=1, locked=True, priority=True),
     Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."),
-           bar=2, locked=True, priority=False),
+           bar=2, locked=True, priority=True),
     Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), RUN, 3),
     Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), RUN, 4),
     Action("nudge_up", "plus,equals_sign,kp_plus", "+", N_("more"),
@@ -70,7 +70,7 @@ ACTIONS = (
     Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), bar=13),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac.")),
     Action("language", "g", "G", N_("language"), N_("English, Chinese.")),
-    Action("quit", "ctrl+q", "^Q", N_("quit"), N_("Leaves the console; asked once while the machine works.")),
+    Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asked once while the machine works.")),
 )
 BY_ID = {action.id: action for action in ACTIONS}
 

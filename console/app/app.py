@@ -6,8 +6,11 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import ClassVar
 
+from textual import events
 from textual.app import App, SystemCommand
+from textual.command import CommandPalette
 from textual.screen import Screen
+from textual.widgets import Input
 from textual.worker import Worker
 
 from console.app import actions, themes, words
@@ -36,7 +39,7 @@ def local_offset_s() -> float:
     return float(time.localtime().tm_gmtoff or 0)
 
 
-class TopdressApp(App[None]):
+class TopdressApp(App[None], inherit_bindings=False):
     """The console.
 
     source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic. start, attach: make a
@@ -47,8 +50,7 @@ class TopdressApp(App[None]):
 
     CSS_PATH = "style.tcss"
     TITLE = "topdress"
-    ENABLE_COMMAND_PALETTE = True
-    COMMAND_PALETTE_BINDING = "ctrl+backslash"
+    ENABLE_COMMAND_PALETTE = False         # Textual's own key for it would pass by the lock
     BINDINGS: ClassVar = actions.bindings()
 
     def __init__(self, source: FrameSource | None, clock: Callable[[], float] = time.monotonic, *,
@@ -74,8 +76,9 @@ class TopdressApp(App[None]):
         for one in themes.THEMES:
             self.register_theme(one)
         self.theme = theme
-        if keymap:
-            self.set_keymap(dict(keymap))
+        keys = dict(keymap or {})
+        self.set_keymap(keys)
+        self._hold_keys = frozenset(keys.get("hold", actions.BY_ID["hold"].keys).split(","))
 
     def get_default_screen(self) -> Screen[None]:
         return self.run_page if self.source is not None or self.replay_page.job is None else self.replay_page
@@ -86,6 +89,14 @@ class TopdressApp(App[None]):
             self.set_interval(NUMBERS_S, self.tick)
             self.call_after_refresh(gc.freeze)
         self.call_after_refresh(self.tick)
+
+    async def on_event(self, event: events.Event) -> None:
+        """Hold comes first even where a text field has the focus, which would take the key for itself."""
+        if (isinstance(event, events.Key) and not event.is_forwarded and event.key in self._hold_keys
+                and isinstance(self.focused, Input)):
+            await self.action_do("hold")
+            return
+        await super().on_event(event)
 
     # --- frames -------------------------------------------------------------------------------------------------
 
@@ -367,11 +378,11 @@ class TopdressApp(App[None]):
             self.notice(_("the control worker is connected"))
 
     def _do_palette(self) -> None:
-        self.action_command_palette()
+        self.push_screen(CommandPalette(id="--command-palette"))
 
     def _do_quit(self) -> None:
         frame = self.arrival.frame
-        if self.gone or frame is None or frame.row.state != "working":
+        if self.gone or self.source is None or (frame is not None and frame.row.state != "working"):
             self.exit()
             return
 

@@ -22,11 +22,13 @@ class Choice(NamedTuple):
 
 
 class Dialog(ModalScreen[R], Generic[R]):
-    """A box in the middle. `stop` keeps its keys; hold has priority anyway."""
+    """A box in the middle; hold and stop have priority over it.
+
+    Textual calls `on_button_pressed` of every class in a dialog's line, so a kind of dialog only handles its own.
+    """
 
     AUTO_FOCUS = ""
-    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False),
-                          Binding("x,f12", "app.do('stop')", show=False)]
+    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False)]
 
     def __init__(self, title: str, text: str = "") -> None:
         super().__init__()
@@ -155,8 +157,6 @@ class ChoiceDialog(Dialog[str | None]):
             event.stop()
             self.at = int(name.removeprefix("choice-"))
             self._mark()
-            return
-        super().on_button_pressed(event)
 
     def action_yes(self) -> None:
         self.dismiss(self.choices[self.at].value)
@@ -205,8 +205,6 @@ class NumberDialog(Dialog[float | None]):
         if event.button.name in self.PAD:
             event.stop()
             self.type(event.button.name)
-            return
-        super().on_button_pressed(event)
 
     def action_yes(self) -> None:
         try:

@@ -148,7 +148,8 @@ def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 
         return _nothing(units, marks)
     old = age_s > STALE_S
     return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s, units),
-                   _rates(frame, old, units), _tiles(frame, old, units), _heads(frame, old), _items(frame, age_s, units))
+                   _rates(frame, old, units), _tiles(frame, old, units), _heads(frame, old),
+                   _items(frame, age_s, units))
 
 
 def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:

@@ -34,7 +34,7 @@ NOTES = {
     "not_working": N_("not working"), "drive_silent": N_("a drive is silent"), "speed_silent": N_("no speed"),
     "standstill": N_("standing still"), "low_speed": N_("too slow"), "reversing": N_("reversing"),
     "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
-    "outside_field": N_("lands outside the field"), "work_switch_up": N_("work switch is up"),
+    "outside_field": N_("lands outside field"), "work_switch_up": N_("work switch is up"),
     "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
 }
 

@@ -43,5 +43,3 @@ class GoneScreen(Dialog[str | None]):
         if event.button.id in self.can:
             event.stop()
             self.action_choose(event.button.id)
-            return
-        super().on_button_pressed(event)

@@ -18,8 +18,7 @@ from console.locale import _
 
 class HelpScreen(ModalScreen[None]):
     AUTO_FOCUS = "#help-scroll"
-    BINDINGS: ClassVar = [Binding("escape,f1,enter", "close", show=False),
-                          Binding("x,f12", "app.do('stop')", show=False)]
+    BINDINGS: ClassVar = [Binding("escape,f1,enter", "close", show=False)]
 
     def __init__(self, where: str) -> None:
         super().__init__()

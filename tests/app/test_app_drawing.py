@@ -1,0 +1,246 @@
+"""Numerals, scales, lines, map frames, units, ages: the pure parts."""
+from __future__ import annotations
+
+from math import sqrt
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.color import Color, ColorSystem
+
+from console.app import themes, view
+from console.app.actions import ACTIONS
+from console.app.digits import draw
+from console.app.history import History, Spot
+from console.app.pace import Pace
+from console.app.sample import run_frames
+from console.app.scale import STEPS, calm_ends, colour
+from console.app.units import IMPERIAL, METRIC
+from console.app.widgets.field_map import frame_around
+from console.app.widgets.heads import bar
+from console.app.widgets.panel import fit, right, spread
+from console.app.widgets.trend import trace
+
+
+@pytest.mark.parametrize(("scale", "rows"), [(1, 3), (2, 5)])
+def test_numerals_are_rectangles_and_all_differ(scale, rows):
+    faces = {character: draw(character, scale) for character in "0123456789"}
+    assert len(set(faces.values())) == 10
+    for face in faces.values():
+        assert len(face) == rows and len({len(row) for row in face}) == 1
+
+
+def test_a_numeral_at_both_scales():
+    assert draw("7") == ("▀▀█", "  █", "  ▀")
+    assert draw("1.", 2) == ("  ██      ", "████      ", "  ██      ", "  ██      ", "██████  ██")
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.text(alphabet="abc作业 °x", max_size=30), st.integers(0, 40))
+def test_texts_are_fitted_by_cells(text, width):
+    assert cell_len(fit(text, width)) == width
+    if cell_len(text) <= width:
+        assert fit(text, width).startswith(text)
+        assert right(text, width).endswith(text) and cell_len(right(text, width)) == width
+
+
+def test_a_row_keeps_its_end_when_the_left_is_too_long():
+    row = spread(["作业" * 10, "more"], ["END"], 20)
+    assert row.plain.endswith("END") and cell_len(row.plain) == 20
+
+
+def lightness(rgb):
+    """CIE L* of an sRGB colour, computed apart from the scale's own space."""
+    linear = [c / 255 / 12.92 if c / 255 <= 0.04045 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in rgb]
+    y = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+    return 116 * y ** (1 / 3) - 16
+
+
+def test_the_scale_s_lightness_rises_evenly():
+    steps = [lightness(colour(i / (STEPS - 1))) for i in range(STEPS)]
+    rises = [b - a for a, b in zip(steps, steps[1:], strict=False)]
+    assert min(rises) > 0
+    assert max(rises) < 2.2 * sum(rises) / len(rises)
+    assert steps[-1] - steps[0] > 45
+
+
+@pytest.mark.parametrize("matrix", [
+    ((0.152, 1.053, -0.205), (0.115, 0.786, 0.099), (-0.004, -0.048, 1.052)),        # protanopia (Machado 2009)
+    ((0.367, 0.861, -0.228), (0.280, 0.673, 0.047), (-0.012, 0.043, 0.969)),         # deuteranopia
+])
+def test_colour_blind_eyes_keep_the_ends_apart(matrix):
+    def seen(rgb):
+        return [sum(weight * channel for weight, channel in zip(row, rgb, strict=True)) for row in matrix]
+
+    places = [seen(colour(share / 4)) for share in range(5)]
+    for a, b in zip(places, places[1:], strict=False):
+        assert sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True))) > 30
+
+
+def test_scale_ends_are_calm_and_hold_all_values():
+    assert calm_ends([]) == (0.0, 100.0)
+    assert calm_ends([3.0, 40.0]) == (0.0, 100.0)
+    assert calm_ends([260.0, 390.0]) == (250.0, 400.0)
+    assert calm_ends([301.0, 302.0]) == (300.0, 400.0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(0, 900), min_size=1, max_size=20))
+def test_no_value_lies_outside_the_scale(values):
+    low, high = calm_ends(values)
+    assert low <= min(values) and max(values) <= high and high - low >= 100
+
+
+def dots(cells):
+    """Places (x, y) of all dots of braille cells, by the code chart: bits 0-2 and 6 left, 3-5 and 7 right."""
+    bits = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (0, 3): 6, (1, 0): 3, (1, 1): 4, (1, 2): 5, (1, 3): 7}
+    return {(2 * column + x, 4 * row + y) for (column, row), value in cells.items()
+            for (x, y), bit in bits.items() if value >> bit & 1}
+
+
+def test_a_trace_is_a_step_where_the_value_steps():
+    seen = dots(trace([(0.0, 0.0), (0.5, 1.0), (1.0, 1.0)], columns=4, rows=2))
+    assert seen == {(0, 7), (1, 7), (2, 7), (3, 7), *((4, y) for y in range(8)), (5, 0), (6, 0), (7, 0)}
+
+
+def test_an_unknown_value_breaks_the_trace():
+    seen = dots(trace([(0.0, 0.5), (0.4, None), (1.0, 0.5)], columns=5, rows=1))
+    assert {x for x, _y in seen} == {0, 9}
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000)), max_size=10), st.integers(16, 60),
+       st.integers(6, 60))
+def test_every_place_lies_on_the_map(places, columns, rows):
+    frame = frame_around(places, columns, rows)
+    for place in places:
+        x, y = frame.pixel(*place)
+        assert 0 <= x < columns and 0 <= y < rows
+
+
+def test_the_map_has_north_up_and_east_right():
+    frame = frame_around([(0.0, 0.0), (50.0, 50.0)], 40, 40)
+    west, north = frame.pixel(0.0, 50.0), frame.pixel(0.0, 0.0)
+    assert west[1] < north[1]
+    assert frame.pixel(50.0, 0.0)[0] > frame.pixel(0.0, 0.0)[0]
+
+
+def test_a_head_s_bar():
+    assert bar(0.5, 8) == ("▄▄▄▄", "▁▁▁▁")
+    assert bar(1.7, 4) == ("▄▄▄▄", "") and bar(-1.0, 2) == ("", "▁▁")
+
+
+@pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
+def test_alarms_and_states_stay_apart_in_16_colours(theme):
+    def sixteen(name):
+        return Color.parse(theme.variables[name]).downgrade(ColorSystem.STANDARD).number
+
+    pairs = [(f"on-{name}", name) for name in ("alarm-red", "alarm-amber", "keybar",
+                                               *(f"state-{state}" for state in view.words.STATES))]
+    assert [pair for pair in pairs if sixteen(pair[0]) == sixteen(pair[1])] == []
+    assert sixteen("alarm-red") != sixteen("alarm-amber")
+    background = Color.parse(theme.background).downgrade(ColorSystem.STANDARD).number
+    for name in ("target", "applied", "stale", "muted", "keybar-key", "alarm-red", "alarm-amber"):
+        assert sixteen(name) != background, name
+
+
+def contrast(a, b):
+    def luminance(text):
+        channels = [int(text[i:i + 2], 16) / 255 for i in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    high, low = sorted((luminance(a), luminance(b)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
+def test_texts_can_be_read_on_their_grounds(theme):
+    """WCAG: 4.5 for text; 7 for the rates of the day and contrast themes, which are read in sunlight."""
+    v = theme.variables
+    for name in ("alarm-red", "alarm-amber", "keybar", *(f"state-{state}" for state in view.words.STATES)):
+        assert contrast(v[f"on-{name}"], v[name]) >= 4.5, name
+    assert contrast(v["muted"], theme.background) >= 4.5
+    assert contrast(theme.foreground, theme.background) >= (7 if theme.name == "night" else 15)
+    assert contrast(v["target"], theme.background) >= 5.5
+    assert contrast(v["stale"], theme.background) >= 2.0
+
+
+@pytest.mark.parametrize(("unit", "si", "text"), [
+    (METRIC.speed, 1.25, "4.5"), (METRIC.rate, 336.7, "337"), (METRIC.speed, -0.004, "0.0"), (METRIC.rate, None, "--"),
+    (IMPERIAL.speed, 4.4704, "10.0"), (IMPERIAL.rate, 112.085, "100"), (IMPERIAL.area, 4.0468564224, "10.00"),
+    (IMPERIAL.mass, 45.359237, "100"), (IMPERIAL.distance, 30.48, "100")])
+def test_units_at_the_edge(unit, si, text):
+    assert unit.text(si) == text
+
+
+@given(st.floats(0, 1e4))
+def test_what_is_typed_comes_back_in_si(shown):
+    for unit in (*METRIC[1:], *IMPERIAL[1:]):
+        assert unit.to_si(shown) * unit.per_si == pytest.approx(shown)
+
+
+def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
+    assert view.rate_error(300.0, 270.0) == pytest.approx(-0.10)
+    assert view.rate_error(10.0, 20.0) == pytest.approx(0.20)
+    assert view.rate_error(None, 20.0) is None
+
+
+@pytest.mark.parametrize(("applied", "level", "text"), [
+    (300.0, "", "0 %"), (331.0, "amber", "+10 %"), (329.0, "", "+10 %"), (239.0, "red", "-20 %")])
+def test_levels_of_the_rate_error(applied, level, text):
+    frame = run_frames(seconds=1.0)[-1]
+    row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=applied)
+    from dataclasses import replace
+    rates = view.look(replace(frame, row=row), 0.0, METRIC).rates
+    assert (rates.level, rates.error.text) == (level, text)
+
+
+def test_times():
+    assert view.duration(59.9) == "00:59" and view.duration(3723) == "1:02:03"
+    assert view.wall_clock("2026-03-18T23:59:58.000Z", 3600.0) == "00:59:58"
+    assert view.wall_clock("2026-03-18T06:00:00.000Z", 0.0, 61.0) == "05:58:59"
+    assert view.wall_clock(None, 0.0) == "" and view.wall_clock("yesterday", 0.0) == ""
+
+
+def test_an_empty_frame_row_shows_dashes_not_numbers():
+    from dataclasses import replace
+
+    from control.log_row import LogRow
+    frame = replace(run_frames(seconds=1.0)[0], row=LogRow(0.0), metres_left_m=None, place_m=None, gnss_age_s=None,
+                    gnss_hz=None)
+    seen = view.look(frame, 0.0, METRIC)
+    assert seen.rates.target.text == seen.rates.applied.text == seen.rates.error.text == "--"
+    assert {tile.value.text for tile in seen.tiles} == {"--"}
+    assert seen.heads.valid == "0 of 6 heads"
+
+
+def test_the_history_is_bounded_and_begins_anew_with_a_new_log():
+    history = History()
+    frames = run_frames(seconds=30.0)
+    for frame in frames:
+        history.add(frame)
+        history.add(frame)
+    assert len(history.points) == len(frames)
+    assert history.recent(10.0)[0].time_s == pytest.approx(frames[-1].row.time_s - 10.0)
+    gaps = [sqrt((a.east_m - b.east_m) ** 2 + (a.north_m - b.north_m) ** 2)
+            for a, b in zip(history.track, list(history.track)[1:], strict=False)]
+    assert min(gaps) >= 0.8
+    history.add(frames[0])
+    assert len(history.points) == 1 and list(history.track) == [Spot(0.0, 0.0, frames[0].row.applied_rate_kg_ha)]
+
+
+def test_pace():
+    pace = Pace(0.5)
+    assert [t for t in (0.0, 0.2, 0.4, 0.5, 0.9, 1.0, 0.3) if pace.due(t)] == [0.0, 0.5, 1.0, 0.3]
+    pace.hurry()
+    assert pace.due(0.31)
+
+
+def test_every_action_has_its_own_keys_on_its_screen():
+    for where in ("run", "replay"):
+        keys = [key for action in ACTIONS if action.where in ("anywhere", where) for key in action.keys.split(",")]
+        assert len(keys) == len(set(keys))
+    assert {action.id for action in ACTIONS if action.priority} == {"hold", "stop"}
+    assert {"hold", "stop"} <= {action.id for action in ACTIONS if action.locked}

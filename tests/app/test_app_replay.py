@@ -1,0 +1,258 @@
+"""The Replay screen and its source: where it stands, how fast it runs, what it refuses, what-if."""
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from console.app.app import TopdressApp
+from console.app.gallery import StillClock, StillSource
+from console.app.replay_job import ReplayJob, WhatIf
+from console.app.replay_source import FASTEST, SLOWEST, ReplaySource
+from console.app.sample import run_frames
+from console.app.widgets.rates import Rates
+from control.orders import Alarm, Answer, Do, Order, Severity
+
+SIZE = (100, 30)
+
+
+def test_it_plays_at_the_log_s_own_pace(replay_source, clock):
+    replay_source.play()
+    clock.now_s += 1.0
+    assert replay_source.newest.row.time_s == pytest.approx(1.0)
+    clock.now_s += 0.19
+    assert replay_source.newest.row.time_s == pytest.approx(1.0), "the row in force, not the next one"
+    assert replay_source.age_s == pytest.approx(0.19)
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1000.0])
+def test_it_plays_as_fast_as_it_is_told(replay_source, clock, speed):
+    replay_source.set_speed(speed)
+    replay_source.play()
+    clock.now_s += 0.05
+    assert replay_source.at_s == pytest.approx(min(replay_source.end_s, 0.05 * speed))
+
+
+def test_a_change_of_speed_keeps_the_place(replay_source, clock):
+    replay_source.play()
+    clock.now_s += 4.0
+    replay_source.set_speed(100.0)
+    assert replay_source.at_s == pytest.approx(4.0)
+    clock.now_s += 0.1
+    assert replay_source.at_s == pytest.approx(14.0)
+
+
+def test_speeds_stay_between_a_tenth_and_a_thousand(replay_source):
+    replay_source.set_speed(0.001)
+    assert replay_source.speed == SLOWEST
+    replay_source.set_speed(1e9)
+    assert replay_source.speed == FASTEST
+    replay_source.change_speed(1)
+    assert replay_source.speed == FASTEST
+    replay_source.change_speed(-1)
+    assert replay_source.speed == 500.0
+
+
+def test_pause_stands_and_step_moves_by_one_row(replay_source, clock):
+    replay_source.play()
+    clock.now_s += 2.0
+    replay_source.pause()
+    clock.now_s += 50.0
+    assert replay_source.at_s == pytest.approx(2.0)
+    replay_source.step(1)
+    assert replay_source.newest.row.time_s == pytest.approx(2.2)
+    replay_source.step(-2)
+    assert replay_source.newest.row.time_s == pytest.approx(1.8)
+    replay_source.step(-999)
+    assert replay_source.index == 0
+
+
+def test_it_stops_at_the_end_and_plays_again_from_the_start(replay_source, clock):
+    replay_source.play()
+    clock.now_s += 1e6
+    assert replay_source.at_end and replay_source.newest is replay_source.frames[-1]
+    replay_source.toggle()
+    assert replay_source.at_s == replay_source.start_s and replay_source.playing
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(["play", "pause", "seek", "step", "faster", "slower", "wait"]),
+                          st.floats(-200, 200)), max_size=20))
+def test_whatever_is_pressed_it_stays_inside_the_log(moves):
+    clock = StillClock()
+    source = ReplaySource(_SHORT, clock)
+    for move, number in moves:
+        match move:
+            case "play":
+                source.play()
+            case "pause":
+                source.pause()
+            case "seek":
+                source.seek(number)
+            case "step":
+                source.step(int(number))
+            case "faster":
+                source.change_speed(1)
+            case "slower":
+                source.change_speed(-1)
+            case "wait":
+                clock.now_s += abs(number)
+        assert source.start_s <= source.at_s <= source.end_s
+        assert source.newest.row.time_s <= source.at_s + 1e-9
+        later = source.index + 1
+        assert later == len(source.frames) or source.frames[later].row.time_s > source.at_s
+
+
+_SHORT = run_frames(seconds=5.0)
+
+
+def test_a_gap_in_the_log_makes_its_values_old(frames, clock):
+    source = ReplaySource([*frames[:10], *frames[100:]], clock)
+    source.seek(15.0)
+    assert source.age_s == pytest.approx(15.0 - 1.8)
+
+
+def test_next_alarm_finds_the_row_on_which_it_begins(frames, clock):
+    alarm = Alarm("hopper_low", Severity.AMBER, 8.0)
+    source = ReplaySource([replace(f, alarms=(alarm,)) if 40 <= i < 60 else f for i, f in enumerate(frames)], clock)
+    assert source.next_alarm() and source.index == 40
+    assert not source.next_alarm() and source.index == 40
+
+
+def test_orders_are_refused(replay_source):
+    assert asyncio.run(replay_source.order(Order(Do.START))) == Answer(False, "replay")
+
+
+def test_a_log_without_rows_is_refused(clock):
+    with pytest.raises(ValueError, match="no rows"):
+        ReplaySource([], clock)
+
+
+async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
+    async with replay_app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert "REPLAY" in shown(replay_app)[0]
+        await pilot.press("p")
+        assert replay_source.playing
+        clock.now_s += 10.0
+        await pilot.press("space")
+        assert not replay_source.playing and replay_source.at_s == pytest.approx(10.0)
+        await pilot.press("right")
+        assert replay_source.at_s == pytest.approx(10.2)
+        await pilot.press("left", "left")
+        assert replay_source.at_s == pytest.approx(9.8)
+        await pilot.press("pagedown")
+        assert replay_source.at_s == pytest.approx(39.8)
+        await pilot.press("full_stop", "full_stop", "comma")
+        assert replay_source.speed == 2.0
+        await pilot.press("end")
+        assert replay_source.at_s == replay_source.end_s
+        await pilot.press("home")
+        replay_app.tick()
+        await pilot.pause()
+        rates = replay_app.page.query_one("#rates", Rates)
+        first = replay_source.frames[0].row.target_rate_kg_ha
+        assert rates.view.target.text == f"{first:.0f}"
+        assert replay_app.notice_text == ""
+
+
+async def test_a_click_on_the_time_line_seeks(replay_app, replay_source):
+    async with replay_app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.click("#replay-bar", offset=(50, 1))
+        await pilot.pause()
+        assert replay_source.at_s == pytest.approx(30.0, abs=2.0)
+
+
+async def test_findings_are_counted_and_can_be_read(replay_app, shown):
+    async with replay_app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert any("findings 1" in row for row in shown(replay_app))
+        await pilot.press("v")
+        await pilot.pause()
+        assert any("3 rows had no time" in row for row in shown(replay_app))
+
+
+async def wait_for(pilot, true):
+    for _try in range(100):
+        if true():
+            return
+        await pilot.pause(0.01)
+    raise AssertionError("it did not come")
+
+
+async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(frames, replay_source, clock, shown):
+    asked = []
+
+    def what_if(options):
+        asked.append(options)
+        return [replace(f, row=f.row._replace(target_rate_kg_ha=123.0)) for f in frames]
+
+    app = TopdressApp(None, clock, live=False,
+                      replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        replay_source.seek(12.0)
+        await pilot.press("i", "2", "enter")
+        await wait_for(pilot, lambda: app.replay_page.chosen != WhatIf())
+        app.tick()
+        await pilot.pause()
+        assert asked == [WhatIf(strategy="speed_first")]
+        assert replay_source.at_s == pytest.approx(12.0)
+        assert app.page.query_one("#rates", Rates).view.target.text == "123"
+        assert any("what if: speed first" in row for row in shown(app))
+        await pilot.press("i", "4", "enter")
+        await wait_for(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
+        assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
+        await pilot.press("b")
+        app.tick()
+        assert app.page.query_one("#rates", Rates).view.target.text != "123"
+        assert app.replay_page.chosen == WhatIf()
+
+
+async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, shown):
+    def what_if(options):
+        raise ValueError("crop durum: no day count in this log")
+
+    app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("i", "1", "enter")
+        await wait_for(pilot, lambda: app.notice_text)
+        await pilot.pause()
+        assert "no day count" in shown(app)[-1]
+        assert app.replay_page.chosen == WhatIf() and app.replay_page.computing is None
+
+
+async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen(frames, clock, replay_source, shown):
+    source = StillSource(replace(frames[-1], alarms=(Alarm("shaft_silent", Severity.RED, 0.0),)))
+    app = TopdressApp(source, clock, live=False, replay=ReplayJob(replay_source, "run.csv"))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("f7")
+        await pilot.pause()
+        rows = shown(app)
+        assert "REPLAY" in rows[0] and "MACHINE: WORKING" in rows[0]
+        assert "ALARM" in rows[1] and "MACHINE" in rows[1]
+        await pilot.press("p", "space", "x")
+        await pilot.pause()
+        assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
+        assert replay_source.playing, "hold is for the machine"
+        await pilot.press("s")
+        await pilot.pause()
+        assert len(source.orders) == 2, "start belongs to the Run screen"
+
+
+async def test_without_a_log_the_screen_says_how_to_open_one(app, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("f7")
+        await pilot.pause()
+        assert any("topdress replay LOG.csv" in row for row in shown(app))
+        await pilot.press("p")
+        await pilot.pause()
+        await pilot.press("f2")
+        await pilot.pause()
+        assert app.page is app.run_page

@@ -1,0 +1,282 @@
+"""What the Run screen shows: freshness, a worker that is gone, sizes, how often it draws."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.gallery import StillSource
+from console.app.screens.gone import GoneScreen
+from console.app.view import STALE_S
+from console.app.widgets.alarm_bar import AlarmBar
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.panel import Panel
+from console.app.widgets.rates import Rates
+from console.link import WorkerGone
+from control.orders import Alarm, Do, Order, Severity
+
+SIZE = (120, 40)
+
+
+def panels(app):
+    return [*app.page.query(Panel).results(), *app.page.query(Canvas).results()]
+
+
+async def test_before_the_first_frame_nothing_is_claimed(clock, shown):
+    app = TopdressApp(StillSource(), clock, live=False)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "NO DATA" in text and "WORKING" not in text
+
+
+async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, frames, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        rates = app.page.query_one("#rates", Rates)
+        assert not rates.view.target.stale
+        clock.now_s += STALE_S - 0.05
+        app.tick()
+        assert not rates.view.target.stale
+        clock.now_s += 0.25
+        app.tick()
+        await pilot.pause()
+        assert rates.view.target.stale and rates.view.applied.stale
+        assert "NO DATA 1 s" in shown(app)[0]
+        grey = app.get_css_variables()["stale"]
+        assert grey == app.theme_variables["stale"]
+        strip = rates.render_line(1)
+        colours = {segment.style.color.name for segment in strip if segment.style and "█" in segment.text}
+        assert colours == {grey}
+        source.newest = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        assert not rates.view.target.stale
+        assert "NO DATA" not in shown(app)[0]
+
+
+async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        clock.now_s += 2.0
+        source.newest = replace(frames[-1])
+        app.tick()
+        assert app.page.query_one("#rates", Rates).view.target.stale
+
+
+async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
+    devices = tuple(replace(d, age_s=3.0) if d.name == "heads" else d for d in frames[-1].devices)
+    source.newest = replace(frames[-1], gnss_age_s=1.4, devices=devices)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        items = {item.label: item.value.stale for item in app.page.query_one("#items-side").view}
+        assert items["GNSS"] and items["fix age"] and not items["look-ahead"]
+        assert app.page.query_one("#heads").view.fused.stale
+        assert not app.page.query_one("#tiles").view[1].value.stale
+
+
+async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, source, frames):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        app.tick()
+        before = {panel.id: panel.redraws for panel in panels(app)}
+        for _tick in range(4):
+            clock.now_s += 0.2
+            app.tick()
+        assert {panel.id: panel.redraws for panel in panels(app)} == before
+        row = frames[-1].row._replace(hopper_kg=12.0)
+        source.newest = replace(frames[-1], seq=frames[-1].seq + 1, row=row)
+        clock.now_s += 0.2
+        app.tick()
+        changed = {panel.id for panel in panels(app) if panel.redraws != before[panel.id]}
+        assert changed == {"tiles"}
+
+
+async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
+    source.newest = frames[0]
+    app = TopdressApp(source, clock, live=False)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        start = {panel.id: panel.redraws for panel in panels(app)}
+        for step in range(1, 201):                       # 10 s of ticks at 20 Hz, a new frame with each
+            clock.now_s += 0.05
+            source.newest = replace(frames[step], seq=step)
+            app.tick()
+        drawn = {panel.id: panel.redraws - start[panel.id] for panel in panels(app)}
+        assert 45 <= drawn["rates"] <= 50
+        assert 19 <= drawn["trend"] <= 20
+        assert 9 <= drawn["map"] <= 10
+
+
+async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, frames, shown):
+    at_s = frames[-1].at_s
+    source.newest = replace(frames[-1], alarms=(
+        Alarm("hopper_low", Severity.AMBER, at_s - 70, details=(("hopper_kg", 18.5), ("metres_left", 640.0))),
+        Alarm("shaft_silent", Severity.RED, at_s - 35)))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        first, todo, second = shown(app)[1:4]
+        assert "✖ ALARM" in first and "drive board: The metering shaft does not answer." in first
+        assert "06:12:24 (00:35)" in first
+        assert "Check power and cable" in todo and "A: acknowledge" in todo
+        assert "! CAUTION" in second and "18.5 kg left in the hopper, enough for 640 m" in second
+        assert "(01:10)" in second
+
+
+async def test_alarms_that_do_not_fit_are_counted(app, source, frames, shown):
+    alarms = tuple(Alarm(name, Severity.RED, 0.0) for name in ("shaft_silent", "gate_silent", "log_failed", "rate_off"))
+    source.newest = replace(frames[-1], alarms=alarms)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert "+2 more" in shown(app)[3]
+
+
+async def test_an_unknown_alarm_is_shown_by_its_id(app, source, frames, shown):
+    source.newest = replace(frames[-1], alarms=(Alarm("from_a_newer_worker", Severity.RED, 0.0),))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert "from_a_newer_worker" in shown(app)[1]
+
+
+async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frames, shown):
+    source.newest = replace(frames[-1], alarms=(Alarm("lead_short", Severity.AMBER, 0.0,
+                                                      details=(("usable_speed_mps", 2.0),)),))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert "at most 7.2 km/h" in shown(app)[1]
+        await pilot.press("u")
+        await pilot.pause()
+        assert "at most 4.5 mph" in shown(app)[1]
+
+
+async def test_an_alarm_is_seen_while_a_dialog_is_open(app, source, clock, frames, shown):
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("m")
+        await pilot.pause()
+        source.newest = replace(frames[-1], seq=9999, alarms=(Alarm("shaft_silent", Severity.RED, 0.0),))
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        rows = shown(app)
+        assert "ALARM" in rows[1]
+        assert "STOP" in rows[-1]
+        assert any("allowed: 0 to 600 kg/ha" in row for row in rows)
+
+
+async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, clock, frames, shown):
+    second = StillSource(replace(frames[-1], seq=1))
+    asked = []
+
+    async def start():
+        asked.append("start")
+        return second
+
+    app = TopdressApp(source, clock, start=start, live=False)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        source.end.set_exception(WorkerGone("the control worker (process 7) is gone"))
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(app.screen, GoneScreen)
+        text = "\n".join(shown(app))
+        assert "THE CONTROL WORKER IS GONE" in text and "process 7" in text and "hard-wired stop" in text
+        assert "attach" not in text, "only what can be done is offered"
+        assert app.page.query_one("#rates", Rates).view.target.stale, "old at once, not after a second"
+        await pilot.press("s")
+        await pilot.pause()
+        await pilot.pause()
+        clock.now_s += 0.2
+        app.tick()
+        assert asked == ["start"] and app.source is second and not app.gone
+        assert not app.page.query_one("#rates", Rates).view.target.stale
+        await pilot.press("space")
+        await pilot.pause()
+        assert second.orders == [Order(Do.HOLD)] and source.orders == []
+
+
+async def test_a_worker_that_does_not_start_is_said_again(source, clock, shown):
+    async def start():
+        raise RuntimeError("the control worker did not start: no such port")
+
+    app = TopdressApp(source, clock, start=start, live=False)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        source.end.set_exception(WorkerGone("gone"))
+        await pilot.pause()
+        await pilot.pause()
+        await pilot.press("s")
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(app.screen, GoneScreen)
+        assert "no such port" in "\n".join(shown(app))
+        await pilot.press("escape")
+        await pilot.pause()
+        assert "WORKER GONE" in shown(app)[0]
+        await pilot.press("c")
+        await pilot.pause()
+        assert isinstance(app.screen, GoneScreen)
+
+
+async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
+    app = TopdressApp(source, clock, live=False)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        source.end.set_exception(KeyError("odd"))
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(app.screen, GoneScreen) and "odd" in app.gone
+
+
+@pytest.mark.parametrize(("size", "trend", "map_", "body"), [
+    ((120, 40), True, True, True), ((100, 30), False, True, True), ((80, 24), False, False, True),
+    ((80, 40), True, False, True), ((79, 24), False, False, False), ((80, 23), False, False, False)])
+async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown, size, trend, map_, body):
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        page = app.page
+        seen = {name: page.query_one(name).region.area > 0 for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
+        assert seen["#map"] is map_
+        assert seen["#rates"] is seen["#tiles"] is seen["#heads"] is body
+        assert seen["#trend"] is (trend and body)
+        assert page.query_one(AlarmBar).region.area > 0
+        text = "\n".join(shown(app))
+        assert ("the console needs 80 x 24" in text) is not body
+
+
+async def test_the_theme_key_goes_round_day_night_contrast(app):
+    async with app.run_test(size=(80, 24)) as pilot:
+        seen = []
+        for _press in range(3):
+            await pilot.press("d")
+            seen.append(app.theme)
+        assert seen == ["night", "contrast", "day"]
+
+
+async def test_help_is_one_key_away(app, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("f1")
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "Keys of this screen" in text and "Flow to zero at once" in text
+        await pilot.press("f1")
+        await pilot.pause()
+        assert len(app.screen_stack) == 1
+
+
+async def test_why_no_flow_stands_beside_the_applied_rate(app, source, frames, shown):
+    source.newest = replace(frames[-1], notes=("outside_field",))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert any("applied" in row and "lands outside field" in row for row in shown(app))
+
+
+async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown):
+    monkeypatch.setenv("NO_COLOR", "1")
+    app = TopdressApp(source, clock, live=False)
+    assert app.no_color
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "WORKING" in text and "█" in text and "STOP" in text

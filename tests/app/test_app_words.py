@@ -1,0 +1,131 @@
+"""Every shown text has its Chinese, every format keeps its values, and nothing of ambiguous width stands in a row."""
+from __future__ import annotations
+
+import ast
+import re
+import string
+import unicodedata
+from pathlib import Path
+
+import pytest
+
+import console.app
+from console.app import words
+from console.app.gallery import Picture, settle, still_app
+from console.locale import N_, _, catalogue, in_use, languages, preferred, use
+from console.locale.po import read_po
+from control.orders import Alarm, Severity, State, Strategy, TargetSource
+from control.safety import ALARMS, INTERLOCKS, REFUSALS
+
+APP = Path(console.app.__file__).parent
+
+
+def marked() -> dict[str, str]:
+    """Every text in `_()` or `N_()` of the app, with the file it stands in."""
+    texts = {}
+    for path in sorted(APP.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("_", "N_"):
+                argument = node.args[0]
+                if isinstance(argument, ast.Constant):
+                    texts[argument.value] = path.name
+    return texts
+
+
+def all_texts() -> dict[str, str]:
+    texts = marked()
+    for kind in ALARMS.values():
+        texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
+    return texts | dict.fromkeys(REFUSALS.values(), "refusals")
+
+
+def fields(text: str) -> set[str]:
+    return {name for _literal, name, _spec, _conversion in string.Formatter().parse(text) if name}
+
+
+@pytest.mark.parametrize("language", [code for code in languages() if code != "en"])
+def test_every_text_is_translated_and_keeps_its_values(language):
+    known = catalogue(language).texts
+    missing = {text: where for text, where in all_texts().items() if not known.get(text)}
+    assert not missing
+    assert {text for text in all_texts() if fields(text) != fields(known[text])} == set()
+
+
+def test_every_word_of_the_shared_vocabulary_is_known():
+    assert set(words.STATES) == set(words.STATE_SYMBOLS) == {state.value for state in State}
+    assert set(words.STRATEGIES) == {strategy.value for strategy in Strategy}
+    assert set(words.SOURCES) == {source.value for source in TargetSource}
+    assert set(INTERLOCKS) <= set(words.NOTES)
+    assert set(REFUSALS) <= set(words.ANSWERS)
+
+
+LATIN_ALLOWED = re.compile(
+    r"kg/ha|km/h|r/min|mm|kg|ha|km|GNSS|NDVI|RTK|Hz|m|s|x|run\.csv|huanghai|winter wheat|demonstration|Space|Home|End"
+    r"|PgUp|PgDn|Esc|F\d+|[A-Z]")
+
+
+@pytest.mark.parametrize(("screen", "alarms"), [("run", True), ("replay", False), ("gone", False)])
+async def test_no_english_word_is_left_on_a_chinese_screen(shown, screen, alarms):
+    picture = Picture("zh", (120, 40), language="zh", screen=screen, alarms=alarms)
+    app, _clock = still_app(picture)
+    async with app.run_test(size=picture.size) as pilot:
+        await settle(app, picture, pilot.pause)
+        text = "\n".join(shown(app)).replace("the control worker (process 4711) is gone", "")
+        left = [word for word in re.findall(r"[A-Za-z/.]*[A-Za-z][A-Za-z/.]*", LATIN_ALLOWED.sub(" ", text))]
+        assert left == []
+
+
+DRAWN = range(0x2500, 0x25A0)          # box drawing and blocks: bars, numerals, map; never beside text in a column
+
+
+@pytest.mark.parametrize("screen", ["run", "replay", "help"])
+async def test_no_text_holds_a_character_of_ambiguous_width(shown, screen):
+    picture = Picture("en", (120, 40), screen=screen, alarms=screen == "run")
+    app, _clock = still_app(picture)
+    async with app.run_test(size=picture.size) as pilot:
+        await settle(app, picture, pilot.pause)
+        text = "".join(shown(app))
+        assert {c for c in text if unicodedata.east_asian_width(c) == "A" and ord(c) not in DRAWN} == set()
+
+
+def test_no_symbol_or_text_of_the_tables_is_of_ambiguous_width():
+    texts = [*words.STATE_SYMBOLS.values(), *words.SEVERITY_SYMBOLS.values(), *all_texts()]
+    assert {c for text in texts for c in text if unicodedata.east_asian_width(c) == "A"} == set()
+
+
+def test_languages_are_used_and_refused_in_one_line():
+    use("zh")
+    assert in_use() == "zh" and _("hold") != "hold" and N_("hold") == "hold"
+    assert _("not in the catalogue") == "not in the catalogue" and _("") == ""
+    with pytest.raises(ValueError, match=r"language: 'xx' is not known; allowed: en, zh"):
+        use("xx")
+    assert in_use() == "zh"
+
+
+@pytest.mark.parametrize(("environment", "code"), [
+    ({"LANG": "zh_CN.UTF-8"}, "zh"), ({"LANG": "C.UTF-8"}, "en"), ({}, "en"),
+    ({"LC_ALL": "en_GB.UTF-8", "LANG": "zh_CN.UTF-8"}, "en")])
+def test_the_environment_chooses_the_language(environment, code):
+    assert preferred(environment) == code
+
+
+def test_po_continued_lines_comments_and_fuzzy_entries():
+    text = '# note\nmsgid ""\nmsgstr "Language: zh\\n"\n\nmsgid "a"\n"b"\nmsgstr "x"\n"y"\n#, fuzzy\nmsgid "c"\nmsgstr "z"\n'
+    assert read_po(text) == {"ab": "xy"}
+
+
+@pytest.mark.parametrize("line", ['msgctxt "menu"', 'msgid unquoted', 'nonsense'])
+def test_a_po_line_that_cannot_be_read_is_named(line):
+    with pytest.raises(ValueError, match=r"zh\.po, line 1: "):
+        read_po(line, "zh.po")
+
+
+def test_a_refusal_names_the_alarm_in_words():
+    assert words.answer_words("acknowledge_first;alarm=shaft_silent") == (
+        "Acknowledge the alarm The metering shaft does not answer first.")
+    assert words.answer_words("") == "not accepted"
+    assert words.answer_words("internal_error: x") == "internal_error: x"
+
+
+def test_a_missing_detail_leaves_its_braces():
+    assert "{hopper_kg}" in words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text
