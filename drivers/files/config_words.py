@@ -26,7 +26,9 @@ def explain(error: ValidationError, model: type[BaseModel], data: object, label:
         path = _path_in(data, detail)
         if path not in found:
             found[path] = _sentence(detail, path, data, schema)
-    ordered = sorted(found, key=lambda path: _line(path, lines) or 0)
+    # Where one member of a union failed further inside, the file meant that one: what the others say is left out.
+    outer = {path[:length] for path in found for length in range(len(path))}
+    ordered = sorted(found.keys() - outer, key=lambda path: (_line(path, lines) or 0, str(path)))
     return [f"{label}: {found[path]}{_at(_line(path, lines))}" for path in ordered]
 
 

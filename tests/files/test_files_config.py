@@ -42,6 +42,7 @@ class Thing(Strict):
     rate_kg_ha: float | None = Field(default=None, ge=0, le=400, json_schema_extra={"unit": "kg/ha"})
     corners: tuple[tuple[float, float], ...] = ()
     on: bool = True
+    span_m: Annotated[float, Field(gt=0)] | tuple[float, float] | Inner = 1.0
 
     @model_validator(mode="after")
     def _fits(self) -> "Thing":
@@ -80,8 +81,11 @@ def test_a_good_file_is_read_with_its_checksum(written: Written) -> None:
     ("rate_kg_ha: 700\n", "key rate_kg_ha: value 700: allowed 0 to 400 kg/ha or nothing (line 5)"),
     ("colour: green\n", "key colour: value green: allowed red, blue (line 5)"),
     ("color: red\n", "key color: unknown key; did you mean colour? (line 5)"),
-    ("zz: 1\n", "key zz: unknown key: allowed format, name, colour, inner, stage, sown, rate_kg_ha, corners, on "
-                "(line 5)"),
+    ("zz: 1\n", "key zz: unknown key: allowed format, name, colour, inner, stage, sown, rate_kg_ha, corners, on, "
+                "span_m (line 5)"),
+    ("span_m: x\n", "key span_m: value x: allowed more than 0 or a list of 2 or keys width_m, outlets (line 5)"),
+    ("span_m: [1, x]\n", "key span_m[2]: value x: allowed a number (line 5)"),
+    ("span_m: {width_m: 99}\n", "key span_m.width_m: value 99: allowed more than 0 and at most 50 (line 5)"),
     ("on: 1\n", "key on: value 1: allowed true, false (line 5)"),
     ("on: yes\n", "key on: value yes: allowed true, false (line 5)"),
     ("rate_kg_ha: true\n", "key rate_kg_ha: value true: allowed 0 to 400 kg/ha or nothing (line 5)"),
