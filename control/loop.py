@@ -73,6 +73,7 @@ class ControlLoop:
         self._fusion = fusion.start(machine.geometry.heads)
         self._fused: fusion.Fused | None = None
         self._head_times: tuple[float | None, ...] = ()
+        self._fused_s = float("-inf")
         stretches = Stretches(crop.fallback_rate_kg_ha)
         self._canopy = CanopyDecisions(rule, machine.geometry.heads_m, job.target.decision_hz, stretches)
         self._manual = Everywhere(job.target.manual_rate_kg_ha)
@@ -175,7 +176,7 @@ class ControlLoop:
             console_age_s, log_ok, conditions))
         command = limited(self._setting.command(pair, conditions, self._drive_trim, self._command),
                           self._drive_limits, verdict.flow_allowed)
-        enabled = verdict.state not in (State.OFF, State.FAULT)
+        enabled = verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
         self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
                                 self._expected.opening_mm, m.opening_mm)
         if model_flow is not None and self._flow_trim_on:
@@ -202,10 +203,11 @@ class ControlLoop:
 
     def _look_at_canopy(self, m: Measurements, sensed: Sensed, now: float) -> None:
         times = tuple(None if r is None else r.time_s for r in m.ndvi)
-        if times != self._head_times:
-            self._head_times = times
+        fresh = times != self._head_times
+        if fresh or now - self._fused_s > HEAD_LATENCY_S:
+            self._head_times, self._fused_s = times, now
             self._fusion, self._fused = fusion.fuse_readings(self._fusion, m.ndvi, now)
-            self._canopy.sample(self._fused.ndvi, sensed.track_m, now, sensed.turn_deg_s)
+            self._canopy.sample(self._fused.ndvi if fresh else None, sensed.track_m, now, sensed.turn_deg_s)
         self._canopy.decide(sensed.track_m, now)
 
     def _look_at_fence(self, sensed: Sensed) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import dct
+from scipy.fft import dct, idct
 
 Array = npt.NDArray[np.float64]
 
@@ -48,6 +48,18 @@ def coefficients(series: Array, cut: Segments) -> Array:
     """Cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
     parts = [dct(series[..., begin:end], norm="ortho", axis=-1) for begin, end in cut.bounds]
     return np.concatenate(parts, axis=-1)[..., cut.order]
+
+
+def series_of(banded: Array, cut: Segments) -> Array:
+    """The series (n,) of cosine coefficients sorted by band (m,); zero outside the segments."""
+    plain = np.empty(len(banded))
+    plain[cut.order] = banded
+    out = np.zeros(max(end for _, end in cut.bounds))
+    begin_at = 0
+    for begin, end in cut.bounds:
+        out[begin:end] = idct(plain[begin_at:begin_at + end - begin], norm="ortho")
+        begin_at += end - begin
+    return out
 
 
 def band_products(x: Array, y: Array, cut: Segments) -> Array:

@@ -1,6 +1,7 @@
 """The machine model solved for its set-points, effects included: what to command so that this much flows."""
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 from control.machine.flow import Flow, grams_per_rev
@@ -45,20 +46,26 @@ def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Condi
 
 
 def shaft_for(machine: Machine, wanted_kg_s: float, opening_mm: float, c: Conditions = Conditions()) -> float:
-    """True shaft speed, r/min, that gives `wanted_kg_s` at a true opening; the highest where none does."""
-    high = machine.limits.shaft_high_rpm
+    """True shaft speed, r/min, that gives `wanted_kg_s` at a true opening; infinite where the highest does not."""
+    low, high = 0.0, machine.limits.shaft_high_rpm
+    most = flow_kg_s(machine, high, opening_mm, c)
     if wanted_kg_s <= 0.0:
         return 0.0
-    guess = wanted_kg_s / max(1e-12, flow_kg_s(machine, 1.0, opening_mm, c))
-    for _ in range(12):
-        given = flow_kg_s(machine, guess, opening_mm, c)
-        if given <= 0.0:
-            return high
-        step = guess * wanted_kg_s / given
-        if abs(step - guess) < 1e-6 * guess:
-            return step
-        guess = min(4.0 * high, step)
-    return guess
+    if wanted_kg_s > most * (1.0 + 1e-12):
+        return inf
+    given = 0.0
+    for _ in range(60):
+        guess = low + (high - low) * (wanted_kg_s - given) / (most - given)
+        if guess <= low + 1e-9 or guess >= high - 1e-9:
+            return min(high, max(low, guess))
+        flow = flow_kg_s(machine, guess, opening_mm, c)
+        if abs(flow - wanted_kg_s) <= 1e-7 * wanted_kg_s:
+            return guess
+        if flow < wanted_kg_s:
+            low, given = guess, flow
+        else:
+            high, most = guess, flow
+    return 0.5 * (low + high)
 
 
 def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:

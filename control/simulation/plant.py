@@ -45,6 +45,7 @@ class Sensed(NamedTuple):
     pitch_deg: float
     roll_deg: float
     work_switch: bool | None
+    wheel_pulse_s: float | None = None      # when the newest pulse came
 
 
 class Truth(NamedTuple):
@@ -93,6 +94,8 @@ class Plant:
         self._ticks = 0
         self._driven_m = 0.0
         self._wheel_m = 0.0
+        self._pulses = 0
+        self._pulse_s: float | None = None
         self._shaft = shaft_start(0.0)
         self._gate = gate_start(machine.set_points.opening_mm)
         self._flow = flow_start(min(sim.hopper_kg, machine.flow.full_kg))
@@ -172,14 +175,23 @@ class Plant:
         self._speed, reads = speed_step(true.speed, self._speed, SpeedInput(
             abs(speed), 1.0 if flow > 0.0 else 0.0, pitch), dt)
         wheel = max(0.0, reads.wheel_mps + (noise.wheel_mps * normal() if speed != 0.0 else 0.0))
-        self._wheel_m += wheel * dt
-        pulses = int(self._wheel_m * true.speed.pulses_per_turn / true.speed.wheel_circumference_m)
+        self._roll_wheel(wheel, dt)
         scale = scale_reads(true.scale, ScaleInput(self._flow.hopper_kg, now, pitch)) + self._scale_noise.step(dt)
         return Sensed(
-            now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, pulses, self._ndvi(pose),
+            now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, self._pulses, self._ndvi(pose),
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
-            pitch + noise.pitch_deg * normal(), self._roll.step(dt), None)
+            pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s)
+
+    def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
+        """Count pulses; the newest one's time is where its distance was reached within the step."""
+        speed = self._true.speed
+        pulse_m = speed.wheel_circumference_m / speed.pulses_per_turn
+        self._wheel_m += wheel_mps * dt
+        pulses = int(self._wheel_m / pulse_m)
+        if pulses > self._pulses:
+            self._pulses = pulses
+            self._pulse_s = self.time_s - (self._wheel_m - pulses * pulse_m) / wheel_mps
 
     def _gnss(self, pose: Pose, speed: float, backwards: bool) -> GnssFix | None:
         now = self.time_s

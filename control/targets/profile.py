@@ -85,9 +85,9 @@ class Stretches:
             return self._target[k]
         behind = place_m - self._to[k] if k >= 0 else float("inf")
         ahead = self._from[k + 1] - place_m if k + 1 < len(self._from) else float("inf")
-        if min(behind, ahead) > self.reach_m:
+        if behind >= self.reach_m and ahead > self.reach_m:
             return self.fallback
-        return self._target[k] if behind <= ahead else self._target[k + 1]
+        return self._target[k] if behind < ahead else self._target[k + 1]
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
         for place in self._edges(after_m, before_m):

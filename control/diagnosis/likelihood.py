@@ -1,0 +1,124 @@
+"""Data and columns of coupled channels compressed to band products; likelihood of any choice of columns from them."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import noise as noises
+from .noise import Noise
+from .residuals import Channel
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class Column(NamedTuple):
+    """What one unit of something does to the channels: cosine coefficients by channel (absent: nothing)."""
+
+    key: str
+    coefficients: Mapping[str, Array]
+    sd: float                       # prior s.d. of its amplitude; inf: free
+
+
+class Products(NamedTuple):
+    """Band products of one channel; row and column 0 are the data."""
+
+    channel: Channel
+    gram: Array                     # (bands, 1 + p, 1 + p)
+    columns: Indices                # their places in the problem's list (p,)
+
+
+class Problem(NamedTuple):
+    keys: tuple[str, ...]
+    sd: Array                       # (q,)
+    products: tuple[Products, ...]
+
+    def place(self, key: str) -> int:
+        return self.keys.index(key)
+
+
+class Fit(NamedTuple):
+    amplitude: Array                # of the chosen columns (k,)
+    covariance: Array               # (k, k)
+    log_likelihood: float           # noise fitted, priors included
+    noise: dict[str, Noise]
+
+
+def problem(channels: Sequence[Channel], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
+    """`data`: cosine coefficients of the residual by channel."""
+    products = []
+    for channel in channels:
+        here = [k for k, column in enumerate(columns) if channel.name in column.coefficients]
+        stack = np.stack([data[channel.name], *(columns[k].coefficients[channel.name] for k in here)])
+        products.append(Products(channel, noises.band_products(stack, stack, channel.cut), np.array(here, np.int64)))
+    return Problem(tuple(c.key for c in columns), np.array([c.sd for c in columns]), tuple(products))
+
+
+def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
+    """Normal equations of all columns under a given noise, priors left out: (q, q) and (q,)."""
+    size = len(p.keys)
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for one in p.products:
+        channel = one.channel
+        strength = noises.spectrum(np.array(noise[channel.name].theta), channel.prior, channel.cut, channel.grid.step_s)
+        total = np.tensordot(1.0 / strength, one.gram, axes=1)
+        normal[np.ix_(one.columns, one.columns)] += total[1:, 1:]
+        right[one.columns] += total[1:, 0]
+    return normal, right
+
+
+def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
+    """Amplitudes (k,) and covariance (k, k) of the chosen columns under a given noise."""
+    normal, right = weighted(p, noise)
+    return _solve(normal, right, p.sd, chosen)
+
+
+def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = 3) -> Fit:
+    """Most probable amplitudes and noise together: each in turn, `rounds` times."""
+    now = dict(noise)
+    amplitude, covariance = solved(p, chosen, now)
+    for _ in range(rounds):
+        for one in p.products:
+            channel = one.channel
+            now[channel.name] = noises.fit(_power(one, chosen, amplitude), now[channel.name], channel.prior,
+                                           channel.cut, channel.grid.step_s)
+        amplitude, covariance = solved(p, chosen, now)
+    return Fit(amplitude, covariance, _value(p, chosen, amplitude, now), now)
+
+
+def _solve(normal: Array, right: Array, sd: Array, chosen: Indices) -> tuple[Array, Array]:
+    part = normal[np.ix_(chosen, chosen)]
+    stiff = part + np.diag(1.0 / sd[chosen] ** 2)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(stiff), 1e-300))
+    stiff = stiff * scale[:, None] * scale + 1e-10 * np.eye(len(chosen))
+    covariance = np.linalg.inv(stiff) * scale[:, None] * scale
+    return covariance @ right[chosen], covariance
+
+
+def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
+    """Residual power by band."""
+    full = np.zeros(int(one.columns.max(initial=-1)) + 1 if len(one.columns) else 0)
+    inside = chosen < len(full)
+    full[chosen[inside]] = amplitude[inside]
+    vector = np.concatenate(([1.0], -full[one.columns]))
+    return np.maximum(1e-300, np.einsum("bij,i,j->b", one.gram, vector, vector, optimize=True))
+
+
+def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
+    total = -0.5 * float(np.sum((amplitude / p.sd[chosen]) ** 2))
+    for one in p.products:
+        channel = one.channel
+        total += noises.log_likelihood(_power(one, chosen, amplitude), noise[channel.name], channel.prior, channel.cut,
+                                       channel.grid.step_s)
+    return total
+
+
+def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
+    """Normal equations of all columns once the `fixed` ones are fitted (Schur complement): (q, q) and (q,)."""
+    normal, right = weighted(p, noise)
+    _, covariance = _solve(normal, right, p.sd, fixed)
+    cross = normal[:, fixed]
+    return normal - cross @ covariance @ cross.T, right - cross @ (covariance @ right[fixed])

@@ -1,0 +1,302 @@
+"""One group of coupled channels: its hypotheses scanned by columns and refitted through the model."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.machine import Machine
+
+from . import noise as noises
+from .hypothesis import Part, Parts, bounds, schedule, stages_of
+from .likelihood import Column, Fit, Problem, fitted, problem, projected, solved
+from .noise import Noise, coefficients, series_of
+from .residuals import MOST_STEP_S, Channel
+from .sensitivities import (
+    FORM_CHANNEL,
+    FORM_OVER,
+    LADDERS,
+    PROBES,
+    THRESHOLDS,
+    Candidate,
+    candidates,
+    nuisances,
+)
+from .smooth import TABLES, series, span
+from .stages_data import RunData
+
+Array = npt.NDArray[np.float64]
+
+FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
+SIBLINGS = {"shaft.slow": ("shaft.dead_time",), "shaft.dead_time": ("shaft.slow",)}
+ROUNDS = 4
+OUTLIER = 4.5
+
+
+class Found(NamedTuple):
+    """A candidate as the scan sees it."""
+
+    part: Part                  # with the estimated size
+    gain: float                 # of twice the log-likelihood
+
+
+class Refit(NamedTuple):
+    """A hypothesis refitted in full."""
+
+    parts: Parts
+    sd: tuple[float, ...]       # of the sizes
+    log_likelihood: float
+    noise: dict[str, Noise]
+
+
+class Group:
+    """Channels that share effects, under any hypothesis about them."""
+
+    def __init__(self, channels: Sequence[Channel], machine: Machine, data: RunData) -> None:
+        self.channels = tuple(channels)
+        self.names = tuple(channel.name for channel in channels)
+        self.machine = machine
+        self.data = data
+        self.base = stages_of(machine)
+        self.noise = {c.name: noises.start(c.prior) for c in channels}
+        self._predictions: dict[Parts, dict[str, Array]] = {}
+        self._excess: dict[str, Array] = {c.name: np.zeros(len(c.measured)) for c in channels}
+        heads = 0 if data.heads is None else int(np.isfinite(data.heads.ndvi).any(axis=1).sum())
+        refilled = data.hopper is not None and bool(data.hopper.jumps)
+        self.candidates = candidates(self.names, heads, refilled)
+        self._fixed = self._nuisance_columns(heads)
+        self._units = {stage: self._unit(part) for stage, (_, part) in TABLES.items()
+                       if FORM_CHANNEL[stage] in self.names and stage != "scale"}
+        self._forms: dict[tuple[str, str], list[Column]] = {}
+        self._refits: dict[Parts, Refit] = {}
+
+    # -- through the model ---------------------------------------------------------------------------------------
+
+    def predicted(self, parts: Parts) -> dict[str, Array]:
+        if parts not in self._predictions:
+            if len(self._predictions) > 24:
+                self._predictions.pop(next(iter(self._predictions)))
+            plan = schedule(self.base, parts)
+            self._predictions[parts] = {c.name: c.predict(plan, MOST_STEP_S) for c in self.channels}
+        return self._predictions[parts]
+
+    def residual(self, parts: Parts) -> dict[str, Array]:
+        now = self.predicted(parts)
+        return {c.name: c.measured - self._excess[c.name] - now[c.name] for c in self.channels}
+
+    def _touched(self, effect_id: str) -> tuple[str, ...]:
+        stage = effect_id.split(".")[0]
+        if effect_id == "gate.offset":
+            return tuple(n for n in ("gate", "scale") if n in self.names)
+        return ({"flow": "scale", "canopy": "heads"}.get(stage, stage),)
+
+    def difference(self, parts: Parts, more: Part) -> dict[str, Array]:
+        """What one more part does to the channels that it touches."""
+        touched = self._touched(more.id)
+        now = self.predicted(parts)
+        plan = schedule(self.base, (*parts, more))
+        return {c.name: c.predict(plan, MOST_STEP_S) - now[c.name] for c in self.channels if c.name in touched}
+
+    def column(self, key: str, parts_series: dict[str, Array], sd: float = np.inf) -> Column:
+        cuts = {c.name: c.cut for c in self.channels}
+        return Column(key, {name: coefficients(one, cuts[name]) for name, one in parts_series.items()}, sd)
+
+    def _unit(self, part: Part) -> Array:
+        probe = part._replace(size=PROBES[part.id])
+        return self.difference((), probe)[self._touched(part.id)[0]] / probe.size
+
+    def _nuisance_columns(self, heads: int) -> list[Column]:
+        found: list[Column] = []
+        now = self.predicted(())
+        for channel in self.channels:
+            for n in nuisances(channel.name, self.machine):
+                value = getattr(self.base.by_name[n.stage], n.field) + n.step
+                plan = schedule(self.base.put(n.stage, **{n.field: value}), ())
+                change = (channel.predict(plan, MOST_STEP_S) - now[channel.name]) / n.step
+                found.append(self.column(n.key, {channel.name: change}, n.sd))
+            if channel.name == "scale" and self.data.hopper is not None:
+                count = len(channel.measured)
+                found.append(self.column("level", {"scale": np.ones(count)}, 20.0))
+                middle = channel.grid.even_s
+                for k, jump in enumerate(self.data.hopper.jumps):
+                    after = (middle >= self.data.hopper.time_s[jump]).astype(np.float64)
+                    found.append(self.column(f"refill {k}", {"scale": after}, 20.0))
+            if channel.name == "heads":
+                for k in range(heads):
+                    one = self.difference((), Part("canopy.head_fouled", 1.0, None, k + 1))
+                    found.append(self.column(f"head {k + 1}", one, self.machine.tolerance.head_percent))
+        return found
+
+    def forms(self, stage: str, variable: str) -> list[Column]:
+        """Columns of the smooth shapes of a stage over a variable (empty: the variable hardly moves)."""
+        if (stage, variable) not in self._forms:
+            over = span(self.data, variable)
+            name = FORM_CHANNEL[stage]
+            made: list[Column] = []
+            if over is not None and name in self.names:
+                channel = next(c for c in self.channels if c.name == name)
+                unit = self._units.get(stage, np.ones(1))
+                rows = series(stage, over, channel, unit, self.data, self.base, self.machine)
+                made = [self.column(f"{stage} over {variable} {k + 1}", {name: row}) for k, row in enumerate(rows)]
+            self._forms[(stage, variable)] = made
+        return self._forms[(stage, variable)]
+
+    # -- hypotheses ------------------------------------------------------------------------------------------------
+
+    def slopes(self, parts: Parts) -> list[Column]:
+        """Slope of the prediction in each part's size, at the hypothesis."""
+        found = []
+        for k, part in enumerate(parts):
+            if part.id in THRESHOLDS or part.id in ("shaft.stall", "gate.stuck"):
+                continue
+            step = PROBES.get(part.id) or max(0.002, 0.02 * abs(part.size))
+            if part.id in LADDERS:
+                step = max(0.02 * abs(part.size), 0.02 * abs(LADDERS[part.id][-1]))
+            touched = self._touched(part.id)
+            low, high = bounds(part.id)
+            step = step if part.size + step <= high else -step
+            moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
+            now = self.predicted(parts)
+            plan = schedule(self.base, moved)
+            change = {c.name: (c.predict(plan, MOST_STEP_S) - now[c.name]) / step
+                      for c in self.channels if c.name in touched}
+            found.append(self.column(f"slope {k}", change))
+        return found
+
+    def form_columns(self, parts: Parts, slope: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
+        """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
+        found: list[Column] = []
+        for column in slope:
+            part = parts[int(column.key.split()[1])]
+            wobbles: list[Column] = []
+            if part.id in FORM_OVER:
+                stage = part.id.split(".")[0]
+                wobbles = self.forms(stage, FORM_OVER[part.id])
+            for sibling in SIBLINGS.get(part.id, ()):
+                step = LADDERS[sibling][1]
+                one = self.difference(parts, Part(sibling, step))
+                wobbles = [*wobbles, self.column(f"sibling {sibling}", {k: v / step for k, v in one.items()})]
+            if not wobbles:
+                continue
+            stack = [*self._fixed, column, *wobbles]
+            p = problem(self.channels, self._zero, stack)
+            normal, _ = projected(p, np.arange(len(self._fixed)), self.noise)
+            own = normal[len(self._fixed), len(self._fixed)]
+            for k, wobble in enumerate(wobbles):
+                at = len(self._fixed) + 1 + k
+                sd = share * abs(part.size) * np.sqrt(max(own, 0.0) / max(normal[at, at], 1e-12)) / np.sqrt(len(wobbles))
+                found.append(Column(f"{wobble.key} of {part.id}", wobble.coefficients, max(1e-9, float(sd))))
+        return found
+
+    @property
+    def _zero(self) -> dict[str, Array]:
+        return {c.name: np.zeros(len(c.cut.order)) for c in self.channels}
+
+    def data_of(self, parts: Parts) -> dict[str, Array]:
+        left = self.residual(parts)
+        return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
+
+    def compressed(self, parts: Parts, more: Sequence[Column] = ()) -> tuple[Problem, int]:
+        """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
+        slope = self.slopes(parts)
+        base = [*self._fixed, *slope, *self.form_columns(parts, slope)]
+        return problem(self.channels, self.data_of(parts), [*base, *more]), len(base)
+
+    def scan(self, parts: Parts, noise: dict[str, Noise], only: Sequence[Candidate] | None = None) -> list[Found]:
+        """Every candidate added to a refitted hypothesis, best first, one entry per effect, member and onset."""
+        tried = [c for c in (self.candidates if only is None else only)
+                 if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
+        columns = [self.column(c.key, {k: v / c.part.size for k, v in self.difference(parts, c.part).items()})
+                   for c in tried]
+        p, before = self.compressed(parts, columns)
+        fixed = np.arange(before)
+        null = fitted(p, fixed, noise, rounds=2)
+        normal, right = projected(p, fixed, null.noise)
+        best: dict[tuple[str, int | None, float | None], Found] = {}
+        for k, c in enumerate(tried):
+            at = before + k
+            stiff = normal[at, at]
+            if stiff <= 0.0:
+                continue
+            size = float(np.clip(right[at] / stiff, c.low, c.high))
+            gain = 2.0 * right[at] * size - stiff * size * size
+            if gain > 4.0:
+                full = fitted(p, np.append(fixed, at), null.noise, rounds=2)
+                size = float(np.clip(full.amplitude[-1], c.low, c.high))
+                if size == full.amplitude[-1]:
+                    gain = 2.0 * (full.log_likelihood - null.log_likelihood)
+            name = (c.part.id, c.part.member, c.part.onset_s)
+            found = Found(c.part._replace(size=size), float(gain))
+            if name not in best or found.gain > best[name].gain:
+                best[name] = found
+        return sorted(best.values(), key=lambda f: -f.gain)
+
+    def refit(self, parts: Parts, noise: dict[str, Noise] | None = None) -> Refit:
+        """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes stand still."""
+        now, last, best = parts, noise or self.noise, None
+        for _ in range(ROUNDS):
+            fit, slopes_at, p = self._fit(now, last)
+            if best is not None and fit.log_likelihood < best.log_likelihood - 0.5:
+                now = tuple(a._replace(size=0.5 * (a.size + b.size)) for a, b in zip(best.parts, now, strict=True))
+                fit, slopes_at, p = self._fit(now, last)
+            sd = [0.0] * len(now)
+            moved = list(now)
+            biggest = 0.0
+            for column, at in slopes_at:
+                k = int(p.keys[column].split()[1])
+                sd[k] = float(np.sqrt(fit.covariance[at, at]))
+                low, high = bounds(now[k].id)
+                size = float(np.clip(now[k].size + fit.amplitude[at], low, high))
+                biggest = max(biggest, abs(size - now[k].size) / max(sd[k], 1e-9))
+                moved[k] = now[k]._replace(size=size)
+            last = fit.noise
+            best = Refit(now, tuple(sd), fit.log_likelihood, fit.noise)
+            if biggest < 0.05 or not slopes_at:
+                break
+            now = tuple(moved)
+        assert best is not None
+        if any(part.id in THRESHOLDS for part in best.parts):
+            best = self._threshold(best)
+        return best._replace(parts=tuple(moved) if biggest < 0.05 else best.parts)
+
+    def _fit(self, parts: Parts, noise: dict[str, Noise]) -> tuple[Fit, list[tuple[int, int]], Problem]:
+        p, count = self.compressed(parts)
+        chosen = np.arange(count)
+        slopes_at = [(k, k) for k, key in enumerate(p.keys) if key.startswith("slope ")]
+        return fitted(p, chosen, noise), slopes_at, p
+
+    def _threshold(self, found: Refit) -> Refit:
+        best = found
+        for factor in (0.85, 0.92, 0.97, 1.03, 1.08, 1.15):
+            parts = tuple(p._replace(size=p.size * factor) if p.id in THRESHOLDS else p for p in found.parts)
+            fit, _, _ = self._fit(parts, found.noise)
+            if fit.log_likelihood > best.log_likelihood:
+                best = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+        return best
+
+    def tame(self, parts: Parts) -> None:
+        """Lone readings far off the richest fit are drawn in; steady or repeated deviations are left as they are."""
+        columns = [self.column(c.key, {k: v / c.part.size for k, v in self.difference(parts, c.part).items()},
+                               max(abs(c.low), abs(c.high))) for c in self.candidates]
+        slope = self.slopes(parts)
+        every = [*self._fixed, *slope, *self.form_columns(parts, slope), *columns]
+        whole = {c.name: self.residual(parts)[c.name] + self._excess[c.name] for c in self.channels}
+        data = {c.name: coefficients(whole[c.name], c.cut) for c in self.channels}
+        p = problem(self.channels, data, every)
+        amplitude, _ = solved(p, np.arange(len(every)), self.noise)
+        for channel in self.channels:
+            left = data[channel.name].copy()
+            for size, column in zip(amplitude, every, strict=True):
+                if channel.name in column.coefficients:
+                    left -= size * column.coefficients[channel.name]
+            self._excess[channel.name] = _lone(series_of(left, channel.cut))
+
+
+def _lone(left: Array) -> Array:
+    sd = 1.4826 * float(np.median(np.abs(left - np.median(left))))
+    size = np.abs(left - np.median(left))
+    beside = np.maximum(np.append(size[1:], 0.0), np.insert(size[:-1], 0, 0.0))
+    lone = (size > OUTLIER * sd) & (beside < 0.7 * OUTLIER * sd)
+    return np.where(lone, left - np.sign(left) * OUTLIER * sd, 0.0)

@@ -1,0 +1,81 @@
+"""Smooth, nameless dependence of a stage on one recorded variable: the model's own tables, a few shapes at a time."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.elements import FLAT, Table
+from control.machine.machine import Machine
+
+from .hypothesis import Part, Stages, schedule
+from .residuals import MOST_STEP_S, Channel, hopper_channel
+from .stages_data import RunData
+
+Array = npt.NDArray[np.float64]
+
+NODES = 8
+SHAPES = 4                  # half-waves over the range of the variable: slope, bend, and two finer ones
+LEAST_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
+               "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
+
+# stage -> (its table's field, the effect whose column a table multiplies)
+TABLES: dict[str, tuple[str, Part]] = {
+    "shaft": ("table_percent", Part("shaft.gain", 1.0)),
+    "gate": ("table_mm", Part("gate.home_error", 1.0)),
+    "flow": ("table_percent", Part("flow.gain", 1.0)),
+    "scale": ("table_kg", Part("scale.drift", 1.0)),
+    "speed": ("table_percent", Part("speed.wheel_radius", 1.0)),
+}
+CHANNEL_OF = {"shaft": "shaft", "gate": "gate", "flow": "scale", "scale": "scale", "speed": "speed"}
+
+
+class Span(NamedTuple):
+    """The nodes of a table over the excited range of a variable."""
+
+    variable: str
+    nodes: Table
+
+
+def span(data: RunData, variable: str) -> Span | None:
+    """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly moves."""
+    values = data.variables.get(variable)
+    if values is None:
+        return None
+    low, high = np.percentile(values, (1.0, 99.0))
+    if not high - low >= LEAST_RANGE[variable]:
+        return None
+    return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))  # type: ignore[arg-type]
+
+
+def shape(k: int) -> Table:
+    """The k-th half-wave at the nodes, k from 1."""
+    return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())  # type: ignore[return-value]
+
+
+def at_times(data: RunData, variable: str, time_s: Array) -> Array:
+    return np.interp(time_s, data.time_s, data.variables[variable])
+
+
+def series(stage: str, over: Span, channel: Channel, unit: Array, data: RunData, base: Stages,
+           machine: Machine) -> Array:
+    """What one unit of each shape does to the channel: (SHAPES, m).
+
+    `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run through the model;
+    the other stages answer at once, and their unit column is shaped by the table.
+    """
+    if stage == "flow" and data.hopper is not None:
+        values = at_times(data, over.variable, data.hopper.time_s)
+        with_table = hopper_channel(data.hopper, machine, (over.variable, values))
+        nothing = schedule(base.put("flow", table_x=over.nodes, table_percent=FLAT), ())
+        neutral = with_table.predict(nothing, MOST_STEP_S)
+        rows = []
+        for k in range(1, SHAPES + 1):
+            bent = schedule(base.put("flow", table_x=over.nodes, table_percent=shape(k)), ())
+            rows.append(with_table.predict(bent, MOST_STEP_S) - neutral)
+        return np.array(rows)
+    values = at_times(data, over.variable, channel.grid.even_s)
+    shaped = np.array([np.interp(values, over.nodes, shape(k)) for k in range(1, SHAPES + 1)])
+    return shaped if stage == "scale" else shaped * unit
+

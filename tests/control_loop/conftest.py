@@ -1,0 +1,59 @@
+"""A machine, a crop and short simulated runs that several tests look at."""
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from control.field.job import Job, Simulated
+from control.machine.planting import parse_planted
+from control.orders import Order, Strategy
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, Step, simulated_run
+from control.simulation.errors import Errors, errors
+from drivers.files.setup import load_setup
+
+
+class Run:
+    """One simulated run and everything there is to say about it."""
+
+    def __init__(self, steps: list[Step], record: Record, width_m: float) -> None:
+        self.steps = steps
+        self.record = record
+        self.width_m = width_m
+
+    @property
+    def errors(self) -> Errors:
+        return errors(self.record.columns(), self.record.fired, self.width_m)
+
+    def alarms(self) -> set[str]:
+        return {alarm.id for step in self.steps for alarm in step.tick.alarms}
+
+
+@pytest.fixture(scope="session")
+def simulated() -> Callable[..., Run]:
+    """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are run once."""
+    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    kept: dict[str, Run] = {}
+
+    def run(seconds: float, strategy: str = "opening_first", effects: Sequence[str] = (), seed: int = 1,
+            orders: Sequence[tuple[float, Order]] | None = None, sim: dict[str, Any] | None = None,
+            **changes: Any) -> Run:
+        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, sorted(changes.items())))
+        if key not in kept:
+            job: Job = setup.job.model_copy(update={"strategy": Strategy(strategy), **changes})
+            if sim:
+                values = job.simulated.model_dump() | sim
+                job = job.model_copy(update={"simulated": Simulated.model_validate(values)})
+            job = with_simulated_field(job, setup.machine)
+            plant = simulated_machine(setup.machine, job, seed, 0.05, [parse_planted(text) for text in effects])
+            loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+            record, steps = Record(), []
+            for step in simulated_run(plant, loop, seconds, orders):
+                record.add(step)
+                steps.append(step)
+            kept[key] = Run(steps, record, setup.machine.geometry.working_width_m)
+        return kept[key]
+    return run

@@ -1,0 +1,99 @@
+"""The whole chain on the simulated machine: what lands where, and what the controller does not know."""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+STRATEGIES = ["opening_first", "speed_first", "balanced"]
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_look_ahead_puts_the_rate_where_it_belongs(simulated: Any, strategy: str) -> None:
+    on = simulated(240.0, strategy).errors
+    off = simulated(240.0, strategy, look_ahead=False).errors
+    assert on.place_error_m < 0.25
+    assert abs(on.place_bias_m) < 0.15
+    assert off.place_bias_m > 1.3
+    assert on.rate_error_percent < 6.0
+    assert on.rate_error_kg_ha < 0.7 * off.rate_error_kg_ha
+    assert on.steps > 30
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_kg_landed_equal_kg_released(simulated: Any, strategy: str) -> None:
+    found = simulated(240.0, strategy).errors
+    assert found.landed_kg == pytest.approx(found.released_kg, rel=1e-9)
+    assert found.released_kg > 10.0
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_normal_run_raises_no_alarm(simulated: Any, strategy: str) -> None:
+    assert simulated(240.0, strategy).alarms() == set()
+
+
+def landed_over_target(run: Any) -> float:
+    found = run.errors
+    return float(found.mean_landed_kg_ha / found.mean_target_kg_ha)
+
+
+def test_a_planted_gain_reaches_the_ground_unknown_to_the_controller(simulated: Any) -> None:
+    plain = landed_over_target(simulated(120.0, flow_trim=False))
+    heavy = landed_over_target(simulated(120.0, effects=["flow.gain=8"], flow_trim=False))
+    assert heavy / plain == pytest.approx(1.08, abs=0.004)
+
+
+def test_the_scale_takes_most_of_the_gain_back(simulated: Any) -> None:
+    run = simulated(900.0, effects=["flow.gain=8"])
+    trims = [step.tick.row.flow_trim for step in run.steps]
+    assert trims[0] == 1.0
+    assert trims[-1] == pytest.approx(1.08, abs=0.025)
+
+
+def test_a_dead_band_cuts_low_shaft_speeds(simulated: Any) -> None:
+    low = {"manual_rate_kg_ha": 90.0, "source": "manual"}
+    plain = simulated(90.0, "speed_first", target=_wanted(low))
+    stuck = simulated(90.0, "speed_first", effects=["shaft.dead_band=16"], target=_wanted(low))
+    assert max(s.truth.flow_kg_s for s in plain.steps) > 0.02
+    assert max(s.truth.flow_kg_s for s in stuck.steps) == pytest.approx(0.0, abs=1e-9)
+
+
+def _wanted(values: dict[str, Any]) -> Any:
+    from control.field.job import Wanted
+    return Wanted.model_validate(values)
+
+
+def test_no_flow_outside_the_field(simulated: Any) -> None:
+    run = simulated(600.0)
+    columns = run.record.columns()
+    outside = (columns["in_pass"] == 0.0)
+    assert outside.sum() > 100
+    assert columns["flow_kg_s"][outside].max() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_one_seed_one_run(simulated: Any) -> None:
+    first, again = simulated(20.0), simulated(20.0, seed=1, sim={})
+    assert [s.tick.row for s in first.steps] == [s.tick.row for s in again.steps]
+    other = simulated(20.0, seed=2)
+    assert first.steps[-1].tick.row != other.steps[-1].tick.row
+
+
+def test_the_canopy_has_the_wanted_mean_and_cv() -> None:
+    from control.field.job import Canopy
+    from control.simulation.canopy import CanopyField
+    field = CanopyField(Canopy(mean_ndvi=0.5, cv_percent=10.0), (0.0, 200.0), (0.0, 200.0), 4)
+    assert field.ndvi.mean() == pytest.approx(0.5, abs=0.002)
+    assert 100.0 * field.ndvi.std() / field.ndvi.mean() == pytest.approx(10.0, abs=0.2)
+    near = np.corrcoef(field.ndvi[:-1].ravel(), field.ndvi[1:].ravel())[0, 1]
+    far = np.corrcoef(field.ndvi[:-100].ravel(), field.ndvi[100:].ravel())[0, 1]
+    assert near > 0.85
+    assert abs(far) < 0.35
+
+
+def test_a_refill_is_made_and_told(simulated: Any) -> None:
+    run = simulated(420.0, sim={"hopper_kg": 25.0, "refill_stop_s": 15.0})
+    events = [step.tick.row.events for step in run.steps if step.tick.row.events]
+    assert any("refill 280" in event for event in events), events
+    assert run.steps[-1].tick.row.state == "working"
+    assert max(step.truth.hopper_kg for step in run.steps) > 290.0

@@ -1,0 +1,89 @@
+"""The inverse inverts, strategies keep to their limits, a switch of strategy does not show in the flow."""
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from control.machine.machine import Machine, with_effect
+from control.metering.inverse import (
+    Conditions,
+    flow_kg_s,
+    highest_flow_kg_s,
+    lowest_flow_kg_s,
+    opening_for,
+    shaft_command,
+    shaft_for,
+)
+from control.metering.strategies import pair_for
+from control.orders import Do, Order, Strategy
+
+EXTENDED = with_effect(with_effect(with_effect(Machine(), "flow.fill_falloff", 9.0), "flow.zero_offset", 8.0),
+                       "flow.hopper_head", 3.0)
+LIMITS = Machine().limits
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from([Machine(), EXTENDED]), st.floats(0.005, 0.4), st.floats(10.0, 100.0), st.floats(20.0, 300.0))
+def test_the_inverse_inverts(machine: Machine, flow: float, shaft_rpm: float, hopper_kg: float) -> None:
+    c = Conditions(hopper_kg=hopper_kg)
+    opening = opening_for(machine, flow, shaft_rpm, c)
+    if opening > 0.0:
+        assert flow_kg_s(machine, shaft_rpm, opening, c) == pytest.approx(flow, rel=1e-9)
+    shaft = shaft_for(machine, flow, 25.0, c)
+    if shaft < 150.0:
+        assert flow_kg_s(machine, shaft, 25.0, c) == pytest.approx(flow, rel=1e-4)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from([Machine(), EXTENDED]), st.sampled_from(list(Strategy)), st.floats(0.0, 1.0),
+       st.floats(0.0, 60.0))
+def test_every_pair_lies_within_the_limits(machine: Machine, strategy: Strategy, wanted: float, now_mm: float) -> None:
+    pair = pair_for(machine, strategy, wanted, now_mm)
+    low, high = lowest_flow_kg_s(machine), highest_flow_kg_s(machine)
+    given_flow = flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm)
+    if pair.shaft_rpm == 0.0:
+        assert wanted <= 0.5 * low
+        assert pair.opening_mm == now_mm
+        return
+    assert LIMITS.shaft_low_rpm <= pair.shaft_rpm <= LIMITS.shaft_high_rpm
+    assert LIMITS.opening_low_mm <= pair.opening_mm <= LIMITS.opening_high_mm
+    if low <= wanted <= high:
+        assert given_flow == pytest.approx(wanted, rel=1e-4)
+        assert pair.limited == ""
+    elif wanted < low:
+        assert given_flow == pytest.approx(low)
+        assert pair.limited == "lowest"
+    else:
+        assert pair.limited == "highest"
+
+
+def test_opening_first_moves_the_opening_and_speed_first_the_shaft() -> None:
+    opening = [pair_for(Machine(), Strategy.OPENING_FIRST, q, 25.0) for q in (0.06, 0.09, 0.12)]
+    speed = [pair_for(Machine(), Strategy.SPEED_FIRST, q, 25.0) for q in (0.06, 0.09, 0.12)]
+    assert {pair.shaft_rpm for pair in opening} == {70.0}
+    assert {pair.opening_mm for pair in speed} == {25.0}
+    assert len({pair.opening_mm for pair in opening}) == len({pair.shaft_rpm for pair in speed}) == 3
+
+
+def test_known_sag_gain_and_droop_are_taken_back() -> None:
+    machine = with_effect(with_effect(Machine(), "shaft.gain", -5.0), "shaft.voltage_sag", 4.0)
+    command = shaft_command(machine, 50.0, 20.0, Conditions(supply_v=12.5))
+    assert command * 0.95 * 0.96 == pytest.approx(50.0)
+
+
+def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> None:
+    """Manual rate, constant speed: the flow stays within 5 % while shaft and gate both move far."""
+    from control.field.job import Wanted
+    orders = [(0.5, Order(Do.READY)), (3.0, Order(Do.START)), (40.0, Order(Do.STRATEGY, "speed_first"))]
+    run = simulated(60.0, orders=orders, target=Wanted(source="manual", manual_rate_kg_ha=300.0),
+                    sim={"speed_wander_percent": 0.0}, flow_trim=False)
+    flow = {round(s.truth.time_s, 2): s.truth.flow_kg_s for s in run.steps}
+    settled = [q for t, q in flow.items() if 34.0 < t < 39.9]
+    during = [q for t, q in flow.items() if 40.0 < t < 48.0]
+    mean = sum(settled) / len(settled)
+    assert max(abs(q / mean - 1.0) for q in during) < 0.06
+    assert run.steps[-1].truth.opening_mm == pytest.approx(25.0, abs=0.5)
+    assert run.steps[-1].truth.shaft_rpm < 45.0
