@@ -1,0 +1,97 @@
+"""How visible an effect is: z, and whether another effect leaves the very same trace.
+
+z is the length of the difference that the effect makes in all channels, whitened by the true noise, after the
+machine's tolerances and the unknown scale levels have taken of it what they can under their priors.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from . import nominal as nom
+from .noise import Noise, fresh_samples
+from .nominal import Effect, Physics
+from .plant import Plant
+
+Floats = npt.NDArray[np.float64]
+
+
+class Eye:
+    """Sees differences between simulated readings in units of noise, nuisances taken out."""
+
+    def __init__(self, plant: Plant, noises: dict[str, Noise], around: Physics) -> None:
+        self.plant, self.noises = plant, noises
+        self.around = around
+        self.base = plant.run(around)
+        self._columns = self._nuisances()
+        gram = self._columns @ self._columns.T + np.eye(len(self._columns))
+        self._solve = np.linalg.inv(gram)
+
+    def _nuisances(self) -> Floats:
+        """One whitened row per nuisance and prior s.d."""
+        rows = []
+        p = self.around
+        changed = [p._replace(**{name: getattr(p, name) + sd}) for name, sd in nom.TOLERANCE.items()]
+        heads = [p._replace(heads_ratio=tuple(r + nom.HEAD_TOLERANCE * (i == m) for i, r in enumerate(p.heads_ratio)))
+                 for m in range(nom.HEADS)]
+        refill = [p._replace(level_kg=(p.level_kg[0], p.level_kg[1] + nom.LEVEL_TOLERANCE_KG[1]))] \
+            if self.plant.drive.refill_kg else []
+        for q in (*changed, *heads, *refill):
+            rows.append(self._whitened(self.plant.run(q)))
+        level = {k: np.zeros_like(v) for k, v in self.base.items()}
+        level["scale"] = np.full_like(level["scale"], nom.LEVEL_TOLERANCE_KG[0])
+        rows.append(self._whitened(level, is_difference=True))
+        return np.array(rows)
+
+    def _whitened(self, readings: dict[str, Floats], is_difference: bool = False) -> Floats:
+        """All channels of a difference to the base, whitened, one after another (samples of all channels,)."""
+        base = self.base
+        d = readings if is_difference else {k: readings[k] - base[k] for k in ("shaft", "gate", "scale", "wheel", "gnss", "heads")}
+        t = self.plant.drive.time_s
+        parts = []
+        for name in ("shaft", "gate", "scale"):
+            n = self.noises[name]
+            at = fresh_samples(t.size, n)
+            parts.append(self._white(d[name][None, at], t[at], n))
+        gnss, wheel = self.noises["gnss"], self.noises["wheel"]
+        at = fresh_samples(t.size, gnss)                     # the ground speed itself is unknown: wheel minus GNSS
+        both = gnss._replace(sd=float(np.hypot(gnss.sd, wheel.sd)), step=float(np.hypot(gnss.step, wheel.step)),
+                             slow_sd=float(np.hypot(gnss.slow_sd, wheel.slow_sd)))
+        parts.append(self._white((d["wheel"] - d["gnss"])[None, at], t[at], both))
+        n = self.noises["heads"]
+        at = fresh_samples(t.size, n)
+        heads = d["heads"][:, at]
+        parts.append(self._white(heads - heads.mean(axis=0), t[at], n))     # the canopy itself is unknown
+        return np.concatenate(parts)
+
+    def _white(self, signals: Floats, time_s: Floats, n: Noise) -> Floats:
+        if not signals.any():
+            return np.zeros(signals.size)
+        return n.whitened(signals, time_s).ravel()
+
+    def trace(self, effects: Iterable[Effect], beside: Iterable[Effect] = ()) -> Floats:
+        """Whitened difference that `effects` make (in a machine that has `beside` already), before projection."""
+        beside = tuple(beside)
+        if not beside:
+            return self._whitened(self.plant.run(self.around, effects))
+        with_both = self.plant.run(self.around, (*beside, *effects))
+        without = self.plant.run(self.around, beside)
+        d = {k: with_both[k] - without[k] for k in ("shaft", "gate", "scale", "wheel", "gnss", "heads")}
+        return self._whitened(d, is_difference=True)
+
+    def inner(self, a: Floats, b: Floats) -> float:
+        """Inner product of two traces after the nuisances took their part under their priors."""
+        ja, jb = self._columns @ a, self._columns @ b
+        return float(a @ b - ja @ self._solve @ jb)
+
+    def z(self, effects: Iterable[Effect], beside: Iterable[Effect] = ()) -> float:
+        """Detectability of `effects` together."""
+        d = self.trace(effects, beside)
+        return float(np.sqrt(max(0.0, self.inner(d, d))))
+
+    def likeness(self, a: Floats, b: Floats) -> float:
+        """Cosine of two traces after the nuisances, -1 to 1; 0 where either leaves nothing."""
+        aa, bb = self.inner(a, a), self.inner(b, b)
+        return self.inner(a, b) / np.sqrt(aa * bb) if aa > 1e-9 and bb > 1e-9 else 0.0
