@@ -84,6 +84,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         return self.run_page if self.source is not None or self.replay_page.job is None else self.replay_page
 
     def on_mount(self) -> None:
+        other = self.replay_page if self.screen is self.run_page else self.run_page
+        self.install_screen(other, other.where)
         self._supervise()
         if self.live:
             self.set_interval(NUMBERS_S, self.tick)
@@ -327,10 +329,17 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._turn_to(self.replay_page)
 
     def _turn_to(self, page: PanelScreen) -> None:
-        if self.page is not page:
-            self.switch_screen(page)
-            page.hurry()
-            self.call_after_refresh(self.tick)
+        """One page is the app's first screen, the other lies over it while it is looked at."""
+        while not isinstance(self.screen, PanelScreen):
+            self.pop_screen()
+        if self.page is page:
+            return
+        if page in self.screen_stack:
+            self.pop_screen()
+        else:
+            self.push_screen(page)
+        page.hurry()
+        self.call_after_refresh(self.tick)
 
     def open_replay(self, job: ReplayJob) -> None:
         """Show a log on the Replay screen."""

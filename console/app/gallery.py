@@ -124,7 +124,7 @@ async def draw(picture: Picture) -> str:
     app, _clock = still_app(picture)
     async with app.run_test(size=picture.size) as pilot:
         await settle(app, picture, pilot.pause)
-        return app.export_screenshot(title="topdress")
+        return app.export_screenshot(title="topdress", simplify=True)
 
 
 def main(folder: str) -> None:

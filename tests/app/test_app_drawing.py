@@ -1,6 +1,7 @@
 """Numerals, scales, lines, map frames, units, ages: the pure parts."""
 from __future__ import annotations
 
+from itertools import pairwise
 from math import sqrt
 
 import pytest
@@ -59,7 +60,7 @@ def lightness(rgb):
 
 def test_the_scale_s_lightness_rises_evenly():
     steps = [lightness(colour(i / (STEPS - 1))) for i in range(STEPS)]
-    rises = [b - a for a, b in zip(steps, steps[1:], strict=False)]
+    rises = [b - a for a, b in pairwise(steps)]
     assert min(rises) > 0
     assert max(rises) < 2.2 * sum(rises) / len(rises)
     assert steps[-1] - steps[0] > 45
@@ -74,7 +75,7 @@ def test_colour_blind_eyes_keep_the_ends_apart(matrix):
         return [sum(weight * channel for weight, channel in zip(row, rgb, strict=True)) for row in matrix]
 
     places = [seen(colour(share / 4)) for share in range(5)]
-    for a, b in zip(places, places[1:], strict=False):
+    for a, b in pairwise(places):
         assert sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True))) > 30
 
 
@@ -225,7 +226,7 @@ def test_the_history_is_bounded_and_begins_anew_with_a_new_log():
     assert len(history.points) == len(frames)
     assert history.recent(10.0)[0].time_s == pytest.approx(frames[-1].row.time_s - 10.0)
     gaps = [sqrt((a.east_m - b.east_m) ** 2 + (a.north_m - b.north_m) ** 2)
-            for a, b in zip(history.track, list(history.track)[1:], strict=False)]
+            for a, b in pairwise(history.track)]
     assert min(gaps) >= 0.8
     history.add(frames[0])
     assert len(history.points) == 1 and list(history.track) == [Spot(0.0, 0.0, frames[0].row.applied_rate_kg_ha)]

@@ -110,7 +110,8 @@ def test_the_environment_chooses_the_language(environment, code):
 
 
 def test_po_continued_lines_comments_and_fuzzy_entries():
-    text = '# note\nmsgid ""\nmsgstr "Language: zh\\n"\n\nmsgid "a"\n"b"\nmsgstr "x"\n"y"\n#, fuzzy\nmsgid "c"\nmsgstr "z"\n'
+    text = ('# note\nmsgid ""\nmsgstr "Language: zh\\n"\n\nmsgid "a"\n"b"\nmsgstr "x"\n"y"\n'
+            '#, fuzzy\nmsgid "c"\nmsgstr "z"\n')
     assert read_po(text) == {"ab": "xy"}
 
 
