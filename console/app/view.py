@@ -51,7 +51,8 @@ class AlarmLine(NamedTuple):
     text: str
     place: str
     todo: str
-    since: str
+    since: str                # time of day of its beginning, where that is known
+    lasted: str
 
 
 class AlarmsView(NamedTuple):
@@ -179,9 +180,9 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units) -> AlarmsView:
         said = words.alarm_words(alarm, units)
         lasted_s = max(0.0, frame.at_s - alarm.since_s)
         since = wall_clock(frame.row.utc, utc_offset_s, lasted_s)
-        since = f"{since} ({duration(lasted_s)})" if since else duration(lasted_s)
         lines.append(AlarmLine(alarm.id, alarm.severity, alarm.acknowledged, words.SEVERITY_SYMBOLS[alarm.severity],
-                               _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since))
+                               _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since,
+                               duration(lasted_s)))
     return AlarmsView(tuple(lines), _("no alarms"))
 
 

@@ -133,6 +133,14 @@ async def test_alarms_that_do_not_fit_are_counted(app, source, frames, shown):
         assert "+2 more" in shown(app)[3]
 
 
+async def test_at_80_columns_the_text_of_an_alarm_is_whole(app, source, frames, shown):
+    alarm = Alarm("hopper_low", Severity.AMBER, 0.0, details=(("hopper_kg", 18.5), ("metres_left", 640.0)))
+    source.newest = replace(frames[-1], alarms=(alarm,))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert "enough for 640 m." in shown(app)[1] and "06:12:00" in shown(app)[1]
+
+
 async def test_an_unknown_alarm_is_shown_by_its_id(app, source, frames, shown):
     source.newest = replace(frames[-1], alarms=(Alarm("from_a_newer_worker", Severity.RED, 0.0),))
     async with app.run_test(size=(80, 24)) as pilot:

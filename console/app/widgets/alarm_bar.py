@@ -6,7 +6,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.view import AlarmLine, AlarmsView
-from console.app.widgets.panel import Panel, Part, fit, spread
+from console.app.widgets.panel import Panel, fit, spread
 from console.locale import _
 from control.orders import Severity
 
@@ -16,6 +16,10 @@ def _style(alarm: AlarmLine) -> str:
     if alarm.acknowledged:
         return "$muted"
     return f"$on-alarm-{name} on $alarm-{name}"
+
+
+def _cells(parts: list[tuple[str, str]]) -> int:
+    return sum(cell_len(text) for text, _style in parts)
 
 
 class AlarmBar(Panel[AlarmsView]):
@@ -41,13 +45,15 @@ class AlarmBar(Panel[AlarmsView]):
     def _first(self, alarm: AlarmLine, width: int, more: int) -> Content:
         style = _style(alarm)
         place = f"{alarm.place}: " if alarm.place else ""
-        end: list[Part] = [(f" {alarm.since} ", style)]
-        if more:
-            end.append((f" {_('+{count} more').format(count=more)} ", "bold reverse"))
-        left: list[Part] = [(f" {alarm.symbol} {alarm.word} ", f"bold {style}"), (f" {place}{alarm.text} ", style)]
-        used = sum(cell_len(part[0]) for part in left + end)
+        left = [(f" {alarm.symbol} {alarm.word} ", f"bold {style}"), (f" {place}{alarm.text} ", style)]
+        rest = [(f" {_('+{count} more').format(count=more)} ", "bold reverse")] if more else []
+        since = f" {alarm.since} ({alarm.lasted}) " if alarm.since else f" {alarm.lasted} "
+        if _cells(left + rest) + cell_len(since) > width and alarm.since:
+            since = f" {alarm.since} "            # the text matters more than how long ago
+        end = [(since, style), *rest]
+        used = _cells(left + end)
         left.append((" " * max(0, width - used), style))
-        return spread(left, end, width)
+        return spread([*left], [*end], width)
 
     def _todo(self, alarm: AlarmLine, width: int) -> Content:
         style = _style(alarm)
