@@ -5,6 +5,7 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,9 +75,14 @@ PICTURES = (
 )
 
 
+@cache
+def _frames() -> tuple[Frame, ...]:
+    return tuple(run_frames())
+
+
 def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
     """An app that shows one picture: nothing in it moves by itself."""
-    frames = run_frames()
+    frames = list(_frames())
     if picture.alarms:
         last = frames[-1]
         row = last.row._replace(applied_rate_kg_ha=(last.row.target_rate_kg_ha or 0.0) * 0.86, nudge_percent=5.0,
