@@ -67,10 +67,15 @@ class Group:
         refilled = data.hopper is not None and bool(data.hopper.jumps)
         self.candidates = candidates(self.names, heads, refilled)
         self._fixed = self._nuisance_columns(heads)
+        if "scale" in self.names and data.hopper is not None:
+            level = channels[self.names.index("scale")]
+            seen = np.interp(data.time_s, level.grid.even_s, self.predicted(())["scale"])
+            self.data = data = data._replace(variables={**data.variables, "hopper_kg": seen})
         self._units = {stage: self._unit(part) for stage, (_, part) in TABLES.items()
                        if FORM_CHANNEL[stage] in self.names and stage != "scale"}
         self._forms: dict[tuple[str, str], list[Column]] = {}
-        self._refits: dict[Parts, Refit] = {}
+        self._tried: dict[tuple[Parts, str], Column] = {}
+        self._data: dict[Parts, dict[str, Array]] = {}
 
     # -- through the model ---------------------------------------------------------------------------------------
 
@@ -143,6 +148,17 @@ class Group:
             self._forms[(stage, variable)] = made
         return self._forms[(stage, variable)]
 
+    def candidate_column(self, parts: Parts, candidate: Candidate) -> Column:
+        """What one unit of a candidate does on top of a hypothesis."""
+        name = (parts, candidate.key)
+        if name not in self._tried:
+            if len(self._tried) > 200:
+                self._tried.clear()
+            change = self.difference(parts, candidate.part)
+            size = candidate.part.size
+            self._tried[name] = self.column(candidate.key, {k: v / size for k, v in change.items()})
+        return self._tried[name]
+
     # -- hypotheses ------------------------------------------------------------------------------------------------
 
     def slopes(self, parts: Parts) -> list[Column]:
@@ -208,8 +224,7 @@ class Group:
         """Every candidate added to a refitted hypothesis, best first, one entry per effect, member and onset."""
         tried = [c for c in (self.candidates if only is None else only)
                  if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
-        columns = [self.column(c.key, {k: v / c.part.size for k, v in self.difference(parts, c.part).items()})
-                   for c in tried]
+        columns = [self.candidate_column(parts, c) for c in tried]
         p, before = self.compressed(parts, columns)
         fixed = np.arange(before)
         null = fitted(p, fixed, noise, rounds=2)
@@ -278,8 +293,8 @@ class Group:
 
     def tame(self, parts: Parts) -> None:
         """Lone readings far off the richest fit are drawn in; steady or repeated deviations are left as they are."""
-        columns = [self.column(c.key, {k: v / c.part.size for k, v in self.difference(parts, c.part).items()},
-                               max(abs(c.low), abs(c.high))) for c in self.candidates]
+        columns = [self.candidate_column(parts, c)._replace(sd=max(abs(c.low), abs(c.high))) for c in self.candidates
+                   if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
         slope = self.slopes(parts)
         every = [*self._fixed, *slope, *self.form_columns(parts, slope), *columns]
         whole = {c.name: self.residual(parts)[c.name] + self._excess[c.name] for c in self.channels}

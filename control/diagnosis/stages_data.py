@@ -16,6 +16,7 @@ HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows o
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
+STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
 REFILL_KG = 3.0
 WORKING_RPM = 2.0
 
@@ -68,7 +69,7 @@ class Speed(NamedTuple):
     """Wheel against GNSS at the rows where GNSS is new."""
 
     time_s: Array
-    true_mps: Array             # smoothed from both
+    true_mps: Array             # weighted mean of both, smoothed
     working: Array
     pitch_deg: Array
     wheel_mps: Array
@@ -123,13 +124,15 @@ def run_data(log: Clean, machine: Machine) -> RunData:
         variables["heading_deg"] = _held(c["heading_deg"])
     shaft = gate = hopper = speed = heads = None
     if "shaft" in log.stages:
-        shaft = _drive("shaft", time, command, c["shaft_rpm"], opening, supply, log.step_s)
+        still = (command <= 0.0) & (c["shaft_rpm"] < STILL_READ_RPM)
+        shaft = _drive("shaft", time, command, np.where(still, 0.0, c["shaft_rpm"]), opening, supply, log.step_s)
     if "gate" in log.stages:
         gate = _drive("gate", time, opening_command, c["opening_mm"], opening, supply, log.step_s)
     if "flow" in log.stages:
         hopper = _hopper(time, shaft_rpm, opening, pitch, c["hopper_kg"], log.step_s)
     if "speed" in log.stages:
-        speed = _speed(time, c["speed_mps"], c["wheel_speed_mps"], working, pitch)
+        speed = _speed(time, c["speed_mps"], c["wheel_speed_mps"], working, pitch, machine)
+        variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
         heads = _heads(time, np.array([c[name] for name in HEADS]))
     return RunData(float(time[-1]), len(time), variables, time, working, shaft, gate, hopper, speed, heads)
@@ -226,14 +229,17 @@ def _refills(kg: Array) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
     return refill, tuple(jumps), hidden
 
 
-def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array) -> Speed:
+def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
+           machine: Machine) -> Speed:
+    """The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of."""
     fresh = _fresh(gnss)
     known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
     rows = np.flatnonzero(known)
     at = time[rows]
     step = float(np.median(np.diff(at)))
     wheel_there = wheel[rows]
-    both = 0.5 * (gnss[rows] + wheel_there)
+    trust = machine.noise.gnss_mps ** 2 / (machine.noise.gnss_mps ** 2 + machine.noise.wheel_mps ** 2 + 1e-12)
+    both = (1.0 - trust) * gnss[rows] + trust * wheel_there
     half = max(1, int(round(0.4 / step)))
     kernel = np.ones(2 * half + 1) / (2 * half + 1)
     smooth = np.convolve(np.pad(both, half, mode="edge"), kernel, mode="valid")

@@ -1,0 +1,147 @@
+"""Which set of effects one group of channels shows: forward with refits, swaps and pruning, then its rivals."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .hypothesis import Part, Parts
+from .likelihood import Column, fitted
+from .onset import refined, stops, with_onset
+from .open_set import Table, best_table, significant
+from .search import Found, Group, Refit
+
+Array = npt.NDArray[np.float64]
+
+MOST_CAUSES = 4
+THRESHOLD = 17.0            # of twice the log-likelihood; see docs/diagnosis.md for its calibration
+ONSET_THRESHOLD = 16.0
+RIVAL_GAP = 6.0             # rivals within this much of twice the log-likelihood: 95 % for one degree of freedom,
+RIVAL_SHARE = 0.03          # ... and within this share of what the cause explains: forms are never quite right
+REFITTED = 4                # best of a scan that are refitted in full
+
+
+class RivalOf(NamedTuple):
+    part: Part                  # what could stand in its place
+    behind: float               # by so much of twice the log-likelihood
+
+
+class Named(NamedTuple):
+    """What one group shows."""
+
+    group: Group
+    null: Refit
+    found: Refit
+    gains: tuple[float, ...]                    # of each part: twice the log-likelihood lost without it
+    rivals: tuple[tuple[RivalOf, ...], ...]     # by part
+    scan: tuple[Found, ...]                     # the whole catalogue on top of nothing
+    table: Table | None                         # what no effect explains
+
+
+def name(group: Group, threshold: float = THRESHOLD) -> Named:
+    """Judge a group of channels."""
+    group.candidates += stops(group, group.data)
+    group.tame(())
+    null = group.refit(())
+    first = group.scan((), null.noise)
+    current = null
+    for _ in range(MOST_CAUSES):
+        better = _extended(group, current, threshold)
+        if better is None:
+            break
+        current = _pruned(group, _swapped(group, better), threshold)
+    if current.parts:
+        group.tame(current.parts)
+        current, null = group.refit(current.parts, current.noise), group.refit(())
+        if any(part.onset_s is not None for part in current.parts):
+            current = refined(group, current, group.data)
+        current = _pruned(group, with_onset(group, current, group.data, ONSET_THRESHOLD), threshold)
+    explained = 2.0 * (current.log_likelihood - null.log_likelihood)
+    table = best_table(group, current)
+    if table is not None and significant(table, explained):
+        current = _beside_table(group, current, table, threshold)
+        table = best_table(group, current)
+    if table is not None and not significant(table, explained):
+        table = None
+    gains, rivals = _rivals(group, current)
+    return Named(group, null, current, gains, rivals, tuple(first), table)
+
+
+def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
+    """The hypothesis with one more part, where that gains more than the threshold."""
+    ranked = [f for f in group.scan(now.parts, now.noise) if f.gain > 0.5 * threshold][:REFITTED]
+    tried = [group.refit((*now.parts, f.part), now.noise) for f in ranked]
+    if not tried:
+        return None
+    best = max(tried, key=lambda r: r.log_likelihood)
+    return best if 2.0 * (best.log_likelihood - now.log_likelihood) > threshold else None
+
+
+def _swapped(group: Group, now: Refit) -> Refit:
+    """Each member in turn against the best that could stand in its place."""
+    if len(now.parts) < 2:
+        return now
+    best = now
+    for k in range(len(now.parts)):
+        others = (*best.parts[:k], *best.parts[k + 1:])
+        for f in group.scan(others, best.noise)[:2]:
+            if f.part.id == best.parts[k].id:
+                continue
+            tried = group.refit((*others, f.part), best.noise)
+            if tried.log_likelihood > best.log_likelihood + 1.0:
+                best = tried
+    return best
+
+
+def _pruned(group: Group, now: Refit, threshold: float) -> Refit:
+    """Members that the others make superfluous are dropped."""
+    while len(now.parts) > 1:
+        without = [group.refit((*now.parts[:k], *now.parts[k + 1:]), now.noise) for k in range(len(now.parts))]
+        best = max(without, key=lambda r: r.log_likelihood)
+        if 2.0 * (now.log_likelihood - best.log_likelihood) > threshold:
+            break
+        now = best
+    return now
+
+
+def _beside_table(group: Group, now: Refit, table: Table, threshold: float) -> Refit:
+    """Members that a smooth dependence on one variable makes superfluous are dropped."""
+    parts = now.parts
+    while parts:
+        with_all = _with_table(group, parts, now, table)
+        without = [(_with_table(group, (*parts[:k], *parts[k + 1:]), now, table), k) for k in range(len(parts))]
+        best, k = max(without)
+        if 2.0 * (with_all - best) > threshold:
+            break
+        parts = (*parts[:k], *parts[k + 1:])
+    return now if parts == now.parts else group.refit(parts, now.noise)
+
+
+def _with_table(group: Group, parts: Parts, now: Refit, table: Table) -> float:
+    columns: list[Column] = group.forms(table.stage, table.variable)
+    p, before = group.compressed(parts, columns)
+    return fitted(p, np.arange(before + len(columns)), now.noise).log_likelihood
+
+
+def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+    gains: list[float] = []
+    rivals: list[tuple[RivalOf, ...]] = []
+    for k, part in enumerate(now.parts):
+        others = (*now.parts[:k], *now.parts[k + 1:])
+        alone = group.refit(others, now.noise)
+        gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
+        reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
+        found = []
+        for f in group.scan(others, alone.noise)[:8]:
+            if f.part.id == part.id or f.gain < gain - 3.0 * reach - 10.0:
+                continue
+            tried = group.refit((*others, f.part), now.noise)
+            behind = 2.0 * (now.log_likelihood - tried.log_likelihood)
+            if behind < reach:
+                found.append(RivalOf(tried.parts[-1], behind))
+        gains.append(gain)
+        rivals.append(tuple(sorted(found, key=lambda r: r.behind)))
+    return tuple(gains), tuple(rivals)
+
+

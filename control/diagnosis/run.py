@@ -1,0 +1,116 @@
+"""Diagnosis of a run log, from columns to verdict."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from control.machine.machine import CATALOGUE, Machine
+
+from .cost import field_cost
+from .data_gate import Clean, gate
+from .detectable import not_shown
+from .hypothesis import schedule, stages_of
+from .naming import Named, name
+from .residuals import channels, step_error
+from .result import Cause, Channel, Data, Detectable, Diagnosis, NotShown, Rival, Size, Unexplained, Verdict
+from .search import Group
+from .sensitivities import GROUPS
+from .shown import shown
+from .stages_data import RunData, run_data
+
+Progress = Callable[[float, str], None]
+Z90 = 1.645
+STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
+
+
+class Cancelled(Exception):
+    """The caller asked to stop."""
+
+
+def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
+                 progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
+                 seed: int = 0) -> Diagnosis:
+    """What the machine model gets wrong in a run log, and why.
+
+    columns : arrays (n,) by the run log's column names and units; float with NaN for not known, texts as objects.
+    progress : called with a share 0 to 1 and a word; cancelled : asked between steps, True raises `Cancelled`.
+    Raises ValueError with one plain line where the log cannot be used at all.
+    """
+    def step(share: float, word: str) -> None:
+        if cancelled is not None and cancelled():
+            raise Cancelled
+        if progress is not None:
+            progress(share, word)
+    step(0.0, "data")
+    log = gate(columns)
+    data = run_data(log, machine)
+    seen = channels(data, machine)
+    findings = [*log.findings, *_step_findings(seen, machine)]
+    step(0.1, "model")
+    named: list[Named] = []
+    groups = {g: [seen[c] for c in names if c in seen] for g, names in GROUPS.items()}
+    for k, (word, members) in enumerate((g, m) for g, m in groups.items() if m):
+        step(0.1 + 0.2 * k, word)
+        named.append(name(Group(members, machine, data)))
+    step(0.9, "result")
+    return _result(log, data, machine, named, path, tuple(findings))
+
+
+def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
+    plan = schedule(stages_of(machine), ())
+    found = []
+    for word in ("shaft", "gate"):
+        if word in seen and (error := step_error(seen[word], plan)) > STEP_SHARE:
+            found.append(f"stage {word}: halving the model's step changes the prediction by {error:.2f} of the noise")
+    return found
+
+
+def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], path: str,
+            findings: tuple[str, ...]) -> Diagnosis:
+    causes: list[Cause] = []
+    unexplained: list[Unexplained] = []
+    rows: list[Channel] = []
+    absent: list[NotShown] = []
+    for one in named:
+        rows += shown(one, data, machine)
+        if one.table is not None:
+            word = {"flow": "flow", "scale": "scale"}.get(one.table.stage, one.table.stage)
+            unexplained.append(Unexplained(word, one.table.variable, one.table.explained_share))
+        for k in range(len(one.found.parts)):
+            causes.append(_cause(one, k, machine, data))
+        absent += not_shown(one)
+    there = {c.id for c in causes} | {a.id for a in absent}
+    absent += [NotShown(effect_id, Detectable(None, entry.effect.unit))
+               for effect_id, entry in CATALOGUE.items() if effect_id not in there]
+    verdict: Verdict = "none"
+    if unexplained:
+        verdict = "unexplained"
+    elif any(c.rivals for c in causes):
+        verdict = "ambiguous"
+    elif causes:
+        verdict = "named"
+    order = sorted(causes, key=lambda c: -(abs(c.field_cost.rate_error_percent or 0.0)
+                                           + 10.0 * abs(c.field_cost.place_error_m or 0.0)))
+    return Diagnosis(Data(path, "run", data.rows, data.duration_s, machine.id), tuple(rows), verdict, tuple(order),
+                     tuple(absent), tuple(unexplained), None, (), None, findings)
+
+
+def _cause(one: Named, k: int, machine: Machine, data: RunData) -> Cause:
+    part, sd = one.found.parts[k], one.found.sd[k]
+    entry = CATALOGUE[part.id]
+    unit = entry.effect.unit
+    weights = np.exp(-0.5 * np.array([0.0, *(max(0.0, r.behind) for r in one.rivals[k])]))
+    nothing = float(chi2.sf(one.gains[k], 1.0))
+    shares = weights / (weights.sum() + nothing)
+    if entry.effect.onset_only:
+        size = Size(part.onset_s, part.onset_s, part.onset_s, unit)
+    else:
+        low, high = part.size - Z90 * sd, part.size + Z90 * sd
+        size = Size(part.size, low, high, unit)
+    rivals = tuple(Rival(r.part.id, float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True))
+    return Cause(part.id, size, part.onset_s, float(shares[0]), rivals, part.member, entry.effect.advice,
+                 field_cost(part, machine, data))
