@@ -177,8 +177,9 @@ class ControlLoop:
         command = limited(self._setting.command(pair, conditions, self._drive_trim, self._command),
                           self._drive_limits, verdict.flow_allowed)
         enabled = verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
-        self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
-                                self._expected.opening_mm, m.opening_mm)
+        if command.shaft_rpm > 0.0:         # with the shaft stopped the gate stays: nothing to trim, and no wind-up
+            self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
+                                    self._expected.opening_mm, m.opening_mm)
         if model_flow is not None and self._flow_trim_on:
             self._flow_trim.update(now, dt, model_flow, m.hopper_kg)
         self._expect(pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm), conditions, dt)

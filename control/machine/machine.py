@@ -47,7 +47,7 @@ class Limits(Part):
     opening_low_mm: Annotated[float, Field(ge=0, le=500)] = 5.0
     opening_high_mm: Positive = 60.0
     opening_resolution_mm: Positive = 0.1
-    hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
+    hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 15.0
 
 
 class SetPoints(Part):

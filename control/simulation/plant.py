@@ -22,7 +22,7 @@ from control.readings import DriveCommand, GnssFix
 
 from .canopy import CanopyField
 from .noise import Normals, Slow
-from .tractor import Driver, Path, Pose, field_path
+from .tractor import Driver, Path, Pose, field_boundary, field_path
 
 MODEL_STEPS = 4             # model steps a control tick
 BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)      # the decision paper's day of topdressing
@@ -82,8 +82,11 @@ class Plant:
         self._path = path or field_path(sim, width, job.field.pass_heading_deg)
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-        reach = sim.pass_length_m + 4.0 * sim.run_in_m + sim.passes * width
-        self._canopy = CanopyField(sim.canopy, (-reach / 2.0, reach / 2.0), (-reach / 2.0, reach / 2.0), seed)
+        corners = field_boundary(sim, width, job.field.pass_heading_deg)
+        east, north = [e for e, _ in corners], [n for _, n in corners]
+        rim = sim.run_in_m + machine.geometry.heads_m
+        self._canopy = CanopyField(sim.canopy, (min(east) - rim, max(east) + rim),
+                                   (min(north) - rim, max(north) + rim), seed)
         self._driver = Driver(sim)
         self._normal = Normals(seed + 1)
         noise = machine.noise

@@ -87,3 +87,16 @@ def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> Non
     assert max(abs(q / mean - 1.0) for q in during) < 0.06
     assert run.steps[-1].truth.opening_mm == pytest.approx(25.0, abs=0.5)
     assert run.steps[-1].truth.shaft_rpm < 45.0
+
+
+def test_trims_do_not_wind_up_on_the_headland(simulated: Any) -> None:
+    """A first pass, a turn with the shaft stopped, a second pass: nothing is wrong, so nothing is trimmed."""
+    run = simulated(420.0, look_ahead=False, seed=7)
+    first_after_turn = next(k for k, s in enumerate(run.steps)
+                            if k > 4000 and run.steps[k - 1].tick.command.shaft_rpm == 0.0
+                            and s.tick.command.shaft_rpm > 0.0)
+    trims = [s.tick.row for s in run.steps[first_after_turn:first_after_turn + 100]]
+    wanted = [pair_for(Machine(), Strategy.OPENING_FIRST, 2.4 * row.target_rate_kg_ha * row.speed_used_mps / 1e4,
+                       25.0).opening_mm for row in trims]
+    off = [row.opening_mm_cmd - opening for row, opening in zip(trims, wanted, strict=True)]
+    assert abs(sum(off) / len(off)) < 0.5

@@ -1,0 +1,29 @@
+"""What a calibrated machine file says about itself."""
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from control.machine.machine import Adopted, Machine
+
+from .bench_table import BenchTable
+from .least_squares import Interval
+
+
+def record(id_: str, size: Interval, unit: str, table: BenchTable, date: str,
+           valid: Mapping[str, tuple[float, float]]) -> Adopted:
+    """Where a calibrated parameter comes from and where it holds."""
+    return Adopted(id=id_, size=size.value, low=size.low, high=size.high, unit=unit, data=table.path, date=date,
+                   valid=dict(valid))
+
+
+def with_records(machine: Machine, records: tuple[Adopted, ...], replaced: Collection[str]) -> tuple[Adopted, ...]:
+    """Earlier records but for those that a new one stands in for, then the new ones."""
+    gone = {*replaced, *(r.id for r in records)}
+    return (*(r for r in machine.adopted if r.id not in gone), *records)
+
+
+def retitled(machine: Machine, what: str, table: BenchTable, date: str) -> str:
+    """The machine's title with the calibration behind it."""
+    source = table.path.replace("\\", "/").rsplit("/", 1)[-1] or "a bench table"
+    note = f"{what} from {source}" + (f", {date}" if date else "")
+    return f"{machine.title}; {note}" if machine.title else note

@@ -1,0 +1,108 @@
+"""A bench table as a record, and what each kind of table must hold."""
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+KINDS = ("lag", "catch", "weigh", "heads", "place")
+LAGS = ("lag_s", "drop_s", "response_s", "lag_m")
+SPEEDS = ("speed_mps", "speed_kmh")
+NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {      # of each group one column is enough
+    "lag": (("shaft_rpm",), LAGS),
+    "catch": (("shaft_rpm",), ("opening_mm",), ("duration_s",), ("mass_kg",)),
+    "weigh": (("target_kg",), ("applied_kg",), ("area_m2",)),
+    "heads": (("head",), ("ndvi_reference",), ("ndvi",)),
+    "place": (("shaft_rpm",), SPEEDS, ("miss_m",)),
+}
+KNOWN = frozenset({
+    "shaft_rpm", *LAGS, *SPEEDS, "replicate", "opening_mm", "duration_s", "mass_kg", "outlet", "area_m2", "target_kg",
+    "applied_kg", "width_m", "revolutions", "head", "ndvi_reference", "ndvi", "warm_min", "height_m", "miss_m",
+    "corrected_lag_s"})
+RANGES: dict[str, tuple[float, float]] = {
+    "shaft_rpm": (0.0, 1000.0), "lag_s": (-5.0, 60.0), "drop_s": (-5.0, 60.0), "response_s": (-5.0, 60.0),
+    "lag_m": (-50.0, 500.0), "speed_mps": (0.01, 20.0), "speed_kmh": (0.04, 72.0), "opening_mm": (0.0, 500.0),
+    "duration_s": (1e-3, 36000.0), "mass_kg": (0.0, 20000.0), "outlet": (1.0, 100.0), "area_m2": (1e-3, 1e8),
+    "target_kg": (1e-6, 1e6), "applied_kg": (0.0, 1e6), "width_m": (0.01, 100.0), "revolutions": (1e-6, 1e9),
+    "head": (1.0, 100.0), "ndvi_reference": (-1.0, 1.0), "ndvi": (-1.5, 1.5), "warm_min": (0.0, 10000.0),
+    "height_m": (0.01, 20.0), "miss_m": (-200.0, 200.0), "corrected_lag_s": (0.0, 60.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class BenchTable:
+    """One bench test.
+
+    `columns`: numbers, float64 arrays of shape (n,), NaN where a cell was empty. `label`: texts of shape (n,) of the
+    column `label_column` whose values are compared with each other, or None. `path`: where it was read from.
+    """
+
+    kind: str
+    columns: Mapping[str, Array]
+    label_column: str = ""
+    path: str = ""
+    label: npt.NDArray[np.str_] | None = None
+    findings: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        return len(next(iter(self.columns.values()))) if self.columns else 0
+
+    def speed_mps(self) -> Array | None:
+        """Written ground speed, (n,) m/s; None where the table has none."""
+        if "speed_mps" in self.columns:
+            return self.columns["speed_mps"]
+        return self.columns["speed_kmh"] / 3.6 if "speed_kmh" in self.columns else None
+
+
+def missing(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
+    """The first group of columns of which a table of this kind must have one, and has none."""
+    for group in NEEDED[kind]:
+        if not any(name in names for name in group):
+            return group
+    if kind == "lag" and not any(name in names for name in LAGS[:3]) and not any(name in names for name in SPEEDS):
+        return SPEEDS
+    return None
+
+
+def recognise(names: Collection[str]) -> str | None:
+    """The kind that a table with these columns is; None where none fits or several do."""
+    fitting = [kind for kind in KINDS if missing(kind, names) is None]
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def usable(table: BenchTable) -> BenchTable:
+    """The table without rows in which a needed number is missing, and with that said.
+
+    Raises ValueError with one line for an unknown kind, a missing column, a number out of range or no row left.
+    """
+    where = table.path or "table"
+    if table.kind not in KINDS:
+        raise ValueError(f"{where}: kind {table.kind!r}: allowed {', '.join(KINDS)}")
+    group = missing(table.kind, table.columns)
+    if group is not None:
+        raise ValueError(f"{where}: column {' or '.join(group)}: missing: a {table.kind} table needs it")
+    measured = [name for name in LAGS if name in table.columns]
+    needed = [name for group in NEEDED[table.kind] for name in group if name in table.columns and name not in LAGS]
+    keep = np.all([np.isfinite(table.columns[name]) for name in needed], axis=0)
+    if table.kind == "lag":
+        keep &= np.any([np.isfinite(table.columns[name]) for name in measured], axis=0)
+    for name, (low, high) in RANGES.items():
+        values = table.columns.get(name)
+        if values is None:
+            continue
+        wrong = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
+        if len(wrong):
+            raise ValueError(f"{where}: row {wrong[0] + 1}, column {name}: {values[wrong[0]]:g}: "
+                             f"allowed {low:g} to {high:g}")
+    if not keep.any():
+        raise ValueError(f"{where}: no row has all of {', '.join(needed)}")
+    if keep.all():
+        return table
+    dropped = int((~keep).sum())
+    return BenchTable(table.kind, {name: values[keep] for name, values in table.columns.items()}, table.label_column,
+                      table.path, None if table.label is None else table.label[keep],
+                      (*table.findings, f"{where}: {dropped} rows lack a needed number and are left out"))

@@ -1,0 +1,121 @@
+"""Lag test to lag model: a straight line over shaft speed, with its range (lag paper eq 6)."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from control.machine.fall import drop_s
+from control.machine.machine import Machine
+
+from .adopt import record, retitled, with_records
+from .bench_table import Array, BenchTable, usable
+from .least_squares import Interval, fitted
+from .response import response_s
+
+_SLACK_RPM = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class LagFit:
+    """lag_s = intercept_s + slope_s_per_rpm n, n in r/min, from `from_rpm` to `to_rpm` and nowhere else.
+
+    `measured`: the column fitted (lag_s, drop_s, or lag_m over the written speed). `residuals_s`: (n,) of the rows used.
+    """
+
+    measured: str
+    intercept_s: Interval
+    slope_s_per_rpm: Interval
+    from_rpm: float
+    to_rpm: float
+    rows_used: int
+    residual_sd_s: float
+    correlation: float
+    residuals_s: Array
+    notes: tuple[str, ...]
+
+    def lag_s(self, shaft_rpm: float) -> float:
+        """Lag on the line, s. Raises ValueError outside the fitted range: the line is not extrapolated."""
+        if not self.from_rpm - _SLACK_RPM <= shaft_rpm <= self.to_rpm + _SLACK_RPM:
+            raise ValueError(f"shaft speed {shaft_rpm:g} r/min: the lag line holds from {self.from_rpm:g} to "
+                             f"{self.to_rpm:g} r/min")
+        return self.intercept_s.value + self.slope_s_per_rpm.value * shaft_rpm
+
+
+def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, from_rpm: float | None = None,
+            to_rpm: float | None = None, date: str = "") -> tuple[Machine, LagFit]:
+    """Fits the lag line and puts its drop time into a copy of the machine (lag paper eq 6).
+
+    `label`: rows of that value of the table's label column only (needed where it has one). `from_rpm`, `to_rpm`: range
+    of shaft speeds to use; default the machine's own range of validity. Rows beyond it are compared with the line and
+    that is noted, they do not bend it. The response in force in the machine is taken off a whole lag.
+
+    Raises ValueError with one line where the table cannot give a line.
+    """
+    table = usable(table)
+    if table.kind != "lag":
+        raise ValueError(f"{table.path}: a {table.kind} table: a lag fit needs a lag table")
+    chosen = _rows_of(table, label)
+    measured, whole, lags = _measured(table)
+    speeds = table.columns["shaft_rpm"]
+    low = machine.fall.valid_from_rpm if from_rpm is None else from_rpm
+    high = machine.fall.valid_to_rpm if to_rpm is None else to_rpm
+    chosen &= np.isfinite(lags)
+    used = chosen & (speeds >= low - _SLACK_RPM) & (speeds <= high + _SLACK_RPM)
+    if len(np.unique(speeds[used])) < 3:
+        raise ValueError(f"{table.path}: column shaft_rpm: {len(np.unique(speeds[used]))} different shaft speeds from "
+                         f"{low:g} to {high:g} r/min: at least 3 are needed")
+    n, y = speeds[used], lags[used]
+    fit = fitted(np.column_stack([np.ones(len(n)), n]), y, np.ones(len(n)))
+    response = float(np.mean([response_s(machine, rpm) for rpm in n])) if whole else 0.0
+    first, last = float(n.min()), float(n.max())
+    line = LagFit(measured, fit.interval(0), fit.interval(1), first, last, len(n),
+                  float(np.sqrt(np.sum(fit.residuals ** 2) / fit.dof)), float(np.corrcoef(n, y)[0, 1]), fit.residuals,
+                  (f"the line holds from {first:g} to {last:g} r/min", *_beyond(fit.coefficients, speeds, lags,
+                                                                               chosen & ~used, response, machine)))
+    return _calibrated(machine, line, response, table, date), line
+
+
+def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:  # type: ignore[type-arg]
+    if table.label is None:
+        return np.ones(table.rows, bool)
+    values = sorted(set(table.label.tolist()))
+    if label is None:
+        raise ValueError(f"{table.path}: column {table.label_column}: say which rows to fit: {', '.join(values)}")
+    if label not in values:
+        raise ValueError(f"{table.path}: column {table.label_column}: no rows {label!r}: allowed {', '.join(values)}")
+    return np.asarray(table.label == label)
+
+
+def _measured(table: BenchTable) -> tuple[str, bool, Array]:
+    """Column, whether it holds the response too, lags in s."""
+    for name in ("lag_s", "drop_s"):
+        if name in table.columns:
+            return name, name == "lag_s", table.columns[name]
+    speed = table.speed_mps()
+    if "lag_m" in table.columns and speed is not None:
+        return "lag_m", True, table.columns["lag_m"] / speed
+    raise ValueError(f"{table.path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m")
+
+
+def _beyond(line: Array, speeds: Array, lags: Array, rest: np.ndarray, response: float,  # type: ignore[type-arg]
+            machine: Machine) -> tuple[str, ...]:
+    notes = []
+    for rpm in np.unique(speeds[rest]):
+        off = float(np.mean(lags[rest & (speeds == rpm)]) - line[0] - line[1] * rpm)
+        notes.append(f"at {rpm:g} r/min, outside the range, the mean lag is {off:+.3f} s off the line (it was not used); "
+                     f"the machine file before says {drop_s(machine.fall, float(rpm)) + response:.3f} s")
+    return tuple(notes)
+
+
+def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTable, date: str) -> Machine:
+    drop = Interval(*(value - response for value in line.intercept_s))
+    valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
+    fall = machine.fall._replace(intercept_s=drop.value, slope_s_per_rpm=line.slope_s_per_rpm.value, offset_s=0.0,
+                                 valid_from_rpm=line.from_rpm, valid_to_rpm=line.to_rpm, rebound_s=0.0)
+    records = (record("fall.intercept_s", drop, "s", table, date, valid),
+               record("fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table, date, valid))
+    checked = Machine.model_validate({**dict(machine), "fall": fall})
+    return checked.model_copy(update={
+        "adopted": with_records(machine, records, ("lag.offset", "lag.rebound")),
+        "title": retitled(machine, "lag", table, date)})
