@@ -1,7 +1,7 @@
 """The examination: cases with something hidden in them, or nothing, and the truth about each for the scorer alone."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,13 +36,22 @@ _LOOKALIKES = (
 )
 
 
+Columns = dict[str, npt.NDArray[Any]]
+Share = Callable[[Sequence[dict[str, Any]]], float | None]
+Made = tuple[str, Columns, dict[str, Any], Share]
+
+
 class Case(NamedTuple):
-    """`columns`: what the diagnosis gets. `truth`: what only the scorer may know (plain words and numbers)."""
+    """`columns`: what the diagnosis gets. `truth`: what only the scorer may know (plain words and numbers).
+
+    `gain_share`: given an answer's causes, the share of the error removable by the truth that they remove (1 = all).
+    """
 
     name: str
     kind: str                     # run, lag, catch, weigh, heads, place
-    columns: dict[str, npt.NDArray[Any]]
+    columns: Columns
     truth: dict[str, Any]
+    gain_share: Share
 
 
 def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,
@@ -72,15 +81,15 @@ def one(number: int, seed: int, programmes: str = "all", categories: tuple[str, 
         split = programmes if programmes != "all" else SPLITS[number % 2]
         made = _make(category, split, rng, kinds, ids, number)
         if made is not None:
-            kind, columns, truth = made
+            kind, columns, truth, share = made
             name = f"case-{seed}-{number:05d}"
             return Case(name, kind, columns, {"case": name, "number": number, "seed": seed, "category": category,
-                                              "split": split, "data_kind": kind, **truth})
+                                              "split": split, "data_kind": kind, **truth}, share)
     raise ValueError(f"case {number}: nothing fits categories {categories}, kinds {kinds}, ids {ids}")
 
 
 def _make(category: str, split: str, rng: np.random.Generator, kinds: tuple[str, ...], ids: tuple[str, ...],
-          number: int) -> tuple[str, dict[str, npt.NDArray[Any]], dict[str, Any]] | None:
+          number: int) -> Made | None:
     on_table = {"none": 0.25, "pair": 0.2, "outside": 0.0}.get(category, 0.3)
     wanted: tuple[str, ...] = ()
     group: Any = None
@@ -174,7 +183,7 @@ def _fits(name: str, p: Programme) -> bool:
 
 
 def _run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.Generator,
-              group: Any) -> tuple[str, dict[str, npt.NDArray[Any]], dict[str, Any]] | None:
+              group: Any) -> Made | None:
     pool = [p for p in chosen(split) if all(_fits(w, p) for w in wanted) and (group is None or group[2](p))]
     if not pool:
         return None
@@ -209,7 +218,7 @@ def _run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random
     truth = {"programme": p.name, "noise": noise, "rows": int(d.time_s.size), "outside": outside,
              "causes": [_cause(e, z, r, span) for (e, z), r in zip(found, relations, strict=True)],
              "traits": [e._asdict() for e in traits], "physics": physics._asdict()}
-    return "run", columns, truth
+    return "run", columns, truth, _share_of(planted, eye.trace, eye.inner)
 
 
 def _cause(e: Effect, z: float, r: dict[str, Any], span: dict[str, float]) -> dict[str, Any]:
@@ -296,10 +305,32 @@ def _outside(eye: Eye, rng: np.random.Generator, plant: Plant) -> tuple[dict[str
             "likest_catalogued": round(float(likest), 3)}, e
 
 
+def _share_of(planted: tuple[Effect, ...], trace: Callable[[Sequence[Effect]], Floats],
+              inner: Callable[[Floats, Floats], float]) -> Share:
+    """Takes the named causes, as sized, off the data again: 1 - left / removable, in whitened squares."""
+
+    def share(causes: Sequence[dict[str, Any]]) -> float | None:
+        if not planted:
+            return None
+        named = []
+        for c in causes:
+            if c["id"] not in IDS or c["size"]["value"] is None:
+                return None
+            like = next((e for e in planted if e.id == c["id"]), Effect(c["id"], 0.0))
+            onset = c["onset_s"] if c["onset_s"] is not None else c["size"]["value"] \
+                if c["id"] in ("shaft.stall", "gate.stuck") else like.onset_s
+            named.append(like._replace(size=float(c["size"]["value"]), onset_s=onset, member=c["member"] or like.member))
+        there = trace(planted)
+        left = there - trace(named)
+        return 1.0 - inner(left, left) / inner(there, there)
+
+    return share
+
+
 # -- tables ----------------------------------------------------------------------------------------------------------
 
 def _table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
-                rng: np.random.Generator) -> tuple[str, dict[str, npt.NDArray[Any]], dict[str, Any]] | None:
+                rng: np.random.Generator) -> Made | None:
     pool = [lay for lay in tables.LAYOUTS if lay.split in (split, "all") and lay.kind == kind and
             all(w in tables.shown(lay) for w in wanted)]
     if category == "lookalike" and kind == "place":
@@ -353,7 +384,8 @@ def _table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
         return None
     columns = table.observed(planted, noise, rng)
     return kind, columns, {"programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "outside": None,
-                           "causes": causes, "traits": [], "physics": {}}
+                           "causes": causes, "traits": [], "physics": {}}, \
+        _share_of(tuple(planted), table.trace, lambda a, b: float(a @ b))
 
 
 def _cosine(a: Floats, b: Floats) -> float:

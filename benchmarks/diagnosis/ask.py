@@ -1,0 +1,36 @@
+"""Puts one case to the diagnosis, as the command line would, and returns its published JSON."""
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from control.machine.machine import Machine
+
+
+def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> dict[str, Any]:
+    """`kind`: run, lag, catch, weigh, heads, place. Raises whatever the diagnosis raises."""
+    if kind == "run":
+        from control.diagnosis.run import diagnose_run
+
+        found = diagnose_run(columns, machine, path=f"{name}.csv", seed=seed)
+    else:
+        from control.diagnosis.tables import Table, diagnose_tables
+
+        numbers = {k: v for k, v in columns.items() if v.dtype != object}
+        labels = [v for v in columns.values() if v.dtype == object]
+        table = Table(kind=kind, columns=numbers, label=labels[0] if labels else None, path=f"{name}.csv")
+        found = diagnose_tables([table], machine, seed=seed)
+    answer: dict[str, Any] = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    return answer
+
+
+def missing(kind: str = "run") -> str:
+    """Why the diagnosis of runs or tables cannot be asked yet; empty when it can."""
+    try:
+        if kind == "run":
+            import control.diagnosis.run  # noqa: F401
+        else:
+            import control.diagnosis.tables  # noqa: F401
+    except ImportError as error:
+        return str(error)
+    return ""

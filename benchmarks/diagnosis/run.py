@@ -1,0 +1,125 @@
+"""The benchmark of the diagnosis: hidden effects, found or not, counted into one table.
+
+    python benchmarks/diagnosis/run.py --cases 1000 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
+
+Cases done are kept (one line each below --keep) and not done again, as long as the program's code is the same;
+`--minutes` bounds the time, and the next call goes on from there.
+"""
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import sys
+import time
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
+
+CATEGORIES = ("none", "single", "pair", "lookalike", "outside")
+
+
+def code_hash() -> str:
+    """Of everything that decides an answer or a case: answers of other code are not mixed in."""
+    digest = hashlib.sha256()
+    for folder in ("control/diagnosis", "control/machine", "tests/diagnosis/hidden"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def done_in(path: Path) -> dict[int, dict[str, Any]]:
+    """Case number -> what was kept. A last line cut off by an interruption is left out."""
+    kept: dict[int, dict[str, Any]] = {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                one = json.loads(line)
+            except json.JSONDecodeError:
+                continue
+            kept[one["number"]] = one
+    return kept
+
+
+def examine(task: tuple[int, int, str, tuple[str, ...], tuple[str, ...]]) -> dict[str, Any]:
+    """Makes one case, asks the diagnosis, returns truth, answer and seconds."""
+    number, seed, programmes, categories, kinds = task
+    import ask
+    from hidden.cases import one
+
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+
+    case = one(number, seed, programmes, categories, kinds)
+    machine = load("huanghai", MACHINE).model
+    began, answer, trouble, share = time.perf_counter(), None, None, None
+    try:
+        answer = ask.diagnosis(case.kind, case.columns, machine, case.name, seed)
+    except Exception:
+        trouble = traceback.format_exc(limit=-4)
+    seconds = time.perf_counter() - began
+    if answer is not None and answer["causes"]:
+        share = case.gain_share(answer["causes"])
+    return {"number": number, "truth": case.truth, "answer": answer, "seconds": seconds, "gain_share": share,
+            "trouble": trouble}
+
+
+def _results(tasks: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
+    if jobs <= 1:
+        yield from map(examine, tasks)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from pool.imap_unordered(examine, tasks)
+
+
+def main() -> None:
+    a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    a.add_argument("--cases", type=int, default=1000)
+    a.add_argument("--seed", type=int, default=1)
+    a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="all")
+    a.add_argument("--category", action="append", choices=CATEGORIES)
+    a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
+    a.add_argument("--jobs", type=int, default=2)
+    a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done is kept and reported")
+    a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "diagnosis")
+    a.add_argument("--out", type=Path, help="Markdown table; else to the screen")
+    args = a.parse_args()
+    from hidden.score import mark, report
+
+    categories, kinds = tuple(args.category or CATEGORIES), tuple(args.kind or ())
+    words = "-".join((str(args.seed), args.programmes, *sorted(set(CATEGORIES) - set(categories)), *kinds, code_hash()))
+    args.keep.mkdir(parents=True, exist_ok=True)
+    path = args.keep / f"{words}.jsonl"
+    kept = done_in(path)
+    tasks = [(k, args.seed, args.programmes, categories, kinds) for k in range(args.cases) if k not in kept]
+    began = time.monotonic()
+    with path.open("a", encoding="utf-8", newline="\n") as out:
+        for one in _results(tasks, args.jobs):
+            kept[one["number"]] = one
+            out.write(json.dumps(one) + "\n")
+            out.flush()
+            if one["trouble"]:
+                print(f"\ncase {one['number']}:\n{one['trouble']}", file=sys.stderr)
+            spent = time.monotonic() - began
+            left = spent / max(1, len(kept) - (args.cases - len(tasks))) * (args.cases - len(kept))
+            print(f"\r{len(kept)}/{args.cases}, {left / 60:.0f} min left ", end="", file=sys.stderr, flush=True)
+            if spent > 60.0 * args.minutes:
+                break
+    marks = [mark(o["truth"], o["answer"], o["seconds"], o["gain_share"]) for o in kept.values()]
+    spent = time.monotonic() - began
+    text = report(marks, f"Diagnosis of hidden effects, seed {args.seed}, programmes: {args.programmes}") + \
+        f"\nCode {code_hash()}; {len(tasks)} cases asked for in this call, {spent / 60:.1f} min with {args.jobs} jobs.\n"
+    if args.out is None:
+        print(text)
+    else:
+        args.out.write_text(text, encoding="utf-8", newline="\n")
+        print(f"\n{args.out}: {len(marks)} cases", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
