@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,30 +49,104 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
     if len(rows.mass_per_rev) < 2:
         raise ValueError(f"{table.path}: {len(rows.mass_per_rev)} rows with flow: at least 2 are needed")
     notes = [] if keep.all() else [f"{int((~keep).sum())} rows without flow or opening are left out"]
-    terms = _terms(rows, notes)
     try:
-        fit = _solved(rows, terms)
+        terms, fit, said = _chosen(rows)
     except ValueError as error:
         raise ValueError(f"{table.path}: {error}") from None
-    expected = rows.mass_per_rev - fit.residuals
-    flow = _result(table, rows, terms, fit, 100.0 * fit.residuals / expected, tuple(notes))
+    notes += said
+    percent = 100.0 * fit.residuals / (rows.mass_per_rev - fit.residuals)
+    flow = FlowFit(fit.interval(0), _of(terms, fit, "zero_offset"), _of(terms, fit, "fill_falloff", 100.0),
+                   (float(rows.shaft_rpm.min()), float(rows.shaft_rpm.max())),
+                   (float(rows.opening_mm.min()), float(rows.opening_mm.max())), len(percent),
+                   float(np.sqrt(np.sum(percent ** 2) / fit.dof)), percent, tuple(notes))
     return _calibrated(machine, flow, table, date), flow
 
 
-class _Rows(tuple[Array, Array, Array]):
-    """Mass per revolution of all outlets (g), opening, shaft speed, each (n,)."""
+class _Rows(NamedTuple):
+    mass_per_rev: Array         # of all outlets, g, (n,)
+    opening_mm: Array
+    shaft_rpm: Array
 
-    def __new__(cls, mass_per_rev: Array, opening_mm: Array, shaft_rpm: Array) -> _Rows:
-        return super().__new__(cls, (mass_per_rev, opening_mm, shaft_rpm))
 
-    @property
-    def mass_per_rev(self) -> Array:
-        return self[0]
+def _rows(table: BenchTable, machine: Machine) -> _Rows:
+    columns = table.columns
+    grams = 1000.0 * columns["mass_kg"] / np.maximum(columns["shaft_rpm"] / 60.0 * columns["duration_s"], 1e-9)
+    if "outlet" in columns:
+        grams = grams * machine.geometry.outlets
+    return _Rows(np.where(columns["shaft_rpm"] > 0.0, grams, 0.0), columns["opening_mm"], columns["shaft_rpm"])
 
-    @property
-    def opening_mm(self) -> Array:
-        return self[1]
 
-    @property
-    def shaft_rpm(self) -> Array:
-        return self[2]
+def _fit(rows: _Rows, terms: tuple[str, ...]) -> Fit:
+    """Gauss-Newton on ln-like weights: the residuals' unit is the fitted mass, so that noise is a share of it.
+
+    Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at 100 r/min.
+    """
+    fast = (rows.shaft_rpm / 100.0) ** 3
+    slope, offset, falloff = float(np.median(rows.mass_per_rev / rows.opening_mm)), 0.0, 0.0
+    fit = None
+    for _ in range(20):
+        full = slope * rows.opening_mm + offset
+        fills = 1.0 - falloff * fast
+        columns = {"zero_offset": fills, "fill_falloff": -full * fast}
+        design = np.column_stack([rows.opening_mm * fills, *(columns[name] for name in terms)])
+        now = np.concatenate([[slope], [{"zero_offset": offset, "fill_falloff": falloff}[name] for name in terms]])
+        fit = fitted(design, rows.mass_per_rev - full * fills + design @ now, np.maximum(full * fills, 1e-6))
+        found = dict(zip(terms, fit.coefficients[1:].tolist(), strict=True))
+        moved = float(np.max(np.abs(fit.coefficients - now) / np.maximum(np.abs(now), 1e-3)))
+        slope = float(fit.coefficients[0])
+        offset, falloff = found.get("zero_offset", 0.0), found.get("fill_falloff", 0.0)
+        if moved < 1e-9:
+            break
+    assert fit is not None
+    return fit
+
+
+def _chosen(rows: _Rows) -> tuple[tuple[str, ...], Fit, list[str]]:
+    """The terms that this test shows, by significance, the weakest left out first."""
+    notes = []
+    terms: tuple[str, ...] = ()
+    if len(np.unique(rows.opening_mm)) > 1:
+        terms += ("zero_offset",)
+    else:
+        notes.append("one opening only: a zero offset cannot be told from the flow per mm")
+    if len(np.unique(rows.shaft_rpm)) > 1:
+        terms += ("fill_falloff",)
+    else:
+        notes.append("one shaft speed only: a fall-off cannot be shown")
+    while len(terms) and len(rows.mass_per_rev) <= len(terms) + 1:
+        notes.append(f"too few rows for the {terms[-1].replace('_', ' ')}")
+        terms = terms[:-1]
+    fit = _fit(rows, terms)
+    while terms:
+        worst = int(np.argmax(fit.p_values[1:]))
+        if fit.p_values[1 + worst] < LEVEL:
+            break
+        notes.append(f"no {terms[worst].replace('_', ' ')} shown (p {fit.p_values[1 + worst]:.2g})")
+        terms = tuple(name for k, name in enumerate(terms) if k != worst)
+        fit = _fit(rows, terms)
+    return terms, fit, notes
+
+
+def _of(terms: tuple[str, ...], fit: Fit, name: str, times: float = 1.0) -> Interval | None:
+    if name not in terms:
+        return None
+    found = fit.interval(1 + terms.index(name))
+    return Interval(found.value * times, found.low * times, found.high * times)
+
+
+def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -> Machine:
+    valid = {"shaft_rpm": flow.shaft_rpm, "opening_mm": flow.opening_mm}
+    records = [record("flow.grams_per_rev_mm", flow.grams_per_rev_mm, "g per revolution and mm", table, date, valid)]
+    if flow.zero_offset_g_rev is not None:
+        records.append(record("flow.zero_offset", flow.zero_offset_g_rev, "g per revolution", table, date, valid))
+    if flow.fill_falloff_percent is not None:
+        records.append(
+            record("flow.fill_falloff", flow.fill_falloff_percent, "% lost at 100 r/min", table, date, valid))
+    stage = machine.flow._replace(
+        grams_per_rev_mm=flow.grams_per_rev_mm.value, gain_percent=0.0,
+        zero_offset_g_rev=flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0,
+        fill_falloff_percent=flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0)
+    checked = Machine.model_validate({**dict(machine), "flow": stage})
+    return checked.model_copy(update={
+        "adopted": with_records(machine, tuple(records), ("flow.gain", "flow.zero_offset", "flow.fill_falloff")),
+        "title": retitled(machine, "flow", table, date)})

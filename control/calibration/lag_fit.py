@@ -20,7 +20,7 @@ _SLACK_RPM = 1e-6
 class LagFit:
     """lag_s = intercept_s + slope_s_per_rpm n, n in r/min, from `from_rpm` to `to_rpm` and nowhere else.
 
-    `measured`: the column fitted (lag_s, drop_s, or lag_m over the written speed). `residuals_s`: (n,) of the rows used.
+    `measured`: the column fitted (lag_s, drop_s, or lag_m over the written speed). `residuals_s`: (n,), rows used.
     """
 
     measured: str
@@ -76,7 +76,7 @@ def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, fr
     return _calibrated(machine, line, response, table, date), line
 
 
-def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:  # type: ignore[type-arg]
+def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
     if table.label is None:
         return np.ones(table.rows, bool)
     values = sorted(set(table.label.tolist()))
@@ -98,12 +98,12 @@ def _measured(table: BenchTable) -> tuple[str, bool, Array]:
     raise ValueError(f"{table.path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m")
 
 
-def _beyond(line: Array, speeds: Array, lags: Array, rest: np.ndarray, response: float,  # type: ignore[type-arg]
+def _beyond(line: Array, speeds: Array, lags: Array, rest: np.ndarray, response: float,
             machine: Machine) -> tuple[str, ...]:
     notes = []
     for rpm in np.unique(speeds[rest]):
         off = float(np.mean(lags[rest & (speeds == rpm)]) - line[0] - line[1] * rpm)
-        notes.append(f"at {rpm:g} r/min, outside the range, the mean lag is {off:+.3f} s off the line (it was not used); "
+        notes.append(f"at {rpm:g} r/min, outside the range and not used, the mean lag is {off:+.3f} s off the line; "
                      f"the machine file before says {drop_s(machine.fall, float(rpm)) + response:.3f} s")
     return tuple(notes)
 

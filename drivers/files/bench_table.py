@@ -1,0 +1,63 @@
+"""Bench tables (CSV): lag, catch, weigh, heads, place. The kind is read off the columns."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from control.calibration.bench_table import KINDS, KNOWN, BenchTable, missing, recognise, usable
+from drivers.files.table import TableError, read_table
+
+__all__ = ["BenchTable", "read_bench_table"]
+
+_NAMES = ("plot", "id", "name", "date", "remark", "note")       # texts that identify a row; nothing is compared by them
+_MOST_LABELS = 6
+_HARMLESS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
+
+
+def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
+    """Reads a bench table.
+
+    `kind`: one of lag, catch, weigh, heads, place where the columns leave it open. The label column is the first text
+    column with at least two and at most six values. Raises TableError with one line: file, column or row, value, what
+    is allowed.
+    """
+    path = Path(path)
+    if kind is not None and kind not in KINDS:
+        raise TableError(f"{path}: kind {kind!r}: allowed {', '.join(KINDS)}")
+    raw = read_table(path, numbers=KNOWN)
+    if raw.rows == 0:
+        raise TableError(f"{path}: no rows below the header")
+    kind = kind or _kind(path, raw.names)
+    columns = {name: values for name, values in raw.columns.items() if values.dtype != object}
+    label_column = _label_column(raw.columns)
+    label = np.array([str(text) for text in raw.columns[label_column]]) if label_column else None
+    for name, values in columns.items():
+        if name in KNOWN and not np.isfinite(values).any():
+            raise TableError(f"{path}: column {name}: holds no number")
+    said = tuple(f"{path}: {finding}" for finding in raw.findings if finding.id not in _HARMLESS)
+    table = BenchTable(kind, columns, label_column, str(path), label, said)
+    try:
+        return usable(table)
+    except ValueError as error:
+        raise TableError(str(error)) from None
+
+
+def _kind(path: Path, names: tuple[str, ...]) -> str:
+    found = recognise(names)
+    if found is not None:
+        return found
+    nearest = max(KINDS, key=lambda k: missing(k, names) is None)
+    if missing(nearest, names) is None:
+        raise TableError(f"{path}: the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}")
+    lacks = "; ".join(f"{k} lacks {' or '.join(missing(k, names) or ())}" for k in KINDS)
+    raise TableError(f"{path}: no known kind of bench table: {lacks}")
+
+
+def _label_column(columns: dict[str, np.ndarray]) -> str:
+    for name, values in columns.items():
+        if values.dtype == object and name not in _NAMES:
+            kinds = {str(text) for text in values}
+            if 2 <= len(kinds) <= _MOST_LABELS and len(kinds) < len(values):
+                return name
+    return ""
