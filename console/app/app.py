@@ -387,7 +387,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.notice(_("the control worker is connected"))
 
     def _do_palette(self) -> None:
-        self.push_screen(CommandPalette(id="--command-palette"))
+        self.push_screen(CommandPalette(placeholder=_("find an action"), id="--command-palette"))
 
     def _do_quit(self) -> None:
         frame = self.arrival.frame
