@@ -175,7 +175,8 @@ class ControlLoop:
             m, sensed, holding, rate, model_flow, applied, trim, metres_left, usable,
             console_age_s, log_ok, conditions))
         command = limited(self._setting.command(pair, conditions, self._drive_trim, self._command),
-                          self._drive_limits, verdict.flow_allowed)
+                          self._drive_limits, verdict.flow_allowed,
+                          None if self._command is None else self._command.opening_mm)
         enabled = verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
         if command.shaft_rpm > 0.0:         # with the shaft stopped the gate stays: nothing to trim, and no wind-up
             self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
