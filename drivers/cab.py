@@ -4,97 +4,35 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Self
-
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from typing import Protocol
 
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
-from drivers.devices.canopy_heads import PROTOCOLS, FieldMap, HeadDecoder
+from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
+from drivers.datagrams import Datagrams, open_datagrams, open_line
+from drivers.devices.agopengps import AgOpenGpsDecoder
+from drivers.devices.canopy_heads import HeadDecoder
 from drivers.devices.gnss import GnssDecoder
+from drivers.devices.gpsd import WATCH, GpsdDecoder
 from drivers.devices.lines import Counts
+from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.slave_board import BoardReadings, DriveLimits, SlaveBoard
 from drivers.devices.wheel import WheelGeometry
-from drivers.ports import Clock, Port, open_port
+from drivers.ports import Clock, Port
 
-MOST_HEADS = 12
+__all__ = ["BoardConfig", "Cab", "CabConfig", "DeviceStatus", "GnssConfig", "HeadsConfig", "RateModuleConfig"]
+
 RATE_OVER_S = 2.0           # a device silent for this long has rate 0
 
-Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 Opener = Callable[[str, int, Clock], Port]
+DatagramOpener = Callable[[str, Clock], Datagrams]
 
 
-class _Config(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class FixDecoder(Protocol):
+    """What every source of fixes has."""
 
+    counts: Counts
 
-class GnssConfig(_Config):
-    """A receiver that speaks NMEA 0183."""
-
-    port: str
-    baud: Baud = 115200
-
-
-class HeadLayout(_Config):
-    """Which field of a head's line means what; the first is 1, `index_2: 0` where there is none."""
-
-    fields: Annotated[int, Field(ge=1, le=40)]
-    ndvi: Annotated[int, Field(ge=1, le=40)]
-    index_2: Annotated[int, Field(ge=0, le=40)] = 0
-
-    @model_validator(mode="after")
-    def _inside_the_line(self) -> Self:
-        if max(self.ndvi, self.index_2) > self.fields:
-            raise ValueError(f"ndvi {self.ndvi} and index_2 {self.index_2} must be at most fields {self.fields}")
-        return self
-
-
-class HeadsConfig(_Config):
-    """The canopy heads: one port each, left to right, or all on one multiplexed line."""
-
-    protocol: str = "greenseeker"
-    ports: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_HEADS)]
-    baud: Baud | None = None                    # None: the protocol's own
-    multiplexed: bool = False
-    heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6      # how many, where multiplexed
-    layout: HeadLayout | None = None            # None: the protocol's own
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.protocol not in PROTOCOLS and self.layout is None:
-            raise ValueError(f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
-                             "or any name together with a layout")
-        if self.multiplexed and len(self.ports) != 1:
-            raise ValueError(f"ports: {len(self.ports)} given, a multiplexed line has 1")
-        return self
-
-    @property
-    def count(self) -> int:
-        return self.heads if self.multiplexed else len(self.ports)
-
-    @property
-    def field_map(self) -> FieldMap:
-        if self.layout is not None:
-            return FieldMap(self.layout.fields, self.layout.ndvi, self.layout.index_2)
-        return PROTOCOLS[self.protocol]
-
-
-class BoardConfig(_Config):
-    """The slave board, the limits of its drives and the wheel that it counts."""
-
-    port: str
-    baud: Baud = 115200
-    max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
-    max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
-    wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50
-    wheel_pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
-
-
-class CabConfig(_Config):
-    """Which devices a machine has and where they are plugged in; None: not fitted."""
-
-    gnss: GnssConfig | None = None
-    heads: HeadsConfig | None = None
-    board: BoardConfig | None = None
+    def feed(self, data: bytes, time_s: float) -> list[GnssFix]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,20 +83,21 @@ class Cab:
     `refused_commands` counts the set-points that were not finite: in their place a stop was sent.
     """
 
-    def __init__(self, config: CabConfig, clock: Clock, opener: Opener = open_port) -> None:
+    def __init__(self, config: CabConfig, clock: Clock, opener: Opener = open_line,
+                 datagram_opener: DatagramOpener = open_datagrams) -> None:
         self.refused_commands = 0
         self.board: BoardReadings | None = None      # the newest status line, flags included
         self._clock = clock
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
         self._readings: dict[str, Reading | None] = dict.fromkeys(BOARD_READINGS)
-        self._gnss: tuple[_Line, GnssDecoder] | None = None
+        self._work_switch: bool | None = None
+        self._work_switch_s = 0.0
+        self._switch_fitted = config.has_work_switch
+        self._gnss = _Gnss(config.gnss, clock, opener) if config.gnss else None
         self._heads: list[tuple[_Line, HeadDecoder]] = []
         self._drives: tuple[_Line, SlaveBoard] | None = None
-        if config.gnss is not None:
-            decoder = GnssDecoder()
-            port = opener(config.gnss.port, config.gnss.baud, clock)
-            self._gnss = _Line("gnss", "nmea0183", port, decoder.counts), decoder
+        self._module = _Module(config.rate_module, clock, datagram_opener) if config.rate_module else None
         if config.heads is not None:
             self._heads = [_open_heads(config.heads, place, clock, opener) for place in range(len(config.heads.ports))]
         if config.board is not None:
@@ -174,31 +113,32 @@ class Cab:
         Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick.
         """
         if self._gnss is not None:
-            self._read_gnss(*self._gnss, now_s)
+            self._fix = self._gnss.read(now_s) or self._fix
         for line, decoder in self._heads:
             self._read_head(line, decoder, now_s)
         if self._drives is not None:
             self._read_board(*self._drives, now_s)
+        if self._module is not None:
+            self._readings.update(self._module.read(now_s))
+            if self._module.work_switch is not None:
+                self._note_work_switch(*self._module.work_switch)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
-                            work_switch=self.board.work_switch if self.board else None)
+                            work_switch=self._switch(now_s))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Send the set-points of this tick, which are also the heartbeat; without a board nothing happens.
+        """Send the set-points of this tick, which are also the heartbeat; without a drive nothing happens.
 
-        Not enabled, or no command: a stop. Set-points are cut to the drives' limits.
+        Not enabled, or no command: a stop. Set-points are cut to the drives' limits. With a rate module the board gets
+        the gate's set-point only.
         """
-        if self._drives is None:
-            return
-        line, board = self._drives
         try:
-            data = board.command(command, enabled)
+            self._send(now_s, command, enabled)
         except ValueError:
             self.refused_commands += 1
-            data = board.command(None, False)
-        line.port.write(data)
+            self._send(now_s, None, False)
 
     def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
-        """Every device, in the order gnss, heads, board."""
+        """Every device, in the order gnss, heads, board, rate module."""
         return tuple(line.status(now_s) for line in self._lines())
 
     def close(self) -> None:
@@ -207,20 +147,37 @@ class Cab:
         for line in self._lines():
             line.port.close()
 
+    def _send(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+        """Both drives' bytes are made before any is sent: a number that one refuses reaches neither."""
+        datagrams: list[bytes] = []
+        if self._module is not None:
+            datagrams = self._module.driver.command(None if command is None else command.shaft_rpm, enabled, now_s)
+            command = None if command is None else command._replace(shaft_rpm=0.0)
+        if self._drives is not None:
+            line, board = self._drives
+            line.port.write(board.command(command, enabled))
+        for data in datagrams:
+            assert self._module is not None
+            self._module.line.port.write(data)
+
     def _lines(self) -> list[_Line]:
         lines = [line for line, _ in self._heads]
         if self._gnss is not None:
-            lines.insert(0, self._gnss[0])
+            lines.insert(0, self._gnss.line)
         if self._drives is not None:
             lines.append(self._drives[0])
+        if self._module is not None:
+            lines.append(self._module.line)
         return lines
 
-    def _read_gnss(self, line: _Line, decoder: GnssDecoder, now_s: float) -> None:
-        data = line.port.read()
-        fixes = decoder.feed(data, now_s) if data else []
-        if fixes:
-            self._fix = fixes[-1]
-            line.note(fix.time_s for fix in fixes)
+    def _switch(self, now_s: float) -> bool | None:
+        """The work switch as last heard; one that is fitted is forgotten when it falls silent."""
+        if self._switch_fitted and now_s - self._work_switch_s > SWITCH_SILENT_S:
+            return None
+        return self._work_switch
+
+    def _note_work_switch(self, down: bool | None, time_s: float) -> None:
+        self._work_switch, self._work_switch_s = down, time_s
 
     def _read_head(self, line: _Line, decoder: HeadDecoder, now_s: float) -> None:
         data = line.port.read()
@@ -234,14 +191,73 @@ class Cab:
         accepted = board.feed(data, now_s) if data else []
         for readings in accepted:
             self.board = readings
+            if readings.work_switch is not None:
+                self._note_work_switch(readings.work_switch, readings.time_s)
             for name in BOARD_READINGS:
                 value = getattr(readings, name)
-                if value is not None:
+                if value is not None and not (name == "shaft_rpm" and self._module is not None):
                     self._readings[name] = value
         line.note(readings.time_s for readings in accepted)
 
 
 BOARD_READINGS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
+SWITCH_SILENT_S = 0.5
+
+
+class _Gnss:
+    """The source of fixes on its line; gpsd is asked to speak at every connect."""
+
+    def __init__(self, config: GnssConfig, clock: Clock, opener: Opener) -> None:
+        makers: dict[str, Callable[[], FixDecoder]] = {
+            "nmea0183": GnssDecoder, "gpsd": GpsdDecoder, "agopengps": AgOpenGpsDecoder}
+        self._decoder = makers[config.protocol]()
+        self.line = _Line("gnss", config.protocol, opener(config.port, config.baud, clock), self._decoder.counts)
+        self._hello = WATCH if config.protocol == "gpsd" else b""
+        self._greeted = 0
+
+    def read(self, now_s: float) -> GnssFix | None:
+        """The newest fix that has arrived."""
+        port = self.line.port
+        if self._hello:
+            state = port.state()
+            if state.connected and state.connects != self._greeted:
+                self._greeted = state.connects
+                port.write(self._hello)
+        data = port.read()
+        fixes = self._decoder.feed(data, now_s) if data else []
+        self.line.note(fix.time_s for fix in fixes)
+        return fixes[-1] if fixes else None
+
+
+class _Module:
+    """A rate module on its datagram line. A gate set by hand is as fresh as the module's own news."""
+
+    def __init__(self, config: RateModuleConfig, clock: Clock, opener: DatagramOpener) -> None:
+        self.driver = RateModule(ModuleAddress(config.module, config.sensor), config.pulses_per_turn,
+                                 config.max_shaft_rpm, config.drive)
+        self.port = opener(config.url, clock)
+        self.line = _Line("rate_module", f"rate-module/udp (stops by itself after {MODULE_STOPS_S:g} s)", self.port,
+                          self.driver.counts)
+        self._fixed_opening_mm = config.fixed_opening_mm
+        self._has_switch = config.work_switch
+
+    @property
+    def work_switch(self) -> tuple[bool, float] | None:
+        """As last heard, and when."""
+        board, heard_s = self.driver.board, self.driver.board_s
+        return (board.work_switch, heard_s) if self._has_switch and board is not None and heard_s is not None else None
+
+    def read(self, now_s: float) -> dict[str, Reading | None]:
+        """The readings that are new."""
+        found: dict[str, Reading | None] = {}
+        accepted = self.driver.feed(self.port.read_each(), now_s)
+        for readings in accepted:
+            if readings.shaft_rpm is not None:
+                found["shaft_rpm"] = readings.shaft_rpm
+                if self._fixed_opening_mm is not None:
+                    found["opening_mm"] = Reading(self._fixed_opening_mm, readings.time_s)
+        self.line.note(readings.time_s for readings in accepted)
+        return found
 
 
 def _open_heads(config: HeadsConfig, place: int, clock: Clock, opener: Opener) -> tuple[_Line, HeadDecoder]:

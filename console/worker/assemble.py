@@ -4,7 +4,6 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 import platformdirs
 from pydantic import BaseModel
@@ -17,24 +16,14 @@ from control.machine.machine import Machine
 from control.machine.planting import parse_planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import BoardConfig, Cab, CabConfig
-from drivers.files.config import ConfigError, Kind, Kinds, Loaded, load_any
-from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
+from drivers.files.config import ConfigError, Loaded, load_any
+from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import load_setup
 from drivers.virtual.machine import virtual_cab
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
-
-
-class CabFile(CabConfig):
-    """A cab's devices as a file of their own."""
-
-    format: Literal["topdress-cab/1"] = "topdress-cab/1"
-
-
-CAB = Kind("topdress-cab/1", "cabs", CabFile)
-WITH_CAB: Kinds = {**KINDS, CAB.format: CAB}
 
 
 def assemble(options: Options, clock: Clock) -> Assembly:
@@ -55,17 +44,20 @@ def assemble(options: Options, clock: Clock) -> Assembly:
                          f"and {cab.path} names a real one")
     machine, sha256 = setup.machine, dict(setup.sha256)
     bench: Bench
+    has_work_switch = False
     if cab is None:
-        job = with_simulated_field(setup.job, machine)
+        job, simulated = with_simulated_field(setup.job, machine), True
         bench = _simulated(options, machine, job, clock)
     else:
-        assert isinstance(cab.model, CabFile)
-        job = setup.job
-        bench = Cab(cab.model, clock)
+        assert isinstance(cab.model, CabConfig)
+        devices, simulated, has_work_switch = cab.model, cab.model.virtual, cab.model.has_work_switch
+        job = with_simulated_field(setup.job, machine) if simulated else setup.job
+        if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
+            machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
+        bench = Cab(devices, clock)
         sha256[str(cab.path)] = cab.sha256
-    loop = control_loop(machine, setup.crop, setup.rule, job)
-    simulated = cab is None
-    meta = run_meta(machine, setup.crop, job, seed=options.seed if simulated else None, sha256=sha256,
+    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch)
+    meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
                     started_utc=_utc_now().isoformat(timespec="milliseconds"),
                     extra={"effects": list(options.effects)} if options.effects else None)
     writer = RunLogWriter(_log_path(options.log), meta)
@@ -74,11 +66,19 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     return Assembly(bench, loop, writer, names)
 
 
+def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
+    """The machine whose gate is set by hand: no strategy can move it, all of them meter by the shaft."""
+    limits = machine.limits.model_copy(update={
+        "opening_low_mm": opening_mm, "opening_high_mm": opening_mm + machine.limits.opening_resolution_mm / 100.0})
+    set_points = machine.set_points.model_copy(update={"opening_mm": opening_mm})
+    return machine.model_copy(update={"limits": limits, "set_points": set_points})
+
+
 def _by_kind(files: Sequence[str]) -> dict[str, Loaded[BaseModel]]:
     """The files given, by their format. Raises ConfigError."""
     found: dict[str, Loaded[BaseModel]] = {}
     for file in files:
-        kind, loaded = load_any(file, WITH_CAB)
+        kind, loaded = load_any(file, KINDS)
         if kind is CROP:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
         if kind.format in found:

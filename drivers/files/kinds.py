@@ -4,7 +4,7 @@ from __future__ import annotations
 from control.agronomy.crop import Crop
 from control.field.job import Job
 from control.machine.machine import Machine
-from drivers.cab import CabConfig
+from drivers.cab_config import CabConfig
 from drivers.files.config import Kind, Kinds
 
 MACHINE = Kind("topdress-machine/1", "machines", Machine)

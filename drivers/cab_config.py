@@ -1,0 +1,163 @@
+"""The cab file: which devices a machine has and where they are plugged in."""
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
+
+MOST_HEADS = 12
+MODULE_PORT, CONSOLE_PORT = 28888, 29999        # where rate modules listen, and where they answer
+MODULE_STOPS_S = 4.0                            # a rate module stops its own motor after this much silence
+
+Baud = Annotated[int, Field(ge=300, le=4_000_000)]
+UdpPort = Annotated[int, Field(ge=1, le=65535)]
+ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
+
+
+class _Config(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class GnssConfig(_Config):
+    """A receiver, or a program that passes on what its receiver says.
+
+    `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`: `udp://127.0.0.1:17777`, the
+    address at which this program listens.
+    """
+
+    protocol: Literal["nmea0183", "gpsd", "agopengps"] = "nmea0183"
+    port: str
+    baud: Baud = 115200
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if (self.protocol == "agopengps") != self.port.startswith("udp://"):
+            wanted = "udp://127.0.0.1:17777" if self.protocol == "agopengps" else "a serial port or socket://HOST:PORT"
+            raise ValueError(f"port {self.port}: allowed with {self.protocol} is {wanted}")
+        return self
+
+
+class HeadLayout(_Config):
+    """Which field of a head's line means what; the first is 1, `index_2: 0` where there is none."""
+
+    fields: Annotated[int, Field(ge=1, le=40)]
+    ndvi: Annotated[int, Field(ge=1, le=40)]
+    index_2: Annotated[int, Field(ge=0, le=40)] = 0
+
+    @model_validator(mode="after")
+    def _inside_the_line(self) -> Self:
+        if max(self.ndvi, self.index_2) > self.fields:
+            raise ValueError(f"ndvi {self.ndvi} and index_2 {self.index_2} must be at most fields {self.fields}")
+        return self
+
+
+class HeadsConfig(_Config):
+    """The canopy heads: one port each, left to right, or all on one multiplexed line."""
+
+    protocol: str = "greenseeker"
+    ports: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_HEADS)]
+    baud: Baud | None = None                    # None: the protocol's own
+    multiplexed: bool = False
+    heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6      # how many, where multiplexed
+    layout: HeadLayout | None = None            # None: the protocol's own
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.protocol not in PROTOCOLS and self.layout is None:
+            raise ValueError(f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
+                             "or any name together with a layout")
+        if self.multiplexed and len(self.ports) != 1:
+            raise ValueError(f"ports: {len(self.ports)} given, a multiplexed line has 1")
+        return self
+
+    @property
+    def count(self) -> int:
+        return self.heads if self.multiplexed else len(self.ports)
+
+    @property
+    def field_map(self) -> FieldMap:
+        if self.layout is not None:
+            return FieldMap(self.layout.fields, self.layout.ndvi, self.layout.index_2)
+        return PROTOCOLS[self.protocol]
+
+
+class BoardConfig(_Config):
+    """The slave board, the limits of its drives and the wheel that it counts."""
+
+    port: str
+    baud: Baud = 115200
+    max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
+    max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
+    wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50
+    wheel_pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
+    work_switch: bool = False                   # fitted: then silence about it means "up"
+
+
+class RateModuleConfig(_Config):
+    """A rate module on UDP as the metering drive. Its unit is one turn of the metering shaft: units a minute are r/min.
+
+    `address`: the module's own or the subnet's broadcast address; None: 192.168.1.(50 + module), the modules' default.
+    `fixed_opening_mm`: where the gate is set by hand, on a machine whose board does not move it.
+    """
+
+    address: str | None = None
+    port: UdpPort = MODULE_PORT
+    listen: str = "0.0.0.0"
+    listen_port: UdpPort = CONSOLE_PORT
+    module: Annotated[int, Field(ge=0, le=15)] = 0
+    sensor: Annotated[int, Field(ge=0, le=15)] = 0
+    pulses_per_turn: Annotated[float, Field(ge=1, le=16777)]
+    drive: ControlType = "motor"
+    max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
+    fixed_opening_mm: Annotated[float, Field(gt=0, le=100)] | None = None
+    work_switch: bool = False
+
+    @property
+    def url(self) -> str:
+        """Both ends: `udp://LISTEN:PORT?to=ADDRESS:PORT`."""
+        to = self.address or f"192.168.1.{50 + self.module}"
+        return f"udp://{self.listen}:{self.listen_port}?to={to}:{self.port}"
+
+
+class CabConfig(_Config):
+    """Which devices a machine has and where they are plugged in; None: not fitted.
+
+    `virtual`: at the other end of the ports is `topdress serve-machine` and no machine. The screens say so, and a job
+    without a boundary gets the field of its simulated passes.
+    """
+
+    format: Literal["topdress-cab/1"] = "topdress-cab/1"
+    title: str = ""
+    virtual: bool = False
+    gnss: GnssConfig | None = None
+    heads: HeadsConfig | None = None
+    board: BoardConfig | None = None
+    rate_module: RateModuleConfig | None = None
+
+    @model_validator(mode="after")
+    def _can_meter(self) -> Self:
+        module = self.rate_module
+        if module is not None and (self.board is None) == (module.fixed_opening_mm is None):
+            what = ("missing: a machine without a board has a gate set by hand, 0 to 100 mm" if self.board is None
+                    else "given, but the board moves the gate: leave one of them out")
+            raise ValueError(f"rate_module.fixed_opening_mm is {what}")
+        return self
+
+    @property
+    def has_work_switch(self) -> bool:
+        return any(part is not None and part.work_switch for part in (self.board, self.rate_module))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What an operator must know of these devices."""
+        found = []
+        if self.rate_module is not None:
+            found.append(f"rate_module: the module stops its motor by itself only after {MODULE_STOPS_S:g} s without "
+                         "the console (a slave board after 1 s): have the hard-wired stop within reach")
+        if self.board is None and self.rate_module is None:
+            found.append("no board and no rate_module: nothing can be spread")
+        if not self.has_work_switch:
+            found.append("no work switch is fitted: flow stops by speed, field edge and operator only")
+        return tuple(found)

@@ -1,0 +1,212 @@
+"""UDP: datagrams in and out, whole ones only. A bound UDP socket never makes the loop wait, so it needs no thread."""
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections import deque
+from typing import NamedTuple, Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from drivers.ports import TAIL_BYTES, Clock, Port, PortState, open_port
+
+LONGEST_DATAGRAM = 2048
+MOST_WAITING = 256              # datagrams taken at one read; more than that is a flood, left to the system to drop
+TRY_AGAIN_S = 1.0
+SILENT_S = 2.0                  # UDP has no plug: "connected" means heard this lately
+
+
+class Datagrams(Port, Protocol):
+    """A port that keeps datagrams apart. `read` gives them joined."""
+
+    def read_each(self) -> list[bytes]:
+        """The datagrams that arrived since the last call, oldest first."""
+        ...
+
+
+class UdpAddress(NamedTuple):
+    """Both ends of `udp://HOST:PORT[?to=HOST:PORT]`."""
+
+    host: str
+    number: int
+    to: tuple[str, int] | None = None
+
+
+def udp_address(url: str) -> UdpAddress:
+    """Where to listen and where to send; ValueError with one line where either cannot be read."""
+    try:
+        parts = urlsplit(url)
+        to = parse_qs(parts.query).get("to")
+        other = urlsplit(f"udp://{to[0]}") if to else None
+        if parts.scheme == "udp" and parts.hostname and parts.port is not None:
+            if other is None:
+                return UdpAddress(parts.hostname, parts.port)
+            if other.hostname and other.port:
+                return UdpAddress(parts.hostname, parts.port, (other.hostname, other.port))
+    except ValueError:
+        pass
+    raise ValueError(f"port {url}: allowed is udp://HOST:PORT or udp://HOST:PORT?to=HOST:PORT")
+
+
+class _Traffic:
+    """The counters of both directions."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._tail = b""
+        self._last_s: float | None = None
+        self._in = self.out = self.dropped_out = 0
+
+    def heard(self, data: bytes) -> None:
+        self._tail = (self._tail + data.hex(" ").encode() + b"\n")[-TAIL_BYTES:]
+        self._last_s = self._clock()
+        self._in += len(data)
+
+    def state(self, connects: int, last_error: str) -> PortState:
+        connected = self._last_s is not None and self._clock() - self._last_s < SILENT_S
+        return PortState(connected, connects, last_error, self._in, self.out, 0, self.dropped_out, self._last_s,
+                         self._tail)
+
+
+class UdpPort:
+    """A bound socket. Where it cannot be bound (another program has the port), it is tried again every second."""
+
+    def __init__(self, url: str, clock: Clock) -> None:
+        self._url = url
+        self._address = udp_address(url)
+        self._clock = clock
+        self._traffic = _Traffic(clock)
+        self._socket: socket.socket | None = None
+        self._connects = 0
+        self._last_error = ""
+        self._next_try_s = clock()
+        self._closed = False
+        self._bind()
+
+    @property
+    def name(self) -> str:
+        return self._url
+
+    @property
+    def number(self) -> int:
+        """The port number listened on (of use where 0 was asked for); 0 while not bound."""
+        return int(self._socket.getsockname()[1]) if self._socket else 0
+
+    def send_to(self, to: tuple[str, int]) -> None:
+        """Send there from now on."""
+        self._address = self._address._replace(to=to)
+
+    def read_each(self) -> list[bytes]:
+        self._bind()
+        found: list[bytes] = []
+        while self._socket is not None and len(found) < MOST_WAITING:
+            try:
+                data = self._socket.recv(LONGEST_DATAGRAM)
+            except BlockingIOError:
+                break
+            except OSError as error:        # Windows tells here that nobody listened to an earlier datagram
+                self._last_error = str(error)
+                break
+            self._traffic.heard(data)
+            found.append(data)
+        return found
+
+    def read(self) -> bytes:
+        return b"".join(self.read_each())
+
+    def write(self, data: bytes) -> None:
+        self._bind()
+        to = self._address.to
+        if self._socket is None or to is None:
+            self._traffic.dropped_out += 1
+            return
+        try:
+            self._socket.sendto(data, to)
+            self._traffic.out += len(data)
+        except OSError as error:
+            self._last_error = str(error)
+            self._traffic.dropped_out += 1
+
+    def state(self) -> PortState:
+        return self._traffic.state(self._connects, self._last_error)
+
+    def close(self) -> None:
+        self._closed = True
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _bind(self) -> None:
+        now_s = self._clock()
+        if self._socket is not None or self._closed or now_s < self._next_try_s:
+            return
+        self._next_try_s = now_s + TRY_AGAIN_S
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            made.setblocking(False)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            made.bind((self._address.host, self._address.number))
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                made.close()
+            self._last_error = str(error)
+            return
+        self._socket, self._connects, self._last_error = made, self._connects + 1, ""
+
+
+class MemoryDatagrams:
+    """One end of a datagram line in memory; see `datagram_pair`."""
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self._name = name
+        self._traffic = _Traffic(clock)
+        self._waiting: deque[bytes] = deque()
+        self._other: MemoryDatagrams | None = None
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    def join(self, other: MemoryDatagrams) -> None:
+        self._other, other._other = other, self
+
+    def read_each(self) -> list[bytes]:
+        found = list(self._waiting)
+        self._waiting.clear()
+        for data in found:
+            self._traffic.heard(data)
+        return found
+
+    def read(self) -> bytes:
+        return b"".join(self.read_each())
+
+    def write(self, data: bytes) -> None:
+        if self._other is None:
+            self._traffic.dropped_out += 1
+            return
+        self._traffic.out += len(data)
+        self._other._waiting.append(data)
+
+    def state(self) -> PortState:
+        return self._traffic.state(1, "")
+
+    def close(self) -> None:
+        if self._other is not None:
+            self._other._other = None
+            self._other = None
+
+
+def datagram_pair(name: str, clock: Clock) -> tuple[MemoryDatagrams, MemoryDatagrams]:
+    """Two ends of one datagram line."""
+    one, two = MemoryDatagrams(f"{name}:host", clock), MemoryDatagrams(f"{name}:device", clock)
+    one.join(two)
+    return one, two
+
+
+def open_datagrams(url: str, clock: Clock) -> Datagrams:
+    """A UDP port. Raises ValueError where the URL cannot be read."""
+    return UdpPort(url, clock)
+
+
+def open_line(url: str, baud: int, clock: Clock) -> Port:
+    """Any port of a cab file: what `open_port` opens, or `udp://`. Raises ValueError as they do."""
+    return UdpPort(url, clock) if url.startswith("udp://") else open_port(url, baud, clock)

@@ -1,0 +1,102 @@
+"""Position and speed from AgOpenGPS on the same computer: UDP frames on loopback, port 17777.
+
+    80 81 7F <id> <length> <length bytes> <sum of all bytes from the third on, modulo 256>
+
+0x64 carries position and heading, 0xFE speed. See docs/rate-module.md for where the facts come from.
+"""
+from __future__ import annotations
+
+import math
+import struct
+
+from control.readings import GnssFix
+from drivers.devices.lines import Counts
+from drivers.devices.nmea import FASTEST_MPS
+
+HEAD = b"\x80\x81\x7f"
+POSITION, DRIVE = 0x64, 0xFE
+LONGEST = 6 + 255
+FEWEST_BYTES = {POSITION: 24, DRIVE: 8}
+SPEED_HELD_S = 1.0          # a speed older than this is not given with a position
+_PLACE = struct.Struct("<ddd")      # longitude, latitude, heading
+
+
+class AgOpenGpsDecoder:
+    """Bytes of the loopback to fixes; each position is a fix, with the newest speed.
+
+    The frames tell no fix quality and no time: quality is 1, `utc` None. Counted as rejected: `bad_checksum`,
+    `wrong_length`, `impossible_value`, `garbage` (bytes that belong to no frame, once a run). Counted as ignored:
+    every other frame as `pgn_<id in hexadecimal>`.
+    """
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self._rest = b""
+        self._in_garbage = False
+        self._speed_mps: float | None = None
+        self._speed_s = -math.inf
+
+    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
+        """Fixes completed by `data`, which arrived at `time_s`; oldest first."""
+        fixes = []
+        self._rest += data
+        while (frame := self._next()) is not None:
+            found = self._take(frame[3], frame[5:-1], time_s)
+            if isinstance(found, GnssFix):
+                fixes.append(found)
+        return fixes
+
+    def flush(self, time_s: float) -> list[GnssFix]:
+        """At the end of a recording: a frame cut short is counted."""
+        if self._rest:
+            self.counts.reject("wrong_length")
+            self._rest = b""
+        return []
+
+    def _next(self) -> bytes | None:
+        """The next frame whose sum is right; None: more bytes are needed."""
+        while True:
+            start = self._rest.find(HEAD)
+            if start != 0 and self._rest:
+                keep = start if start > 0 else max(0, len(self._rest) - len(HEAD) + 1)
+                if keep and not self._in_garbage:
+                    self.counts.reject("garbage")
+                    self._in_garbage = True
+                self._rest = self._rest[keep:]
+            if start < 0 or len(self._rest) < 5 or len(self._rest) < 6 + self._rest[4]:
+                return None
+            frame = self._rest[:6 + self._rest[4]]
+            self._in_garbage = False
+            if sum(frame[2:-1]) & 0xFF == frame[-1]:
+                self._rest = self._rest[len(frame):]
+                return frame
+            self.counts.reject("bad_checksum")
+            self._rest = self._rest[len(HEAD):]
+            self._in_garbage = True         # what follows of that frame was counted with it
+
+    def _take(self, name: int, body: bytes, time_s: float) -> GnssFix | None:
+        if name not in FEWEST_BYTES:
+            self.counts.ignore(f"pgn_{name:02x}")
+            return None
+        if len(body) < FEWEST_BYTES[name]:
+            self.counts.reject("wrong_length")
+            return None
+        if name == DRIVE:
+            speed_mps = int.from_bytes(body[:2], "little") / 36.0       # tenths of km/h
+            if speed_mps > FASTEST_MPS:
+                self.counts.reject("impossible_value")
+                return None
+            self.counts.accept()
+            self._speed_mps, self._speed_s = speed_mps, time_s
+            return None
+        lon_deg, lat_deg, heading_deg = _PLACE.unpack_from(body)
+        fine = all(map(math.isfinite, (lon_deg, lat_deg, heading_deg))) and (
+            abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and -360.0 <= heading_deg <= 360.0
+            and (lat_deg, lon_deg) != (0.0, 0.0))
+        if not fine:
+            self.counts.reject("impossible_value")
+            return None
+        self.counts.accept()
+        fresh = time_s - self._speed_s <= SPEED_HELD_S
+        return GnssFix(time_s, lat_deg, lon_deg, 1, speed_mps=self._speed_mps if fresh else None,
+                       heading_deg=heading_deg % 360.0)

@@ -1,0 +1,145 @@
+"""gpsd: JSON objects, one a line, over TCP. TPV is a fix, SKY the satellites in it; VERSION greets."""
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Any
+
+from control.readings import GnssFix
+from drivers.devices.gnss import NEW_CLOCK_AFTER_S
+from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
+
+WATCH = b'?WATCH={"enable":true,"json":true};\n'
+QUALITY_OF_STATUS = {0: 1, 1: 1, 2: 2, 3: 4, 4: 5, 5: 6, 6: 6, 7: 1, 8: 8, 9: 3}    # gpsd's status in GGA's numbers
+_UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
+
+
+class GpsdDecoder:
+    """Bytes of a gpsd connection to fixes. Send `WATCH` after every connect.
+
+    Counted as rejected: `malformed` (no JSON object), `impossible_value`, `time_backwards`, `duplicate_epoch`,
+    `overlong`. Counted as ignored: every other class by its name, `no_fix`, `other_device` (gpsd may serve several
+    receivers; the first that has a fix stays).
+    """
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self._cutter = LineCutter(longest=16384)
+        self._overlong = 0
+        self._device: str | None = None
+        self._utc = ""
+        self._behind_since_s: float | None = None
+        self._satellites: int | None = None
+        self._hdop: float | None = None
+
+    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
+        """Fixes completed by `data`, which arrived at `time_s`; oldest first."""
+        fixes = self._read(self._cutter.feed(data), time_s)
+        if self._cutter.overlong != self._overlong:
+            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
+            self._overlong = self._cutter.overlong
+        return fixes
+
+    def flush(self, time_s: float) -> list[GnssFix]:
+        """At the end of a recording: the last line, where it has no line end."""
+        return self._read(self._cutter.flush(), time_s)
+
+    def _read(self, lines: list[bytes], time_s: float) -> list[GnssFix]:
+        fixes = []
+        for line in lines:
+            try:
+                said = json.loads(line)
+            except (ValueError, RecursionError):
+                said = None
+            found = self._take(said, time_s) if isinstance(said, dict) else "malformed"
+            if isinstance(found, GnssFix):
+                self.counts.accept()
+                fixes.append(found)
+            elif found.startswith("+"):
+                self.counts.accept()
+            elif found.startswith("-"):
+                self.counts.ignore(found[1:])
+            else:
+                self.counts.reject(found)
+        return fixes
+
+    def _take(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
+        """The fix; or `+` accepted without one; or `-kind` ignored; or the kind of what is wrong."""
+        name = said.get("class")
+        if not isinstance(name, str):
+            return "malformed"
+        if name not in ("TPV", "SKY"):
+            return "-" + (name if name.isalpha() and len(name) < 20 else "other")
+        if self._device is not None and said.get("device", self._device) != self._device:
+            return "-other_device"
+        try:
+            return self._fix(said, time_s) if name == "TPV" else self._sky(said)
+        except _WrongType:
+            return "malformed"
+        except _Impossible:
+            return "impossible_value"
+
+    def _sky(self, said: dict[str, Any]) -> str:
+        hdop, used = _number(said, "hdop", 0.0, LARGEST_HDOP), _number(said, "uSat", 0, 200)
+        if hdop is None and used is None:
+            return "-SKY"
+        self._hdop = hdop if hdop is not None else self._hdop
+        self._satellites = int(used) if used is not None else self._satellites
+        return "+"
+
+    def _fix(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
+        mode = _number(said, "mode", 0, 3)
+        if mode is None:
+            return "malformed"
+        if mode < 2:
+            return "-no_fix"
+        lat_deg, lon_deg = _number(said, "lat", -90.0, 90.0), _number(said, "lon", -180.0, 180.0)
+        if lat_deg is None or lon_deg is None:
+            return "-no_fix"
+        if lat_deg == 0.0 and lon_deg == 0.0:
+            return "impossible_value"
+        status = _number(said, "status", 0, 9)
+        heading_deg = _number(said, "track", 0.0, 360.0)
+        speed_mps = _number(said, "speed", 0.0, FASTEST_MPS)
+        utc = said.get("time")
+        if utc is not None and not (isinstance(utc, str) and _UTC.fullmatch(utc)):
+            return "malformed"
+        if utc is not None:
+            if utc == self._utc:
+                return "duplicate_epoch"
+            if utc < self._utc and not self._new_clock(time_s):
+                return "time_backwards"
+            self._utc, self._behind_since_s = utc, None
+        device = said.get("device")
+        if isinstance(device, str):
+            self._device = device
+        return GnssFix(time_s, lat_deg, lon_deg, QUALITY_OF_STATUS[int(status or 0)], self._satellites, self._hdop,
+                       speed_mps, None if heading_deg is None else heading_deg % 360.0,
+                       None if utc is None else utc[:19] + (utc[19:-1] + ".000")[:4] + "Z")
+
+    def _new_clock(self, time_s: float) -> bool:
+        """Whether the receiver's time has run on behind the old one for long enough to be its new clock."""
+        if self._behind_since_s is None:
+            self._behind_since_s = time_s
+        return time_s - self._behind_since_s >= NEW_CLOCK_AFTER_S
+
+
+class _WrongType(Exception):
+    pass
+
+
+class _Impossible(Exception):
+    pass
+
+
+def _number(said: dict[str, Any], key: str, low: float, high: float) -> float | None:
+    value = said.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise _WrongType
+    if not math.isfinite(value) or not low <= value <= high:
+        raise _Impossible
+    return float(value)

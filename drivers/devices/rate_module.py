@@ -1,0 +1,158 @@
+"""Host side of a rate module on UDP, as the drive of the metering shaft: its unit is one turn, so that units a minute
+are r/min. Opens nothing and reads no clock.
+
+The module stops its own motor only after 4 s without its console (a slave board after 1 s).
+"""
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from control.readings import Reading
+from drivers.devices.lines import Counts
+from drivers.devices.rate_module_frames import (
+    U24,
+    BadDatagram,
+    Board,
+    Label,
+    Relays,
+    Status,
+    Target,
+    decode_heard,
+    encode_relays,
+    encode_target,
+)
+
+TARGET_EVERY_S = 0.1        # at most this often while the set-point changes ...
+TARGET_AT_LEAST_S = 0.5     # ... and at least this often: the module gives up after 4 s
+RELAYS_EVERY_S = 1.0
+RUN_DOWN_S = 2.0            # after a stop the relay stays on: without it the module neither controls nor counts
+UNHEARD_S = 2.0             # a module that says this long that it does not hear us is no drive
+FASTEST_RPM = 400.0
+
+
+class ModuleAddress(NamedTuple):
+    module: int = 0
+    sensor: int = 0
+
+
+class ModuleReadings(NamedTuple):
+    """One accepted status of the module. `shaft_rpm` is None while the module does not hear this console."""
+
+    time_s: float
+    shaft_rpm: Reading | None
+    turns: float                # of the shaft since the first status
+    pwm: int
+    hears_us: bool
+    bin_empty: bool
+
+
+class RateModule:
+    """Datagrams of one module to readings, set-points to datagrams.
+
+    Parameters
+    ----------
+    pulses_per_turn : of the module's encoder, per turn of the metering shaft.
+    max_shaft_rpm : set-points are cut to 0 ... this before they are sent.
+    drive : one of `rate_module_frames.CONTROL_TYPES`.
+
+    Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400 r/min). Counted as
+    ignored: `unknown_message`, `other_module` (several modules share a subnet).
+    """
+
+    def __init__(self, address: ModuleAddress, pulses_per_turn: float, max_shaft_rpm: float,
+                 drive: str = "motor") -> None:
+        self.counts = Counts()
+        self.label = ""
+        self.board: Board | None = None         # the newest 32401
+        self.board_s: float | None = None
+        self._address = address
+        self._pulses_per_turn = pulses_per_turn
+        self._max_shaft_rpm = max_shaft_rpm
+        self._drive = drive
+        self._turns = 0.0
+        self._quantity: float | None = None
+        self._unheard_since_s: float | None = None
+        self._sent: tuple[float, bool] | None = None
+        self._sent_s = -math.inf
+        self._relays: int | None = None
+        self._relays_s = -math.inf
+        self._run_until_s = -math.inf
+
+    def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
+        """Readings from the datagrams that arrived at `time_s`, oldest first."""
+        readings = []
+        for data in datagrams:
+            try:
+                heard = decode_heard(data)
+            except BadDatagram as kind:
+                if str(kind) == "unknown_message":
+                    self.counts.ignore("unknown_message")
+                else:
+                    self.counts.reject(str(kind))
+                continue
+            if heard.module != self._address.module or (
+                    isinstance(heard, Status) and heard.sensor != self._address.sensor):
+                self.counts.ignore("other_module")
+            elif isinstance(heard, Status):
+                if heard.units_per_min > FASTEST_RPM:
+                    self.counts.reject("out_of_range")
+                    continue
+                self.counts.accept()
+                readings.append(self._read(heard, time_s))
+            else:
+                self.counts.accept()
+                if isinstance(heard, Label):
+                    self.label = heard.text
+                else:
+                    self.board, self.board_s = heard, time_s
+        return readings
+
+    def command(self, shaft_rpm: float | None, enabled: bool, now_s: float) -> list[bytes]:
+        """The datagrams due at `now_s`, to be called every tick; often none.
+
+        A changed set-point is sent at once (at most every 0.1 s), a stop at once without that limit, an unchanged one
+        every 0.5 s; relays every second and on change. Not enabled, or no set-point: 0 with the master off.
+
+        Raises
+        ------
+        ValueError : a set-point that is not finite. Nothing is sent then; send a stop.
+        """
+        running = enabled and shaft_rpm is not None
+        rpm = 0.0
+        if shaft_rpm is not None:
+            if not math.isfinite(shaft_rpm):
+                raise ValueError(f"rate module: shaft_rpm {shaft_rpm}: allowed are finite numbers")
+            rpm = min(max(shaft_rpm, 0.0), self._max_shaft_rpm) if running else 0.0
+        if running:
+            self._run_until_s = now_s + RUN_DOWN_S
+        relays = int(now_s < self._run_until_s)
+        found = []
+        if relays != self._relays or now_s - self._relays_s >= RELAYS_EVERY_S:
+            self._relays, self._relays_s = relays, now_s
+            found.append(encode_relays(Relays(*self._address, relays)))
+        if self._due((rpm, running), now_s):
+            self._sent, self._sent_s = (rpm, running), now_s
+            found.append(encode_target(Target(*self._address, rpm, self._pulses_per_turn, self._drive, running)))
+        return found
+
+    def _due(self, wanted: tuple[float, bool], now_s: float) -> bool:
+        waited_s = now_s - self._sent_s
+        if wanted == self._sent:
+            return waited_s >= TARGET_AT_LEAST_S
+        stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
+        return stops or waited_s >= TARGET_EVERY_S
+
+    def _read(self, status: Status, time_s: float) -> ModuleReadings:
+        if self._quantity is not None:
+            moved = (status.quantity - self._quantity) % (U24 / 10.0)
+            self._turns += moved if moved < U24 / 20.0 else 0.0         # backwards: the module was restarted
+        self._quantity = status.quantity
+        if status.hears_you:
+            self._unheard_since_s = None
+        elif self._unheard_since_s is None:
+            self._unheard_since_s = time_s
+        deaf = self._unheard_since_s is not None and time_s - self._unheard_since_s >= UNHEARD_S
+        return ModuleReadings(time_s, None if deaf else Reading(status.units_per_min, time_s), self._turns, status.pwm,
+                              status.hears_you, status.bin_empty)

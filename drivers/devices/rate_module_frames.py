@@ -1,0 +1,192 @@
+"""Datagrams of the open rate modules: little-endian, id first, sum of all bytes before it last (docs/rate-module.md).
+
+A datagram counts when its length is exactly that of its id and its checksum is right.
+"""
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+TARGET, RELAYS, SETTINGS = 32500, 32501, 32502              # to the module
+STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403    # from the module
+LENGTHS = {TARGET: 14, RELAYS: 11, SETTINGS: 24, STATUS: 15, BOARD: 15, TRACE: 26, LABEL: 20}
+U24 = 1 << 24
+NO_FLOW_MASTER = 255
+
+CONTROL_TYPES = ("valve", "combo_close", "motor", "motor_weights", "fan", "timed")
+RESET_QUANTITY, MASTER_ON, LOG_PID, AUTO, CALIBRATING = 0x01, 0x10, 0x20, 0x40, 0x80
+HEARS_YOU, BIN_EMPTY = 0x01, 0x02
+WORK_SWITCH, ETHERNET, PINS_OK, CONFIG_REJECTED = 0x01, 0x10, 0x20, 0x80
+
+
+class BadDatagram(Exception):
+    """A datagram that is wrong; the argument is the kind under which it is counted."""
+
+
+class Target(NamedTuple):
+    """32500. `units_per_min` and `pulses_per_unit` travel in thousandths, 24 bits: below 16 777.216."""
+
+    module: int
+    sensor: int
+    units_per_min: float
+    pulses_per_unit: float
+    control: str = "motor"
+    master_on: bool = False
+    auto: bool = True
+    reset_quantity: bool = False
+    manual_pwm: int = 0
+
+
+class Relays(NamedTuple):
+    """32501. Bit 0 of `relays` is the first; with none set the module neither controls nor counts."""
+
+    module: int
+    sensor: int
+    relays: int
+    power_mask: int = 0
+    inverted_mask: int = 0
+    flow_master: int = NO_FLOW_MASTER
+
+
+class Status(NamedTuple):
+    """32400, every 200 ms."""
+
+    module: int
+    sensor: int
+    units_per_min: float
+    quantity: float         # tenths of a unit in 24 bits: runs over
+    pwm: int
+    hears_you: bool
+    bin_empty: bool
+    pulse_hz: float
+
+
+class Board(NamedTuple):
+    """32401, every 200 ms. `speed` in the module's own unit."""
+
+    module: int
+    pressure: int
+    speed: float
+    wheel_count: int
+    board_type: int
+    firmware: int
+    work_switch: bool
+    ethernet: bool
+    pins_ok: bool
+    config_rejected: bool
+
+
+class Label(NamedTuple):
+    """32403, every 2 s: what the board calls itself."""
+
+    module: int
+    text: str
+
+
+Heard = Status | Board | Label
+
+
+def checksum(data: bytes) -> int:
+    return sum(data) & 0xFF
+
+
+def seal(message: int, body: bytes) -> bytes:
+    """A datagram of `message` from what stands between its id and its checksum."""
+    data = message.to_bytes(2, "little") + body
+    return data + bytes([checksum(data)])
+
+
+def encode_target(target: Target) -> bytes:
+    """Raises ValueError for a number that is not finite or does not fit: a wrapped set-point would be another one."""
+    command = CONTROL_TYPES.index(target.control) << 1
+    for flag, mask in ((target.reset_quantity, RESET_QUANTITY), (target.master_on, MASTER_ON), (target.auto, AUTO)):
+        command |= mask * flag
+    if not -255 <= target.manual_pwm <= 255:
+        raise ValueError(f"rate module: manual_pwm {target.manual_pwm}, allowed is -255 to 255")
+    return seal(TARGET, bytes([_address(target.module, target.sensor)])
+                + thousandths("units_per_min", target.units_per_min)
+                + thousandths("pulses_per_unit", target.pulses_per_unit)
+                + bytes([command]) + target.manual_pwm.to_bytes(2, "little", signed=True) + b"\0")
+
+
+def encode_relays(relays: Relays) -> bytes:
+    return seal(RELAYS, bytes([_address(relays.module, relays.sensor)]) + b"".join(
+        word.to_bytes(2, "little") for word in (relays.relays, relays.power_mask, relays.inverted_mask))
+        + bytes([relays.flow_master]))
+
+
+def encode_status(status: Status) -> bytes:
+    flags = HEARS_YOU * status.hears_you | BIN_EMPTY * status.bin_empty
+    return seal(STATUS, bytes([_address(status.module, status.sensor)])
+                + thousandths("units_per_min", status.units_per_min)
+                + (round(status.quantity * 10.0) % U24).to_bytes(3, "little")
+                + status.pwm.to_bytes(2, "little", signed=True) + bytes([flags])
+                + min(round(status.pulse_hz * 10.0), 0xFFFF).to_bytes(2, "little"))
+
+
+def encode_board(board: Board) -> bytes:
+    flags = (WORK_SWITCH * board.work_switch | ETHERNET * board.ethernet | PINS_OK * board.pins_ok
+             | CONFIG_REJECTED * board.config_rejected)
+    return seal(BOARD, bytes([board.module]) + board.pressure.to_bytes(2, "little")
+                + round(board.speed * 10.0).to_bytes(2, "little") + (board.wheel_count % U24).to_bytes(3, "little")
+                + bytes([board.board_type]) + board.firmware.to_bytes(2, "little") + bytes([flags]))
+
+
+def decode_heard(data: bytes) -> Heard:
+    """A datagram from a module. Raises BadDatagram: `unknown_message`, `wrong_length`, `bad_checksum`."""
+    message, body = _open(data)
+    if message == STATUS:
+        flags = body[9]
+        return Status(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
+                      int.from_bytes(body[4:7], "little") / 10.0, int.from_bytes(body[7:9], "little", signed=True),
+                      bool(flags & HEARS_YOU), bool(flags & BIN_EMPTY), int.from_bytes(body[10:12], "little") / 10.0)
+    if message == BOARD:
+        flags = body[11]
+        return Board(body[0], int.from_bytes(body[1:3], "little"), int.from_bytes(body[3:5], "little") / 10.0,
+                     int.from_bytes(body[5:8], "little"), body[8], int.from_bytes(body[9:11], "little"),
+                     bool(flags & WORK_SWITCH), bool(flags & ETHERNET), bool(flags & PINS_OK),
+                     bool(flags & CONFIG_REJECTED))
+    if message == LABEL:
+        return Label(body[0], body[1:].rstrip(b"\0 ").decode("latin-1"))
+    raise BadDatagram("unknown_message")
+
+
+def decode_told(data: bytes) -> Target | Relays:
+    """A datagram to a module, as the virtual one reads it. Raises BadDatagram."""
+    message, body = _open(data)
+    if message == TARGET:
+        command, kind = body[7], body[7] >> 1 & 7
+        if kind >= len(CONTROL_TYPES):
+            raise BadDatagram("out_of_range")
+        return Target(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
+                      int.from_bytes(body[4:7], "little") / 1000.0, CONTROL_TYPES[kind], bool(command & MASTER_ON),
+                      bool(command & AUTO), bool(command & RESET_QUANTITY),
+                      int.from_bytes(body[8:10], "little", signed=True))
+    if message == RELAYS:
+        relays, power, inverted = (int.from_bytes(body[at:at + 2], "little") for at in (1, 3, 5))
+        return Relays(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])
+    raise BadDatagram("unknown_message")
+
+
+def thousandths(name: str, value: float) -> bytes:
+    """Three bytes, little-endian. Raises ValueError where the value is not finite or would run over."""
+    if not math.isfinite(value) or not 0 <= round(value * 1000.0) < U24:
+        raise ValueError(f"rate module: {name} {value}, allowed is 0 to 16777.215")
+    return round(value * 1000.0).to_bytes(3, "little")
+
+
+def _address(module: int, sensor: int) -> int:
+    if not (0 <= module <= 15 and 0 <= sensor <= 15):
+        raise ValueError(f"rate module: module {module}, sensor {sensor}, allowed are 0 to 15")
+    return module << 4 | sensor
+
+
+def _open(data: bytes) -> tuple[int, bytes]:
+    message = int.from_bytes(data[:2], "little")
+    if message not in LENGTHS:
+        raise BadDatagram("unknown_message")
+    if len(data) != LENGTHS[message]:
+        raise BadDatagram("wrong_length")
+    if checksum(data[:-1]) != data[-1]:
+        raise BadDatagram("bad_checksum")
+    return message, data[2:-1]
