@@ -28,7 +28,7 @@ def missing(kind: str = "run") -> str:
     """Why the diagnosis of runs or tables cannot be asked yet; empty when it can."""
     try:
         if kind == "run":
-            import control.diagnosis.run  # noqa: F401
+            import control.diagnosis.run
         else:
             import control.diagnosis.tables  # noqa: F401
     except ImportError as error:

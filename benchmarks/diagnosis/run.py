@@ -85,7 +85,7 @@ def main() -> None:
     a.add_argument("--category", action="append", choices=CATEGORIES)
     a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
     a.add_argument("--jobs", type=int, default=2)
-    a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done is kept and reported")
+    a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
     a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "diagnosis")
     a.add_argument("--out", type=Path, help="Markdown table; else to the screen")
     args = a.parse_args()

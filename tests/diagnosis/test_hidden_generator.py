@@ -13,6 +13,8 @@ import pytest
 
 HIDDEN = Path(__file__).parent / "hidden"
 REPO = HIDDEN.parents[2]
+MODULES = ("cases", "detect", "noise", "nominal", "plant", "programmes", "run_cases", "runlog", "score", "tables",
+           "write")
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +23,7 @@ def hidden() -> Any:
     sys.path.insert(0, str(HIDDEN.parent))
     try:
         made = ModuleType("hidden_modules")
-        for name in ("cases", "detect", "noise", "nominal", "plant", "programmes", "runlog", "score", "tables", "write"):
+        for name in MODULES:
             setattr(made, name, importlib.import_module(f"hidden.{name}"))
         yield made
     finally:
@@ -118,10 +120,10 @@ def test_z_is_the_length_that_monte_carlo_finds(hidden: Any, short_eye: Any) -> 
 
 
 def test_sizes_get_the_z_that_was_drawn(hidden: Any, short_eye: Any) -> None:
-    made = hidden.cases._sized(short_eye, hidden.nominal.Effect("shaft.voltage_sag", 0.2), 12.0, 30.0)
+    made = hidden.run_cases.sized(short_eye, hidden.nominal.Effect("shaft.voltage_sag", 0.2), 12.0, 30.0)
     assert made is not None
     assert short_eye.z([made[0]]) == pytest.approx(12.0, rel=0.06)
-    assert hidden.cases._sized(short_eye, hidden.nominal.Effect("shaft.voltage_sag", 0.2), 12.0, 0.01) is None
+    assert hidden.run_cases.sized(short_eye, hidden.nominal.Effect("shaft.voltage_sag", 0.2), 12.0, 0.01) is None
 
 
 def test_known_look_alikes_come_out_equal_and_others_do_not(hidden: Any, short_eye: Any) -> None:
@@ -135,7 +137,7 @@ def test_known_look_alikes_come_out_equal_and_others_do_not(hidden: Any, short_e
 def test_traits_stay_below_what_can_be_seen(hidden: Any, short_eye: Any) -> None:
     rng = np.random.default_rng(5)
     for _ in range(4):
-        for trait in hidden.cases._traits(short_eye, rng, short_eye.plant):
+        for trait in hidden.run_cases.traits_of(short_eye, rng, short_eye.plant):
             assert short_eye.z([trait]) < 1.0
 
 
@@ -151,7 +153,7 @@ def test_every_id_can_be_shown_by_both_halves(hidden: Any) -> None:
     for split in ("tuning", "unseen"):
         on_tables = {i for lay in hidden.tables.LAYOUTS if lay.split == split for i in hidden.tables.shown(lay)}
         on_runs = {i for i, k in hidden.nominal.IDS.items() if "run" in k.seen and
-                   any(hidden.cases._fits(i, p) for p in hidden.programmes.chosen(split))}
+                   any(hidden.run_cases.fits(i, p) for p in hidden.programmes.chosen(split))}
         assert set(hidden.nominal.IDS) == on_tables | on_runs
 
 

@@ -31,8 +31,8 @@ def exam() -> Any:
         if why:
             pytest.skip(f"the diagnosis of runs is not there yet: {why}")
         cases, score = importlib.import_module("hidden.cases"), importlib.import_module("hidden.score")
-        config, kinds_of = importlib.import_module("drivers.files.config"), importlib.import_module("drivers.files.kinds")
-        machine = config.load("huanghai", kinds_of.MACHINE).model
+        config = importlib.import_module("drivers.files.config")
+        machine = config.load("huanghai", importlib.import_module("drivers.files.kinds").MACHINE).model
 
         def marks(count: int, category: str, kinds: tuple[str, ...] = ("run",), ids: tuple[str, ...] = (),
                   lowest_z: float = 0.0) -> list[Any]:

@@ -15,6 +15,7 @@ from .noise import Noise, fresh_samples
 from .nominal import Effect, Physics
 from .plant import Plant
 
+READINGS = ("shaft", "gate", "scale", "wheel", "gnss", "heads")
 Floats = npt.NDArray[np.float64]
 
 
@@ -31,15 +32,13 @@ class Eye:
 
     def _nuisances(self) -> Floats:
         """One whitened row per nuisance and prior s.d."""
-        rows = []
         p = self.around
         changed = [p._replace(**{name: getattr(p, name) + sd}) for name, sd in nom.TOLERANCE.items()]
         heads = [p._replace(heads_ratio=tuple(r + nom.HEAD_TOLERANCE * (i == m) for i, r in enumerate(p.heads_ratio)))
                  for m in range(nom.HEADS)]
         refill = [p._replace(level_kg=(p.level_kg[0], p.level_kg[1] + nom.LEVEL_TOLERANCE_KG[1]))] \
             if self.plant.drive.refill_kg else []
-        for q in (*changed, *heads, *refill):
-            rows.append(self._whitened(self.plant.run(q)))
+        rows = [self._whitened(self.plant.run(q)) for q in (*changed, *heads, *refill)]
         level = {k: np.zeros_like(v) for k, v in self.base.items()}
         level["scale"] = np.full_like(level["scale"], nom.LEVEL_TOLERANCE_KG[0])
         rows.append(self._whitened(level, is_difference=True))
@@ -47,8 +46,7 @@ class Eye:
 
     def _whitened(self, readings: dict[str, Floats], is_difference: bool = False) -> Floats:
         """All channels of a difference to the base, whitened, one after another (samples of all channels,)."""
-        base = self.base
-        d = readings if is_difference else {k: readings[k] - base[k] for k in ("shaft", "gate", "scale", "wheel", "gnss", "heads")}
+        d = readings if is_difference else {k: readings[k] - self.base[k] for k in READINGS}
         t = self.plant.drive.time_s
         parts = []
         for name in ("shaft", "gate", "scale"):
@@ -78,7 +76,7 @@ class Eye:
             return self._whitened(self.plant.run(self.around, effects))
         with_both = self.plant.run(self.around, (*beside, *effects))
         without = self.plant.run(self.around, beside)
-        d = {k: with_both[k] - without[k] for k in ("shaft", "gate", "scale", "wheel", "gnss", "heads")}
+        d = {k: with_both[k] - without[k] for k in READINGS}
         return self._whitened(d, is_difference=True)
 
     def inner(self, a: Floats, b: Floats) -> float:

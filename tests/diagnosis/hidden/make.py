@@ -7,8 +7,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from hidden.cases import CATEGORIES, cases  # noqa: E402
-from hidden.write import write_all  # noqa: E402
+from hidden.cases import CATEGORIES, cases
+from hidden.write import write_all
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from .kernels import whiten
 
@@ -65,8 +66,6 @@ def noises(kind: str, row_s: float, rng: np.random.Generator) -> dict[str, Noise
 
 
 def _coloured(count: int, step_s: float, correlation_s: float, draws: Floats) -> Floats:
-    from scipy.signal import lfilter
-
     if correlation_s <= 0:
         return draws
     a = np.exp(-step_s / correlation_s)

@@ -58,8 +58,10 @@ class Plant:
     def fine(self, name: str) -> Floats:
         """A row variable of the drive on the fine grid."""
         if name not in self._kept:
-            rows = getattr(self.drive, name)
-            self._kept[name] = np.interp(self.fine_s, self.drive.time_s, rows.astype(float))
+            rows = getattr(self.drive, name).astype(float)
+            if name == "heading_deg":
+                rows = np.unwrap(rows, period=360.0)
+            self._kept[name] = np.interp(self.fine_s, self.drive.time_s, rows)
         out: Floats = self._kept[name]
         return out
 
@@ -147,7 +149,8 @@ class Plant:
             elif e.id == "shaft.dead_band":
                 u = np.where(u < e.size, 0.0, u)
             elif e.id == "shaft.voltage_sag":
-                factor = factor * (1 - e.size / 100 * shapes.sag(self.fine("supply_v"), nom.NOMINAL_SUPPLY_V, e.form, e.knob))
+                below = shapes.sag(self.fine("supply_v"), nom.NOMINAL_SUPPLY_V, e.form, e.knob)
+                factor = factor * (1 - e.size / 100 * below)
             elif e.id == "shaft.load_droop":
                 factor = factor * (1 - e.size / 100 * shapes.droop(opening, e.form, e.knob))
             elif e.id == "shaft.stall":
@@ -155,7 +158,8 @@ class Plant:
             elif e.id == "x.shaft_heading":
                 factor = factor * (1 + e.size / 100 * np.cos(np.radians(self.fine("heading_deg") - 360 * e.knob)))
             elif e.id == "x.shaft_day":
-                factor = factor * (1 + e.size / 100 * np.sin(2 * np.pi * (self.fine_s / self.fine_s[-1] * (1.2 + e.knob) + e.knob)))
+                day = self.fine_s / self.fine_s[-1] * (1.2 + e.knob) + e.knob
+                factor = factor * (1 + e.size / 100 * np.sin(2 * np.pi * day))
             elif e.id == "t.shaft_tau":
                 tau = tau * np.maximum(0.2, 1 + e.size * (u - 50.0) / 50.0)
         n = chase(u * factor, tau, nom.SHAFT_ACCELERATION_RPM_S, self.dt_s, float(u[0]))
@@ -182,7 +186,7 @@ class Plant:
         per_rev = nom.FLOW_G_PER_REV_MM / 1000.0 * p.flow_ratio * opening
         extra: Any = 0.0
         factor: Any = 1.0
-        drive, t = self.drive, self.fine_s
+        t = self.fine_s
         mine = [e for e in effects if e.id.startswith(("flow.", "x.flow", "t.flow"))]
         for e in mine:
             s = e.size / 100.0
@@ -230,8 +234,8 @@ class Plant:
         return out
 
     @property
-    def refill_s(self) -> float | None:
-        """When the product in the hopper changed (end of pouring), None without a refill."""
+    def refill_s(self) -> float:
+        """When the product in the hopper changed (end of pouring); 1e12 without a refill."""
         poured = np.flatnonzero(self.drive.refill_kg_s > 0)
         return float(self.drive.time_s[poured[-1]]) if poured.size else 1e12
 
@@ -247,7 +251,7 @@ class Plant:
                 bend = 1.0 + 0.04 * (e.knob - 0.5) * (level / nom.FULL_HOPPER_KG - 0.5) if e.form % 2 else 1.0
                 reading = reading + s * level * bend
             elif e.id == "scale.drift":
-                reading = reading + e.size * (shapes.aged(t, e.form, e.knob) - 0.0)
+                reading = reading + e.size * shapes.aged(t, e.form, e.knob)
             elif e.id == "scale.tilt":
                 reading = reading + s * level * shapes.tilted(d.pitch_deg, e.form, e.knob)
             elif e.id == "x.scale_supply":
@@ -284,9 +288,11 @@ class Plant:
         if e.form % 2 == 0:
             return np.interp(t - lag, t, speed)
         moved = np.interp(t - 0.7 * lag, t, speed)               # part delay, part smoothing inside the receiver
-        half = 0.3 * lag
-        fine = np.r_[0.0, np.cumsum((moved[1:] + moved[:-1]) / 2.0)] * self.drive.row_s
-        return (np.interp(t, t, fine) - np.interp(t - 2 * half, t, fine)) / (2 * half) if half > self.drive.row_s else moved
+        window = 0.6 * lag                                       # of a running mean, which delays by half of it
+        if window <= self.drive.row_s:
+            return np.interp(t - lag, t, speed)
+        far = np.r_[0.0, np.cumsum((moved[1:] + moved[:-1]) / 2.0)] * self.drive.row_s
+        return (far - np.interp(t - window, t, far)) / window
 
     def _heads(self, p: Physics, effects: tuple[Effect, ...]) -> Floats:
         out = self.drive.ndvi * np.asarray(p.heads_ratio)[:, None]

@@ -5,10 +5,12 @@ Every programme belongs to one half for good: `tuning` may be looked at while th
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from . import nominal as nom
 
@@ -30,32 +32,37 @@ class Programme(NamedTuple):
     minutes: tuple[float, float]
 
 
-PROGRAMMES: tuple[Programme, ...] = (
-    Programme("canopy_opening", "tuning", "canopy", "opening_first", (1.25,), "flat", "steady", True, False, 0, 20, (22, 40)),
-    Programme("canopy_speed", "tuning", "canopy", "speed_first", (1.25,), "flat", "wander", True, False, 0, 20, (22, 40)),
-    Programme("canopy_refill", "tuning", "canopy", "opening_first", (1.1, 1.6), "slope", "wander", True, True, 1, 20, (28, 40)),
-    Programme("stairs_speed", "tuning", "stairs", "speed_first", (1.4,), "flat", "dips", True, False, 1, 20, (20, 30)),
-    Programme("stairs_opening", "tuning", "stairs", "opening_first", (1.4, 1.8), "slope", "steady", True, False, 0, 20, (20, 32)),
-    Programme("sine_speed", "tuning", "sine", "speed_first", (1.25,), "slope", "wander", False, False, 0, 10, (20, 40)),
-    Programme("grid_refill", "tuning", "grid", "switch", (1.0, 1.5), "slope", "dips", True, True, 2, 20, (28, 40)),
-    Programme("stop_and_go", "tuning", "canopy", "speed_first", (0.9, 1.3), "slope", "dips", True, False, 5, 20, (20, 36)),
-    Programme("hills_refill", "tuning", "sine", "opening_first", (1.0, 1.7), "slope", "wander", True, True, 0, 20, (28, 40)),
-    Programme("switching", "tuning", "canopy", "switch", (1.25, 1.9), "flat", "dips", True, True, 1, 10, (28, 40)),
-    Programme("steady_rate", "tuning", "constant", "opening_first", (1.25,), "flat", "steady", False, False, 0, 20, (20, 30)),
-    Programme("grid_long", "tuning", "grid", "switch", (1.5,), "slope", "wander", True, False, 1, 20, (30, 40)),
-    Programme("field_opening", "unseen", "walk", "opening_first", (1.3,), "flat", "wander", True, False, 1, 20, (22, 40)),
-    Programme("field_speed", "unseen", "walk", "speed_first", (1.15, 1.5), "slope", "steady", True, False, 0, 20, (22, 40)),
-    Programme("field_refill", "unseen", "walk", "speed_first", (1.2, 1.7), "slope", "dips", True, True, 0, 20, (28, 40)),
-    Programme("telegraph_speed", "unseen", "telegraph", "speed_first", (1.35,), "flat", "wander", True, False, 0, 20, (20, 34)),
-    Programme("telegraph_opening", "unseen", "telegraph", "opening_first", (1.2, 1.6), "slope", "dips", True, False, 2, 20, (20, 34)),
-    Programme("chirp_speed", "unseen", "chirp", "speed_first", (1.4,), "slope", "dips", False, False, 0, 10, (20, 40)),
-    Programme("scatter_refill", "unseen", "scatter", "switch", (0.9, 1.6), "slope", "wander", True, True, 1, 20, (28, 40)),
-    Programme("crawl_and_go", "unseen", "canopy", "opening_first", (0.7, 1.4), "slope", "wander", True, False, 6, 20, (20, 36)),
-    Programme("valley_refill", "unseen", "chirp", "opening_first", (1.1, 1.5), "slope", "dips", True, True, 2, 20, (28, 40)),
-    Programme("both_ways", "unseen", "walk", "switch", (1.3, 1.8), "flat", "wander", True, True, 0, 10, (28, 40)),
-    Programme("plain_rate", "unseen", "constant", "speed_first", (1.3,), "flat", "steady", False, False, 0, 20, (20, 30)),
-    Programme("scatter_long", "unseen", "scatter", "switch", (1.4,), "slope", "dips", True, False, 2, 20, (30, 40)),
+_TUNING = (
+    ("canopy_opening", "canopy", "opening_first", (1.25,), "flat", "steady", True, False, 0, 20, (22, 40)),
+    ("canopy_speed", "canopy", "speed_first", (1.25,), "flat", "wander", True, False, 0, 20, (22, 40)),
+    ("canopy_refill", "canopy", "opening_first", (1.1, 1.6), "slope", "wander", True, True, 1, 20, (28, 40)),
+    ("stairs_speed", "stairs", "speed_first", (1.4,), "flat", "dips", True, False, 1, 20, (20, 30)),
+    ("stairs_opening", "stairs", "opening_first", (1.4, 1.8), "slope", "steady", True, False, 0, 20, (20, 32)),
+    ("sine_speed", "sine", "speed_first", (1.25,), "slope", "wander", False, False, 0, 10, (20, 40)),
+    ("grid_refill", "grid", "switch", (1.0, 1.5), "slope", "dips", True, True, 2, 20, (28, 40)),
+    ("stop_and_go", "canopy", "speed_first", (0.9, 1.3), "slope", "dips", True, False, 5, 20, (20, 36)),
+    ("hills_refill", "sine", "opening_first", (1.0, 1.7), "slope", "wander", True, True, 0, 20, (28, 40)),
+    ("switching", "canopy", "switch", (1.25, 1.9), "flat", "dips", True, True, 1, 10, (28, 40)),
+    ("steady_rate", "constant", "opening_first", (1.25,), "flat", "steady", False, False, 0, 20, (20, 30)),
+    ("grid_long", "grid", "switch", (1.5,), "slope", "wander", True, False, 1, 20, (30, 40)),
 )
+_UNSEEN = (
+    ("field_opening", "walk", "opening_first", (1.3,), "flat", "wander", True, False, 1, 20, (22, 40)),
+    ("field_speed", "walk", "speed_first", (1.15, 1.5), "slope", "steady", True, False, 0, 20, (22, 40)),
+    ("field_refill", "walk", "speed_first", (1.2, 1.7), "slope", "dips", True, True, 0, 20, (28, 40)),
+    ("telegraph_speed", "telegraph", "speed_first", (1.35,), "flat", "wander", True, False, 0, 20, (20, 34)),
+    ("telegraph_opening", "telegraph", "opening_first", (1.2, 1.6), "slope", "dips", True, False, 2, 20, (20, 34)),
+    ("chirp_speed", "chirp", "speed_first", (1.4,), "slope", "dips", False, False, 0, 10, (20, 40)),
+    ("scatter_refill", "scatter", "switch", (0.9, 1.6), "slope", "wander", True, True, 1, 20, (28, 40)),
+    ("crawl_and_go", "canopy", "opening_first", (0.7, 1.4), "slope", "wander", True, False, 6, 20, (20, 36)),
+    ("valley_refill", "chirp", "opening_first", (1.1, 1.5), "slope", "dips", True, True, 2, 20, (28, 40)),
+    ("both_ways", "walk", "switch", (1.3, 1.8), "flat", "wander", True, True, 0, 10, (28, 40)),
+    ("plain_rate", "constant", "speed_first", (1.3,), "flat", "steady", False, False, 0, 20, (20, 30)),
+    ("scatter_long", "scatter", "switch", (1.4,), "slope", "dips", True, False, 2, 20, (30, 40)),
+)
+PROGRAMMES: tuple[Programme, ...] = tuple(
+    Programme(name, split, *rest)  # type: ignore[arg-type]
+    for split, rows in (("tuning", _TUNING), ("unseen", _UNSEEN)) for name, *rest in rows)
 SPLITS = ("tuning", "unseen")
 
 
@@ -102,7 +109,8 @@ def _slow(rng: np.random.Generator, count: int, step: float, correlation: float)
     return np.asarray(out / 0.69)
 
 
-def _held(rng: np.random.Generator, time_s: Floats, low_s: float, high_s: float, draw) -> Floats:  # type: ignore[no-untyped-def]
+def _held(rng: np.random.Generator, time_s: Floats, low_s: float, high_s: float,
+          draw: Callable[[int], float]) -> Floats:
     """Values from `draw(i)` held for a random span each."""
     edges = [0.0]
     while edges[-1] < time_s[-1]:
@@ -204,7 +212,8 @@ def drive(p: Programme, seed: int) -> Drive:
     uphill = rng.uniform(0, 360)
     pitch = slope * np.cos(np.radians(heading - uphill)) * (1 + 0.3 * _by_place(rng, place, 60.0)) + 0.7 * rough
     cross = rng.uniform(1.5, 3.5)
-    roll = cross * (0.5 * np.sin(np.radians(heading - uphill + 40)) + _by_place(rng, place, 35.0)) + 0.8 * _by_place(rng, place, 5.0)
+    bank = 0.5 * np.sin(np.radians(heading - uphill + 40)) + _by_place(rng, place, 35.0)
+    roll = cross * bank + 0.8 * _by_place(rng, place, 5.0)
 
     supply = nom.NOMINAL_SUPPLY_V + 0.08 * _slow(rng, t.size, row_s, 40.0) + 0.05
     if p.supply == "wander":
@@ -262,8 +271,6 @@ def drive(p: Programme, seed: int) -> Drive:
 
 
 def _smooth(x: Floats, step: float, tau: float) -> Floats:
-    from scipy.signal import lfilter
-
     a = np.exp(-step / tau)
     return np.asarray(lfilter([1 - a], [1, -a], x, zi=[a * x[0]])[0])
 

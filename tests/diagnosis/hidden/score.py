@@ -25,7 +25,7 @@ class Mark(NamedTuple):
     seconds: float | None
     false_alarm: bool | None = None
     exact: bool | None = None         # every cause named, nothing else (an id equal on the data will do)
-    honest: bool | None = None        # exact, or an ambiguous answer that holds the truth and nothing that data rule out
+    honest: bool | None = None        # exact, or ambiguous with the truth in it and nothing that the data rule out
     in_set: bool | None = None
     set_size: int | None = None       # members of the set, those that the data cannot tell apart counting as one
     raw_set_size: int | None = None
@@ -66,7 +66,8 @@ def mark(truth: dict[str, Any], answer: dict[str, Any] | None, seconds: float | 
     if category == "none":
         return m._replace(false_alarm=verdict != "none")
     if category == "outside":
-        said = [] if answer is None else [_SAME_VARIABLE.get(u["variable"], u["variable"]) for u in answer["unexplained"]]
+        unexplained = [] if answer is None else [u["variable"] for u in answer["unexplained"]]
+        said = [_SAME_VARIABLE.get(v, v) for v in unexplained]
         wanted = {_SAME_VARIABLE.get(v, v) for v in truth["outside"]["variables"]}
         return m._replace(right_variable=bool(said) and said[0] in wanted, falsely_named=bool(ids) or answer is None)
     equals = [{c["id"], *c["equal"]} for c in truth["causes"]]
@@ -171,7 +172,8 @@ def report(marks: Sequence[Mark], title: str = "Diagnosis of hidden effects") ->
         instead = ", ".join(f"{a} {n}" for a, n in wrong.most_common(4))
         out.append(f"| {name} | {_share(ids[name], lambda m: m.exact)} | "
                    f"{_share([m for m in ids[name] if m.z >= STRONG_Z], lambda m: m.exact)} | {instead} |")
-    out += ["", "## Outside the catalogue", "", "| hidden | right variable | falsely named | said |", "|---|---|---|---|"]
+    out += ["", "## Outside the catalogue", "",
+            "| hidden | right variable | falsely named | said |", "|---|---|---|---|"]
     ids = defaultdict(list)
     for m in outside:
         ids[m.truth["outside"]["name"]].append(m)
@@ -197,7 +199,8 @@ def _by(title: str, head: str, marks: Sequence[Mark], key: Callable[[Mark], str]
     for m in marks:
         groups[key(m)].append(m)
     order = sorted(groups, key=lambda k: (groups[k][0].z if head == "z" else 0.0, k))
-    return [f"## {title}{note}", "", f"| {head} | exactly named | or honestly ambiguous | nothing said |", "|---|---|---|---|",
+    return [f"## {title}{note}", "",
+            f"| {head} | exactly named | or honestly ambiguous | nothing said |", "|---|---|---|---|",
             *(f"| {k} | {_share(groups[k], lambda m: m.exact)} | {_share(groups[k], lambda m: m.honest)} | "
               f"{_share(groups[k], lambda m: m.answer == 'none')} |" for k in order), ""]
 

@@ -12,6 +12,7 @@ from . import shapes
 from .nominal import Effect
 
 Floats = npt.NDArray[np.float64]
+_DIGITS = {"lag_s": 3, "response_s": 3, "lag_m": 3, "mass_kg": 5, "applied_kg": 3, "ndvi": 4, "miss_m": 3}
 KINDS = ("plain", "quantised", "tails")
 
 
@@ -74,7 +75,7 @@ def shown(layout: Layout) -> tuple[str, ...]:
     if layout.kind == "place":
         return ("place.lever_arm", "place.latency")
     if layout.kind == "heads":
-        return ("canopy.head_fouled", "canopy.warm_up") if layout.others else ("canopy.head_fouled", "canopy.saturation")
+        return ("canopy.head_fouled", "canopy.warm_up" if layout.others else "canopy.saturation")
     ids = SHOWS[layout.variant]
     return ids if max(layout.values) > 80 else tuple(i for i in ids if i != "lag.rebound")
 
@@ -99,7 +100,8 @@ class Table:
             self.given["replicate"] = self.given["replicate"].astype(float)
 
     def _lay_lag(self, lay: Layout, rng: np.random.Generator) -> None:
-        axes: dict[str, Sequence[Any]] = {"replicate": range(1, lay.replicates + 1), "shaft_rpm": [float(v) for v in lay.values]}
+        axes: dict[str, Sequence[Any]] = {"replicate": range(1, lay.replicates + 1),
+                                          "shaft_rpm": [float(v) for v in lay.values]}
         if lay.variant == "both":
             axes["speed_kmh"] = [round(3.6 * v, 2) for v in lay.others]
         if lay.variant == "start":
@@ -121,7 +123,8 @@ class Table:
                                           "opening_mm": [float(v) for v in lay.others]}
         if lay.variant == "outlet":
             axes["outlet"] = [float(k) for k in range(1, nom.OUTLETS + 1)]
-        axes["duration_s"] = np.round(np.arange(0.1, 1.25, 0.07), 2) if lay.variant == "short" else [float(rng.choice([30.0, 60.0]))]
+        axes["duration_s"] = [round(0.1 + 0.07 * k, 2) for k in range(17)] if lay.variant == "short" \
+            else [float(rng.choice([30.0, 60.0]))]
         self._cross(**axes)
         self.measured = ("mass_kg",)
         mass = self.predict(())
@@ -253,7 +256,8 @@ class Table:
     def trace(self, effects: Sequence[Effect], beside: Sequence[Effect] = ()) -> Floats:
         """Difference in units of noise, nuisances projected under their priors (rows + nuisances,)."""
         d = ((self.predict((*beside, *effects)) - self.predict(beside)) / self.sd).ravel()
-        j = np.array([((self.predict((), {k: sd}) - self.base) / self.sd).ravel() for k, sd in self.nuisances().items()])
+        j = np.array([((self.predict((), {k: sd}) - self.base) / self.sd).ravel()
+                      for k, sd in self.nuisances().items()])
         theta = np.linalg.solve(j @ j.T + np.eye(len(j)), j @ d)
         return np.r_[d - theta @ j, theta]
 
@@ -266,9 +270,7 @@ class Table:
         clock = next((e.size for e in effects if e.id == "lag.coarse_clock"), None)
         out = {k: v.astype(object) if v.dtype.kind == "U" else v.astype(float) for k, v in self.given.items()}
         for name, row in zip(self.measured, y, strict=True):
-            digits = {"lag_s": 3, "response_s": 3, "lag_m": 3, "mass_kg": 5, "applied_kg": 3, "ndvi": 4, "miss_m": 3}[name]
-            if noise == "quantised":
-                digits -= 1
+            digits = _DIGITS[name] - (noise == "quantised")
             if clock is not None and name != "lag_m":
                 row = np.round(row / clock) * clock
             out[name] = np.round(row, digits)

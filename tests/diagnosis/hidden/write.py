@@ -25,7 +25,8 @@ def _cells(values: Any) -> list[str]:
     if values.dtype == object:
         return [str(v) for v in values]
     whole = np.isfinite(values) & (values == np.round(values)) & (np.abs(values) < 1e9)
-    return ["" if v != v else str(int(v)) if w else repr(v) for v, w in zip(values.tolist(), whole.tolist(), strict=True)]
+    return ["" if v != v else str(int(v)) if w else repr(v)
+            for v, w in zip(values.tolist(), whole.tolist(), strict=True)]
 
 
 def write_case(case: Case, folder: Path) -> Path:

@@ -1,0 +1,75 @@
+"""Bench tables with something hidden in them."""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from . import tables
+from .nominal import IDS, Effect
+from .truth import Floats, Made, Relations, share_of, told
+
+
+def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
+               rng: np.random.Generator) -> Made | None:
+    pool = [lay for lay in tables.LAYOUTS if lay.split in (split, "all") and lay.kind == kind and
+            all(w in tables.shown(lay) for w in wanted)]
+    if category == "lookalike" and kind == "place":
+        pool = [lay for lay in pool if len(lay.others) == 1]
+    if not pool:
+        return None
+    layout = pool[int(rng.integers(len(pool)))]
+    table, noise = tables.Table(layout, rng), str(rng.choice(tables.KINDS))
+    found: list[tuple[Effect, float]] = []
+    for name in wanted:
+        k = IDS[name]
+        sign = k.sign or float(rng.choice([-1, 1]))
+        member = int(rng.integers(1, 7)) if name in ("canopy.head_fouled", "flow.outlet_uneven") else None
+        e = Effect(name, sign * k.guess, int(rng.integers(12)), float(rng.random()), None, member)
+        if not k.by_z:
+            found.append((e._replace(size=float(np.round(rng.uniform(k.guess, k.most), 2))), 99.0))
+            continue
+        target = float(np.exp(rng.uniform(np.log(5.0 if category == "lookalike" else 2.0), np.log(40.0))))
+        z = 0.0
+        for _ in range(4):
+            z = float(np.linalg.norm(table.trace([e])))
+            if z < 1e-6:
+                return None
+            e = e._replace(size=float(np.clip(e.size * target / z, -k.most, k.most)))
+        z = float(np.linalg.norm(table.trace([e])))
+        if abs(np.log(z / target)) > 0.25:
+            return None
+        found.append((e._replace(size=float(f"{e.size:.4g}")), z))
+    planted = [e for e, _ in found]
+    if len(planted) == 2 and abs(_cosine(table.trace(planted[:1]), table.trace(planted[1:]))) > 0.9:
+        return None
+    causes = []
+    for e, z in found:
+        span = {"shaft_high_rpm": max(layout.values, default=0.0), "opening_high_mm": 60.0}
+        causes.append(told(e, z, _relations(table, e, z), span))
+    if category == "lookalike" and not causes[0]["equal"] and not causes[0]["near"]:
+        return None
+    columns = table.observed(planted, noise, rng)
+    return kind, columns, {"programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "outside": None,
+                           "causes": causes, "traits": [], "physics": {}}, \
+        share_of(tuple(planted), table.trace, lambda a, b: float(a @ b))
+
+
+def _relations(table: tables.Table, e: Effect, z: float) -> dict[str, Any]:
+    """As for runs: which ids the table cannot, or hardly, tell from `e`."""
+    mine, found = table.trace([e]), Relations(z)
+    for name in tables.shown(table.layout):
+        if name == e.id or not IDS[name].by_z:
+            continue
+        for sign in (1, -1) if IDS[name].sign == 0 else (1,):
+            for form in (0, 1, 2, 3):
+                rival = Effect(name, sign * IDS[name].guess, form, 0.5, None, e.member)
+                found.add(name, _cosine(mine, table.trace([rival])))
+    if table.layout.kind == "weigh" and e.size < 0:
+        found.add("speed.missed_pulses", 1.0)
+    return found.told()
+
+
+def _cosine(a: Floats, b: Floats) -> float:
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / size if size > 1e-9 else 0.0

@@ -1,0 +1,69 @@
+"""What is written down about a case: its hidden causes, and how much of the error an answer takes away."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .nominal import IDS, Effect
+
+Floats = npt.NDArray[np.float64]
+Columns = dict[str, npt.NDArray[Any]]
+Share = Callable[[Sequence[dict[str, Any]]], float | None]
+Made = tuple[str, Columns, dict[str, Any], Share]      # kind of data, columns, truth, share of the gain
+
+EQUAL = 0.99                      # likeness of two traces from which on the data cannot tell them apart
+SEPARABLE_Z = 3.0                 # what must be left of an effect after its rival to be told from it
+
+
+class Relations:
+    """Collects the ids that leave the same trace as an effect of detectability `z`, and those too like it."""
+
+    def __init__(self, z: float) -> None:
+        self._z = z
+        self._equal: dict[str, float] = {}
+        self._near: dict[str, float] = {}
+
+    def add(self, name: str, like: float) -> None:
+        """`like`: cosine of the two traces after the nuisances, of the sign that the rival allows."""
+        if like > EQUAL:
+            self._equal[name] = max(self._equal.get(name, 0.0), round(float(like), 4))
+        elif like > 0.5 and self._z * np.sqrt(1 - like * like) < SEPARABLE_Z:
+            self._near[name] = max(self._near.get(name, 0.0), round(float(like), 4))
+
+    def told(self) -> dict[str, Any]:
+        return {"equal": self._equal, "near": {k: v for k, v in self._near.items() if k not in self._equal}}
+
+
+def told(e: Effect, z: float, r: dict[str, Any], span: dict[str, float]) -> dict[str, Any]:
+    """`size_defined`: the data reach the place where the catalogue defines the size, so its interval can be judged."""
+    defined = {"flow.fill_falloff": span["shaft_high_rpm"] >= 85.0,
+               "shaft.load_droop": span["opening_high_mm"] >= 50.0,
+               "flow.hopper_head": e.form % 3 == 0, "shaft.stall": False, "gate.stuck": False}.get(e.id, True)
+    return {"id": e.id, "size": e.size, "unit": IDS[e.id].unit, "onset_s": e.onset_s, "member": e.member,
+            "form": e.form, "z": round(z, 3), "size_defined": bool(defined), **r}
+
+
+def share_of(planted: tuple[Effect, ...], trace: Callable[[Sequence[Effect]], Floats],
+              inner: Callable[[Floats, Floats], float]) -> Share:
+    """Takes the named causes, as sized, off the data again: 1 - left / removable, in whitened squares."""
+
+    def share(causes: Sequence[dict[str, Any]]) -> float | None:
+        if not planted:
+            return None
+        named = []
+        for c in causes:
+            if c["id"] not in IDS or c["size"]["value"] is None:
+                return None
+            like = next((e for e in planted if e.id == c["id"]), Effect(c["id"], 0.0))
+            onset = c["onset_s"] if c["onset_s"] is not None else \
+                c["size"]["value"] if c["id"] in ("shaft.stall", "gate.stuck") else like.onset_s
+            named.append(like._replace(size=float(c["size"]["value"]), onset_s=onset,
+                                       member=c["member"] or like.member))
+        there = trace(planted)
+        left = there - trace(named)
+        return 1.0 - inner(left, left) / inner(there, there)
+
+    return share
