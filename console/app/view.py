@@ -188,7 +188,8 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units) -> AlarmsView:
 
 def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
     row = frame.row
-    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)
+    at_work = row.state in (None, "working")            # None: a foreign log; held or off, nothing is owed
+    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
     level = ""
     if error is not None and abs(error) > ERROR_AMBER:
         level = "red" if abs(error) > ERROR_RED else "amber"

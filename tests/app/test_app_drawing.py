@@ -1,6 +1,7 @@
 """Numerals, scales, lines, map frames, units, ages: the pure parts."""
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
 
@@ -22,6 +23,7 @@ from console.app.widgets.field_map import frame_around
 from console.app.widgets.heads import bar
 from console.app.widgets.panel import fit, right, spread
 from console.app.widgets.trend import trace
+from control.log_row import LogRow
 
 
 @pytest.mark.parametrize(("scale", "rows"), [(1, 3), (2, 5)])
@@ -193,9 +195,16 @@ def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
 def test_levels_of_the_rate_error(applied, level, text):
     frame = run_frames(seconds=1.0)[-1]
     row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=applied)
-    from dataclasses import replace
     rates = view.look(replace(frame, row=row), 0.0, METRIC).rates
     assert (rates.level, rates.error.text) == (level, text)
+
+
+def test_a_machine_that_is_held_owes_nothing():
+    frame = run_frames(seconds=1.0)[-1]
+    row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=0.0)
+    assert view.look(replace(frame, row=row), 0.0, METRIC).rates.error.text == "-100 %"
+    held = view.look(replace(frame, row=row._replace(state="held")), 0.0, METRIC).rates
+    assert (held.error.text, held.error_share, held.level) == ("--", None, "")
 
 
 def test_times():
@@ -206,9 +215,6 @@ def test_times():
 
 
 def test_an_empty_frame_row_shows_dashes_not_numbers():
-    from dataclasses import replace
-
-    from control.log_row import LogRow
     frame = replace(run_frames(seconds=1.0)[0], row=LogRow(0.0), metres_left_m=None, place_m=None, gnss_age_s=None,
                     gnss_hz=None)
     seen = view.look(frame, 0.0, METRIC)
