@@ -1,6 +1,8 @@
 """From the command line to the screens: start or attach to a worker, open a log."""
 from __future__ import annotations
 
+import asyncio
+import datetime as dt
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,29 +18,28 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     """The console on the worker that runs, or on one started for it."""
     from console.app.app import TopdressApp
     from console.link import Link, WorkerFailed, find_running, start_worker
-    from drivers.files.config import load_any
-    from drivers.files.kinds import KINDS
-    for file in config:
-        load_any(file, KINDS)
+    from drivers.files.setup import setup_of_files
+    setup = setup_of_files(config, dt.date.today())
     arguments = [*_pairs("--config", config), *_pairs("--effect", effects), "--seed", str(seed), "--hz", f"{hz:g}"]
     if log is not None:
         arguments += ["--log", log]
 
-    def start() -> Link:
-        return Link(start_worker(arguments, trouble_path()))
+    async def start() -> Link:
+        return Link(await asyncio.to_thread(start_worker, arguments, trouble_path()))
 
-    def attach() -> Link:
-        where = find_running()
+    async def attach() -> Link:
+        where = await asyncio.to_thread(find_running)
         if where is None:
             raise WorkerFailed("no control worker runs")
         return Link(where)
 
     try:
         running = find_running()
-        source = Link(running) if running is not None else start()
+        source = Link(running if running is not None else start_worker(arguments, trouble_path()))
     except WorkerFailed as error:
         raise CommandError(str(error)) from None
-    TopdressApp(source, start=start, attach=attach).run()
+    TopdressApp(source, start=start, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
+                hopper_kg=setup.machine.flow.full_kg).run()
 
 
 def show_replay(recorded: RunLog) -> None:

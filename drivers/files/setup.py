@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,8 @@ from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule, prepare
 from control.field.job import Job
 from control.machine.machine import Machine
-from drivers.files.config import ConfigError, load
-from drivers.files.kinds import CROP, JOB, MACHINE
+from drivers.files.config import ConfigError, load, load_any
+from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.weather import WeatherError, growing_days
 
 
@@ -21,6 +22,19 @@ class Setup:
     rule: Rule
     job: Job
     sha256: dict[str, str]      # configuration file -> checksum
+
+
+def setup_of_files(config: Iterable[str], today: dt.date) -> Setup:
+    """The setup that a run with these configuration files would have: kinds by their `format:`, in any order; what is
+    not given is the shipped nominal one. Raises ConfigError.
+    """
+    given: dict[str, Path] = {}
+    for where in config:
+        kind, loaded = load_any(where, KINDS)
+        if kind.format in given:
+            raise ConfigError([f"{where}: a second file of kind {kind.format}: allowed is one"])
+        given[kind.format] = loaded.path
+    return load_setup(given.get(MACHINE.format, "huanghai"), given.get(JOB.format, "demo"), today)
 
 
 def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
