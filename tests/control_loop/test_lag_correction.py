@@ -1,6 +1,8 @@
 """The look-ahead: the lag of a change is what the model does; each change fires once, in order, and stays."""
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -70,7 +72,7 @@ def test_each_change_fires_once_in_order_and_none_is_lost(
         assert queue.holding.rate_kg_ha == stretches.at(max(reached, queue.fired_to_m)).rate_kg_ha
     places = [change.place_m for change in fired]
     assert places == sorted(places)
-    for one, following in zip(fired, fired[1:], strict=False):
+    for one, following in pairwise(fired):
         assert one.after == following.before
         assert one.after != one.before
 

@@ -57,7 +57,8 @@ def test_interpreted_equals_compiled(stage: str, params: Any, step: Any, run: An
     assert np.ptp(interpreted[:, 0]) > 0.0
 
 
-@pytest.mark.parametrize(("stage", "noise"), [("shaft", Machine().noise.shaft_rpm), ("gate", Machine().noise.opening_mm)])
+@pytest.mark.parametrize(("stage", "noise"), [("shaft", Machine().noise.shaft_rpm),
+                                              ("gate", Machine().noise.opening_mm)])
 def test_halving_the_step_changes_less_than_a_tenth_of_the_noise(stage: str, noise: float) -> None:
     params, run = (Shaft(), compiled.shaft_run) if stage == "shaft" else (Gate(), compiled.gate_run)
     coarse = run(*arguments(stage, params, 0.05, 0.0))
