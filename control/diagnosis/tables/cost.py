@@ -1,0 +1,50 @@
+"""What an effect costs in the field: rate error and place error at the machine's set-points."""
+from __future__ import annotations
+
+from control.calibration.response import response_s
+from control.diagnosis.result import FieldCost
+from control.machine.fall import drop_s
+from control.machine.flow import grams_per_rev
+from control.machine.machine import Machine
+from control.machine.scale import ScaleInput, scale_reads
+
+from .piece import Sized, with_more
+from .weigh_rows import USUAL_MPS, wheel_reads
+
+
+def field_cost(machine: Machine, part: Sized, speed_mps: float | None) -> FieldCost:
+    """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not know of the effect.
+
+    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. Heads' effects
+    depend on the crop and are left open.
+    """
+    if part.choice.id.startswith("canopy."):
+        return FieldCost(None, None)
+    if part.choice.id == "lag.coarse_clock":
+        return FieldCost(0.0, 0.0)
+    changed = with_more(machine, (part,))
+    speed = speed_mps if speed_mps is not None else USUAL_MPS
+    rate = _rate(changed, speed) / _rate(machine, speed) - 1.0
+    if part.choice.id == "flow.pulsation":
+        rate = 0.0
+    place = speed * (_lag_s(changed) - _lag_s(machine)) + changed.fall.lever_arm_m - machine.fall.lever_arm_m
+    if part.choice.id == "lag.speed_scale":
+        place = speed * _lag_s(machine) * part.size / 100.0
+    return FieldCost(100.0 * rate, place)
+
+
+def _rate(machine: Machine, speed_mps: float) -> float:
+    points = machine.set_points
+    flow = grams_per_rev(machine.flow, points.shaft_rpm, points.opening_mm)
+    flow *= 1.0 + machine.flow.uneven_percent / 100.0 / machine.geometry.outlets if machine.flow.uneven_outlet else 1.0
+    return flow * wheel_reads(machine, speed_mps) / scale_reads(machine.scale, ScaleInput(100.0, 0.0))
+
+
+def _lag_s(machine: Machine) -> float:
+    """Whole lag of a start at the set-point, the worst of its direction; s."""
+    fall = machine.fall
+    high = machine.limits.shaft_high_rpm if fall.rebound_s else machine.set_points.shaft_rpm
+    straight = drop_s(fall._replace(rebound_s=0.0), machine.set_points.shaft_rpm)
+    risen = drop_s(fall, high) - drop_s(fall._replace(rebound_s=0.0), high)
+    return (response_s(machine, machine.set_points.shaft_rpm) + straight + risen + fall.latency_s + fall.first_fill_s
+            + 0.5 * abs(fall.asymmetry_s))

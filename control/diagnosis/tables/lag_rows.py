@@ -1,0 +1,73 @@
+"""Lag tables: response, drop time, both, or the distance they make at the written speed (lag paper eq 1, 6)."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.calibration.bench_table import LAGS, BenchTable
+from control.calibration.response import response_s
+from control.machine.fall import drop_s
+from control.machine.machine import Machine
+
+from .piece import Array, Choice, Piece, varying
+from .roles import Roles, roles_of
+
+FORMS_OVER_RPM = ((60.0, 1.0), (70.0, 0.5), (70.0, 2.0), (75.0, 1.0), (80.0, 1.0))    # (from, power) of a rise
+
+
+def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+    """One piece for each measured column."""
+    return tuple(_piece(table, machine, name) for name in LAGS
+                 if name in table.columns and np.isfinite(table.columns[name]).sum() > 0)
+
+
+def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
+    keep = np.isfinite(table.columns[name])
+    rpm = table.columns["shaft_rpm"][keep]
+    speed = table.speed_mps()
+    speed = None if speed is None else speed[keep]
+    observed = table.columns[name][keep]
+    if name == "lag_m":
+        assert speed is not None
+        observed = observed / speed
+    label = np.full(int(keep.sum()), "") if table.label is None else table.label[keep]
+    roles = roles_of(label)
+
+    def predict(m: Machine) -> Array:
+        return predicted(m, rpm, name, roles)
+
+    drops = name != "response_s"
+    choices = ["shaft.dead_time"] if name in ("lag_s", "lag_m", "response_s") else []
+    if drops:
+        choices += ["lag.offset", "lag.rebound"]
+        choices += ["lag.first_fill"] if roles.tell_start else []
+        choices += ["lag.asymmetry"] if roles.tell_direction else []
+        choices += ["lag.speed_scale"] if name == "lag_m" else []
+    own = [*(["lag.offset"] if drops else []), *(["shaft.dead_time"] if name != "drop_s" else []),
+           *(["lag.speed_scale"] if name in ("lag_s", "lag_m") else [])]
+    own = [] if roles.known else own
+    nuisances = {} if name == "drop_s" else {"shaft.dead_time_s": np.full(len(rpm), machine.tolerance.dead_time_s)}
+    variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
+    if speed is not None:
+        variables["speed_mps"] = speed
+    # A distance is read to a constant error in m: its time is the noisier the slower it was driven.
+    spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
+    return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, spread, label,
+                 tuple(Choice(i) for i in choices), tuple(own), varying(variables), nuisances,
+                 {"lag.rebound": rises(rpm)} if drops else {}, clocked=name != "lag_m")
+
+
+def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
+    """Lag of each row, s: the machine's own model, effects included."""
+    fall = machine.fall
+    total = np.zeros(len(rpm))
+    if name != "drop_s":
+        total += [response_s(machine, n) for n in rpm.tolist()]
+    if name != "response_s":
+        total += [drop_s(fall, n) for n in rpm.tolist()]
+        total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
+    return total * (1.0 + fall.speed_scale_percent / 100.0) if name != "drop_s" else total
+
+
+def rises(rpm: Array) -> Array:
+    """Other shapes that a rise at high shaft speed may have, (n, k)."""
+    return np.column_stack([np.maximum(0.0, rpm - start) ** power for start, power in FORMS_OVER_RPM])

@@ -1,0 +1,65 @@
+"""One measured column of a bench table beside what the machine model says about it."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.machine import CATALOGUE, Machine
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+
+class Choice(NamedTuple):
+    """An effect that may be hypothesised. `scope`: index of the only group of rows that has it, None: all have it."""
+
+    id: str
+    member: int | None = None
+    scope: int | None = None
+
+
+class Sized(NamedTuple):
+    choice: Choice
+    size: float
+
+
+class Piece(NamedTuple):
+    """Rows (n,) of one measured column. `predict` runs the machine model for every row, in `unit`."""
+
+    name: str                               # "lag_table1_distance.csv lag_m"
+    channel: str
+    unit: str
+    observed: Array
+    predict: Callable[[Machine], Array]
+    spread: Array                           # relative noise of the rows; all 1 where they are alike
+    group: npt.NDArray[np.str_]             # label of each row, "" where the table has none
+    choices: tuple[Choice, ...]             # scope None
+    scoped_ids: tuple[str, ...]             # ids that may hold in one label or one table only
+    variables: Mapping[str, Array]          # recorded settings
+    nuisances: Mapping[str, Array]          # what one tolerance makes of each row
+    forms: Mapping[str, Array]              # id -> (n, k): the same effect in other shapes of its own variable
+    noise_sd: float | None = None           # what the machine file says of the sensor, for spread 1
+    clocked: bool = False                   # times of a detector: may come in steps
+    remarks: tuple[str, ...] = ()
+
+
+def with_more(machine: Machine, parts: tuple[Sized, ...]) -> Machine:
+    """The machine with effects on top of those it has; bounds are not looked at."""
+    stages: dict[str, Any] = {}
+    for (effect_id, member, _), size in parts:
+        entry = CATALOGUE[effect_id]
+        stage = stages.get(entry.stage, getattr(machine, entry.stage))
+        changes = {entry.field: getattr(stage, entry.field) + size}
+        if entry.effect.member_field:
+            changes[entry.effect.member_field] = float(member or 1)
+        stages[entry.stage] = stage._replace(**changes)
+    return machine.model_copy(update=stages)
+
+
+def varying(variables: Mapping[str, Array]) -> dict[str, Array]:
+    """Those that are known in every row and take more than one value."""
+    return {name: values for name, values in variables.items()
+            if np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))}

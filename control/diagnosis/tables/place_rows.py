@@ -1,0 +1,51 @@
+"""Place tables: landed minus wanted along the travel (lag paper, tables 5 and 6)."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.calibration.bench_table import BenchTable
+from control.machine.machine import Machine
+
+from .lag_rows import predicted, rises
+from .piece import Array, Choice, Piece, varying
+from .roles import roles_of
+
+UNCORRECTED = "before"
+
+
+def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+    """One piece: miss_m = v (lag - corrected lag + latency) + lever arm.
+
+    The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled `before`, else what the machine
+    file in use says.
+    """
+    rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
+    assert speed is not None
+    label = np.full(table.rows, "") if table.label is None else table.label
+    roles = roles_of(label)
+    corrected = np.where(label == UNCORRECTED, 0.0, predicted(machine, rpm, "lag_s", roles))
+    if "corrected_lag_s" in table.columns:
+        given = table.columns["corrected_lag_s"]
+        corrected = np.where(np.isfinite(given), given, corrected)
+
+    def predict(m: Machine) -> Array:
+        true_mps = speed * (1.0 + m.fall.speed_scale_percent / 100.0)
+        lag = predicted(_unscaled(m), rpm, "lag_s", roles)
+        return true_mps * (lag + m.fall.latency_s - corrected) + m.fall.lever_arm_m
+
+    choices = ["place.lever_arm", "place.latency", "lag.rebound", "lag.speed_scale"]
+    choices += ["lag.first_fill"] if roles.tell_start else []
+    choices += ["lag.asymmetry"] if roles.tell_direction else []
+    variables = {"shaft_rpm": rpm, "speed_mps": speed,
+                 "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
+                 "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
+    return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, np.ones(len(rpm)),
+                  label, tuple(Choice(i) for i in choices), (), varying(variables),
+                  {"shaft.dead_time_s": speed * machine.tolerance.dead_time_s},
+                  {"lag.rebound": rises(rpm) * speed[:, None]},
+                  remarks=("a constant extra lag (lag.offset) looks like place.latency in a place table; a lag table "
+                           "tells them apart",)),)
+
+
+def _unscaled(machine: Machine) -> Machine:
+    return machine.model_copy(update={"fall": machine.fall._replace(speed_scale_percent=0.0)})
