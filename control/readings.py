@@ -39,6 +39,8 @@ class Measurements(NamedTuple):
     pitch_deg: Reading | None = None             # nose up positive
     roll_deg: Reading | None = None              # right side down positive
     work_switch: bool | None = None              # None: not fitted
+    drive_fault: bool = False                    # a motor driver says so
+    drive_stopped: bool = False                  # the drives have stood still by themselves though told to turn
 
 
 class DriveCommand(NamedTuple):

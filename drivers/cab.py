@@ -87,6 +87,7 @@ class Cab:
                  datagram_opener: DatagramOpener = open_datagrams) -> None:
         self.refused_commands = 0
         self.board: BoardReadings | None = None      # the newest status line, flags included
+        self._told_to_turn_s: float | None = None    # since when the board has been sent enable 1
         self._clock = clock
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
@@ -123,7 +124,8 @@ class Cab:
             if self._module.work_switch is not None:
                 self._note_work_switch(*self._module.work_switch)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
-                            work_switch=self._switch(now_s))
+                            work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
+                            drive_stopped=self._drive_stopped())
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         """Send the set-points of this tick, which are also the heartbeat; without a drive nothing happens.
@@ -156,6 +158,10 @@ class Cab:
         if self._drives is not None:
             line, board = self._drives
             line.port.write(board.command(command, enabled))
+            if not enabled or command is None:
+                self._told_to_turn_s = None
+            elif self._told_to_turn_s is None:
+                self._told_to_turn_s = now_s
         for data in datagrams:
             assert self._module is not None
             self._module.line.port.write(data)
@@ -169,6 +175,16 @@ class Cab:
         if self._module is not None:
             lines.append(self._module.line)
         return lines
+
+    def _drive_fault(self) -> bool:
+        return self.board is not None and self.board.driver_fault
+
+    def _drive_stopped(self) -> bool:
+        """The board has not followed for as long as a command and its echo may take: it lost the heartbeat, or its
+        power, and waits for an enable 0. (A driver's fault is told by itself.)"""
+        board, told_s = self.board, self._told_to_turn_s
+        return (board is not None and told_s is not None and not board.enabled and not board.driver_fault
+                and board.time_s - told_s > FOLLOWS_WITHIN_S)
 
     def _switch(self, now_s: float) -> bool | None:
         """The work switch as last heard; one that is fitted is forgotten when it falls silent."""
@@ -202,6 +218,7 @@ class Cab:
 
 BOARD_READINGS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
 SWITCH_SILENT_S = 0.5
+FOLLOWS_WITHIN_S = 0.3      # from the first enable 1 to a status line that says so
 
 
 class _Gnss:

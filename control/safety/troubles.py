@@ -46,6 +46,10 @@ def _drives(found: dict[str, Details], m: Memory, now_s: float, s: Situation, se
         found["shaft_silent"] = ()
     if not seen.gate_ok and (waited or s.measurements.opening_mm is not None):
         found["gate_silent"] = ()
+    if s.measurements.drive_fault:
+        found["drive_fault"] = ()
+    if s.measurements.drive_stopped:
+        found["drive_stopped"] = ()
 
 
 def _calibrating(found: dict[str, Details], seen: Senses, limits: SafetyLimits) -> None:

@@ -120,3 +120,28 @@ def test_a_tick_costs_less_than_two_hundred_microseconds(clock, fake_plant):
             took.append(time.perf_counter() - begin)
         best = min(best, sorted(took)[100])
     assert best < 200e-6
+
+
+def test_a_board_that_does_not_follow_is_told(plugged, board_line):
+    cab, lines = plugged
+    seq = iter(range(100))
+
+    def measured(now_s, flags):
+        lines["board"].write(board_line(f"S1,{next(seq)},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,{flags}"))
+        m = cab.measure(now_s)
+        return m.drive_fault, m.drive_stopped
+
+    def told(now_s, enabled):
+        cab.command(now_s, DriveCommand(60.0, 25.0), enabled)
+
+    assert measured(100.0, 2) == (False, False), "not told to turn: it may stand"
+    told(100.0, True)
+    assert measured(100.25, 0) == (False, False), "it may take its time"
+    assert measured(100.35, 1) == (False, False)
+    assert measured(105.0, 2) == (False, True), "heartbeat lost"
+    assert measured(105.05, 0) == (False, True), "restarted: it has lost nothing that it knows of, and stands"
+    told(105.1, False)
+    assert measured(105.15, 0) == (False, False)
+    told(105.2, True)
+    assert measured(105.25, 0) == (False, False), "the time begins anew"
+    assert measured(105.6, 4) == (True, False), "a driver's fault is its own alarm"

@@ -16,13 +16,15 @@ NEVER = object()    # in place of an age: never received
 def good_situation(now_s: float, **changes: Any) -> Situation:
     """All is well at 1.25 m/s due east. `changes`: fields of Situation, or of the machine by the names below.
 
-    speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, work_switch, fix_quality, and for each sensor an age
+    speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, work_switch, fix_quality, drive_fault, drive_stopped, and
+    for each sensor an age
     (gnss_age_s, wheel_age_s, shaft_age_s, gate_age_s, scale_age_s) or NEVER.
     """
     speed = changes.pop("speed_mps", 1.25)
     gnss_mps, wheel_mps = changes.pop("gnss_mps", speed), changes.pop("wheel_mps", speed)
     course, quality = changes.pop("course_deg", 90.0), changes.pop("fix_quality", 4)
     hopper_kg, switch = changes.pop("hopper_kg", 200.0), changes.pop("work_switch", None)
+    faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped")}
     ages = {name: changes.pop(f"{name}_age_s", 0.0) for name in ("gnss", "wheel", "shaft", "gate", "scale")}
 
     def reading(name: str, value: float) -> Reading | None:
@@ -33,7 +35,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     s = Situation(
         measurements=Measurements(
             now_s, gnss=fix, wheel_speed_mps=reading("wheel", wheel_mps), shaft_rpm=reading("shaft", 70.0),
-            opening_mm=reading("gate", 15.0), hopper_kg=reading("scale", hopper_kg), work_switch=switch),
+            opening_mm=reading("gate", 15.0), hopper_kg=reading("scale", hopper_kg), work_switch=switch, **faults),
         speed_used_mps=speed, gnss_period_s=0.2, wheel_standstill=wheel_mps == 0.0,
         target_source=TargetSource.CANOPY, position_ok=True, landing_inside=True, valid_heads=6, ndvi_age_s=0.1,
         expected_rate_kg_ha=300.0, applied_rate_kg_ha=301.0, expected_flow_kg_s=0.1, target_rate_kg_ha=300.0,

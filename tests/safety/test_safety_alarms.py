@@ -17,6 +17,8 @@ MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 RAISED = [
     ("shaft_silent", {"shaft_age_s": 0.51}, 0.0, 0.05, State.FAULT),
     ("gate_silent", {"gate_age_s": 0.51}, 0.0, 0.05, State.FAULT),
+    ("drive_fault", {"drive_fault": True}, 0.0, 0.05, State.FAULT),
+    ("drive_stopped", {"drive_stopped": True}, 0.0, 0.05, State.FAULT),
     ("hopper_empty", {"hopper_kg": 0.3}, 0.9, 1.1, State.HELD),
     ("rate_above_limit", {"applied_rate_kg_ha": 1100.0, "expected_rate_kg_ha": None}, 0.9, 1.1, State.HELD),
     ("speed_silent", {"speed_used_mps": None}, 1.9, 2.1, State.HELD),

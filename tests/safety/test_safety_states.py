@@ -262,3 +262,16 @@ class TestCalibrating:
 
     def test_the_work_switch_still_counts(self, calibrating):
         assert calibrating().tick(speed_mps=0.0, work_switch=False).why_no_flow == ("work_switch_up",)
+
+
+@pytest.mark.parametrize("cause", ["drive_fault", "drive_stopped"])
+def test_a_faulty_or_stopped_drive_leaves_no_flow_and_no_way_back_while_it_lasts(working, calibrating, cause):
+    run = working()
+    verdict = run.tick(**{cause: True})
+    assert (verdict.state, verdict.flow_allowed, verdict.why_state) == (State.FAULT, False, cause)
+    run.order(Do.ACKNOWLEDGE, "")
+    assert run.order(Do.READY).why == f"cause_lives;alarm={cause}"
+    run.tick()
+    assert run.order(Do.READY).accepted
+    run = calibrating()
+    assert run.tick(speed_mps=0.0, **{cause: True}).state is State.FAULT
