@@ -21,6 +21,7 @@ class Column(NamedTuple):
     key: str
     coefficients: Mapping[str, Array]
     sd: float                       # prior s.d. of its amplitude; inf: free
+    mean: float = 0.0               # prior mean of its amplitude
 
 
 class Products(NamedTuple):
@@ -34,6 +35,7 @@ class Products(NamedTuple):
 class Problem(NamedTuple):
     keys: tuple[str, ...]
     sd: Array                       # (q,)
+    mean: Array                     # (q,)
     products: tuple[Products, ...]
 
     def place(self, key: str) -> int:
@@ -54,7 +56,8 @@ def problem(channels: Sequence[Channel], data: Mapping[str, Array], columns: Seq
         here = [k for k, column in enumerate(columns) if channel.name in column.coefficients]
         stack = np.stack([data[channel.name], *(columns[k].coefficients[channel.name] for k in here)])
         products.append(Products(channel, noises.band_products(stack, stack, channel.cut), np.array(here, np.int64)))
-    return Problem(tuple(c.key for c in columns), np.array([c.sd for c in columns]), tuple(products))
+    return Problem(tuple(c.key for c in columns), np.array([c.sd for c in columns]),
+                   np.array([c.mean for c in columns]), tuple(products))
 
 
 def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
@@ -73,7 +76,7 @@ def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
 def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
     """Amplitudes (k,) and covariance (k, k) of the chosen columns under a given noise."""
     normal, right = weighted(p, noise)
-    return _solve(normal, right, p.sd, chosen)
+    return _solve(normal, right, p, chosen)
 
 
 def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = 3) -> Fit:
@@ -89,13 +92,14 @@ def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int 
     return Fit(amplitude, covariance, _value(p, chosen, amplitude, now), now)
 
 
-def _solve(normal: Array, right: Array, sd: Array, chosen: Indices) -> tuple[Array, Array]:
+def _solve(normal: Array, right: Array, p: Problem, chosen: Indices) -> tuple[Array, Array]:
     part = normal[np.ix_(chosen, chosen)]
-    stiff = part + np.diag(1.0 / sd[chosen] ** 2)
+    trust = 1.0 / p.sd[chosen] ** 2
+    stiff = part + np.diag(trust)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(stiff), 1e-300))
     stiff = stiff * scale[:, None] * scale + 1e-10 * np.eye(len(chosen))
     covariance = np.linalg.inv(stiff) * scale[:, None] * scale
-    return covariance @ right[chosen], covariance
+    return covariance @ (right[chosen] + trust * p.mean[chosen]), covariance
 
 
 def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
@@ -108,7 +112,7 @@ def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
 
 
 def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
-    total = -0.5 * float(np.sum((amplitude / p.sd[chosen]) ** 2))
+    total = -0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
     for one in p.products:
         channel = one.channel
         total += noises.log_likelihood(_power(one, chosen, amplitude), noise[channel.name], channel.prior, channel.cut,
@@ -119,6 +123,6 @@ def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, No
 def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
     """Normal equations of all columns once the `fixed` ones are fitted (Schur complement): (q, q) and (q,)."""
     normal, right = weighted(p, noise)
-    _, covariance = _solve(normal, right, p.sd, fixed)
+    amplitude, covariance = _solve(normal, right, p, fixed)
     cross = normal[:, fixed]
-    return normal - cross @ covariance @ cross.T, right - cross @ (covariance @ right[fixed])
+    return normal - cross @ covariance @ cross.T, right - cross @ amplitude

@@ -19,6 +19,7 @@ THRESHOLD = 17.0            # of twice the log-likelihood; see docs/diagnosis.md
 ONSET_THRESHOLD = 16.0
 RIVAL_GAP = 6.0             # rivals within this much of twice the log-likelihood: 95 % for one degree of freedom,
 RIVAL_SHARE = 0.03          # ... and within this share of what the cause explains: forms are never quite right
+TANGLED = 0.97              # two effects whose sizes hang together like this are not two findings
 REFITTED = 4                # best of a scan that are refitted in full
 
 
@@ -42,7 +43,9 @@ class Named(NamedTuple):
 def name(group: Group, threshold: float = THRESHOLD) -> Named:
     """Judge a group of channels."""
     group.candidates += stops(group, group.data)
+    group.settle(())
     group.tame(())
+    group.settle(())
     null = group.refit(())
     first = group.scan((), null.noise)
     current = null
@@ -50,9 +53,12 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
         better = _extended(group, current, threshold)
         if better is None:
             break
+        group.settle(better.parts)
+        better = group.refit(better.parts, better.noise)
         current = _pruned(group, _swapped(group, better), threshold)
     if current.parts:
         group.tame(current.parts)
+        group.settle(current.parts)
         current, null = group.refit(current.parts, current.noise), group.refit(())
         if any(part.onset_s is not None for part in current.parts):
             current = refined(group, current, group.data)
@@ -71,7 +77,7 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
 def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
     """The hypothesis with one more part, where that gains more than the threshold."""
     ranked = [f for f in group.scan(now.parts, now.noise) if f.gain > 0.5 * threshold][:REFITTED]
-    tried = [group.refit((*now.parts, f.part), now.noise) for f in ranked]
+    tried = [r for r in (group.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
     if not tried:
         return None
     best = max(tried, key=lambda r: r.log_likelihood)
@@ -89,7 +95,7 @@ def _swapped(group: Group, now: Refit) -> Refit:
             if f.part.id == best.parts[k].id:
                 continue
             tried = group.refit((*others, f.part), best.noise)
-            if tried.log_likelihood > best.log_likelihood + 1.0:
+            if tried.tangled < TANGLED and tried.log_likelihood > best.log_likelihood + 1.0:
                 best = tried
     return best
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import median_filter
 
 from control.machine.machine import CATALOGUE
 
@@ -36,16 +37,17 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
     """Drives that stood still to the end of the log though commanded."""
     found: list[Candidate] = []
     predicted = group.predicted(())
+    calm = {c.name: median_filter(c.measured, 5) for c in group.channels if c.name in ("shaft", "gate")}
     for channel in group.channels:
         if channel.name == "shaft":
             asked = predicted["shaft"] > 5.0
-            obeyed = asked & (channel.measured > 0.3 * predicted["shaft"])
+            obeyed = asked & (calm["shaft"] > 0.3 * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = "shaft.stall"
         elif channel.name == "gate":
             noise = channel.prior.fast_sd
-            final = float(np.median(channel.measured[-max(5, int(1.0 / channel.grid.step_s)):]))
-            moves = np.abs(channel.measured - final) > 5.0 * noise
+            final = float(np.median(calm["gate"][-max(5, int(1.0 / channel.grid.step_s)):]))
+            moves = np.abs(calm["gate"] - final) > 5.0 * noise
             asked = np.abs(predicted["gate"] - final) > 1.0 + 6.0 * noise
             at = _last_obeyed(asked, moves, channel.grid.step_s)
             effect = "gate.stuck"

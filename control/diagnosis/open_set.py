@@ -13,6 +13,8 @@ from .sensitivities import FORM_CHANNEL
 from .smooth import LEAST_RANGE, SHAPES, TABLES, shape, span
 
 OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, over all stages and variables
+OWN = {("speed", "speed_mps"), ("scale", "hopper_kg")}     # a channel against its own reading
+TIME_FACTOR = 2.0           # slow noise is smooth in time by its nature
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
 
 
@@ -34,6 +36,8 @@ def best_table(group: Group, now: Refit) -> Table | None:
         if FORM_CHANNEL[stage] not in group.names:
             continue
         for variable in LEAST_RANGE:
+            if (stage, variable) in OWN:
+                continue
             found = _table(group, now, stage, variable)
             if found is not None and (best is None or found.gain > best.gain):
                 best = found
@@ -41,7 +45,8 @@ def best_table(group: Group, now: Refit) -> Table | None:
 
 
 def significant(table: Table, explained: float) -> bool:
-    return table.gain > max(OPEN_THRESHOLD, OPEN_SHARE * explained)
+    factor = TIME_FACTOR if table.variable == "time_s" else 1.0
+    return table.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
 
 
 def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:

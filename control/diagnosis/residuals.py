@@ -12,7 +12,7 @@ from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S, input_rows
+from control.machine.over_log import LEAST_STEPS, MOST_STEP_S, input_rows
 from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
@@ -22,6 +22,7 @@ from .noise import NoisePrior, Segments, segments
 from .stages_data import Drive, Grid, Heads, Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
+FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on
 WHITE_S = 0.02              # correlation time that stands for "none"
 
 
@@ -82,6 +83,7 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
     count = len(h.time_s)
     none = np.zeros(count)
     turns = h.shaft_rpm > 0.0
+    share = h.refill_kg / LEAST_STEPS       # the model fills in what it is told in every one of its steps
 
     def predict(plan: Schedule, step_s: float) -> Array:
         flow_sets, rows = switches(plan, "flow", h.time_s)
@@ -89,7 +91,7 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
         at = np.searchsorted(np.asarray(rows), np.arange(count), side="right")
         offset = np.array([p.offset_mm for p in gates])[at]
         table = none if record is None else record[1]
-        inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=h.refill_kg,
+        inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=share,
                             opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
                             table_at=table)
         start_kg = h.start_kg
@@ -112,16 +114,21 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
 
 
 def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
-    """Wheel less GNSS speed, m/s."""
-    inputs = input_rows(SpeedInput, len(s.time_s), speed_mps=s.true_mps, working=s.working, pitch_deg=s.pitch_deg,
-                        **_table(record))
+    """Wheel less GNSS speed, m/s. The true speed runs between readings; the model is given it in FINE_S rows."""
+    fine_s = np.arange(s.time_s[0], s.time_s[-1] + FINE_S, FINE_S)
+    table = {} if record is None else {"table_at": np.interp(fine_s, s.time_s, record[1])}
+    middle = fine_s + 0.5 * FINE_S
+    inputs = input_rows(SpeedInput, len(fine_s), speed_mps=np.interp(middle, s.time_s, s.true_mps),
+                        working=np.interp(middle, s.time_s, s.working),
+                        pitch_deg=np.interp(middle, s.time_s, s.pitch_deg), **table)
+    at = np.minimum(len(fine_s) - 1, np.round((s.time_s - s.time_s[0]) / FINE_S).astype(int))
     first = float(s.true_mps[0])
 
     def predict(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, "speed", s.time_s)
-        out = speed_run(sets, rows, speed_start(first, float(s.time_s[0])), SpeedOutput(first, first), inputs,
-                        s.time_s, step_s)
-        return s.grid.of(out[:, 0] - out[:, 1])
+        sets, rows = switches(plan, "speed", fine_s)
+        out = speed_run(sets, rows, speed_start(first, float(fine_s[0])), SpeedOutput(first, first), inputs,
+                        fine_s, step_s)
+        return s.grid.of((out[:, 0] - out[:, 1])[at])
     sd = float(np.hypot(machine.noise.gnss_mps, machine.noise.wheel_mps))
     return _channel("speed", "m/s", s.grid, s.wheel_mps - s.gnss_mps, predict, NoisePrior(sd, WHITE_S, 0.05 * sd))
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.machine.machine import Machine
+from control.machine.machine import CATALOGUE, Machine
 
 from . import noise as noises
 from .hypothesis import Part, Parts, bounds, schedule, stages_of
@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
 SIBLINGS = {"shaft.slow": ("shaft.dead_time",), "shaft.dead_time": ("shaft.slow",)}
 ROUNDS = 4
+HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 OUTLIER = 4.5
 
 
@@ -49,6 +50,7 @@ class Refit(NamedTuple):
     sd: tuple[float, ...]       # of the sizes
     log_likelihood: float
     noise: dict[str, Noise]
+    tangled: float = 0.0        # largest correlation between two sizes
 
 
 class Group:
@@ -66,7 +68,9 @@ class Group:
         heads = 0 if data.heads is None else int(np.isfinite(data.heads.ndvi).any(axis=1).sum())
         refilled = data.hopper is not None and bool(data.hopper.jumps)
         self.candidates = candidates(self.names, heads, refilled)
-        self._fixed = self._nuisance_columns(heads)
+        self._heads = heads
+        self._off: dict[str, float] = {}
+        self._fixed = self._nuisance_columns()
         if "scale" in self.names and data.hopper is not None:
             level = channels[self.names.index("scale")]
             seen = np.interp(data.time_s, level.grid.even_s, self.predicted(())["scale"])
@@ -75,7 +79,6 @@ class Group:
                        if FORM_CHANNEL[stage] in self.names and stage != "scale"}
         self._forms: dict[tuple[str, str], list[Column]] = {}
         self._tried: dict[tuple[Parts, str], Column] = {}
-        self._data: dict[Parts, dict[str, Array]] = {}
 
     # -- through the model ---------------------------------------------------------------------------------------
 
@@ -89,7 +92,13 @@ class Group:
 
     def residual(self, parts: Parts) -> dict[str, Array]:
         now = self.predicted(parts)
-        return {c.name: c.measured - self._excess[c.name] - now[c.name] for c in self.channels}
+        left = {c.name: c.measured - self._excess[c.name] - now[c.name] for c in self.channels}
+        for part in parts:
+            if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
+                channel = next(c for c in self.channels if c.name == part.id.split(".")[0])
+                after_s = channel.grid.even_s - part.onset_s
+                left[channel.name] = np.where((after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name])
+        return left
 
     def _touched(self, effect_id: str) -> tuple[str, ...]:
         stage = effect_id.split(".")[0]
@@ -112,7 +121,22 @@ class Group:
         probe = part._replace(size=PROBES[part.id])
         return self.difference((), probe)[self._touched(part.id)[0]] / probe.size
 
-    def _nuisance_columns(self, heads: int) -> list[Column]:
+    def settle(self, parts: Parts) -> None:
+        """Nominal values moved, within their tolerances, to where they fit best: their slopes are then taken there."""
+        p, count = self.compressed(parts)
+        amplitude = fitted(p, np.arange(count), self.noise).amplitude
+        for channel in self.channels:
+            for n in nuisances(channel.name, self.machine):
+                at = p.keys.index(n.key)
+                off = float(np.clip(self._off.get(n.key, 0.0) + amplitude[at], -3.0 * n.sd, 3.0 * n.sd))
+                nominal = getattr(getattr(self.machine, n.stage), n.field)
+                self.base = self.base.put(n.stage, **{n.field: float(nominal + off)})
+                self._off[n.key] = off
+        self._predictions.clear()
+        self._tried.clear()
+        self._fixed = self._nuisance_columns()
+
+    def _nuisance_columns(self) -> list[Column]:
         found: list[Column] = []
         now = self.predicted(())
         for channel in self.channels:
@@ -120,7 +144,8 @@ class Group:
                 value = getattr(self.base.by_name[n.stage], n.field) + n.step
                 plan = schedule(self.base.put(n.stage, **{n.field: value}), ())
                 change = (channel.predict(plan, MOST_STEP_S) - now[channel.name]) / n.step
-                found.append(self.column(n.key, {channel.name: change}, n.sd))
+                column = self.column(n.key, {channel.name: change}, n.sd)
+                found.append(column._replace(mean=-self._off.get(n.key, 0.0)))
             if channel.name == "scale" and self.data.hopper is not None:
                 count = len(channel.measured)
                 found.append(self.column("level", {"scale": np.ones(count)}, 20.0))
@@ -129,7 +154,7 @@ class Group:
                     after = (middle >= self.data.hopper.time_s[jump]).astype(np.float64)
                     found.append(self.column(f"refill {k}", {"scale": after}, 20.0))
             if channel.name == "heads":
-                for k in range(heads):
+                for k in range(self._heads):
                     one = self.difference((), Part("canopy.head_fouled", 1.0, None, k + 1))
                     found.append(self.column(f"head {k + 1}", one, self.machine.tolerance.head_percent))
         return found
@@ -267,7 +292,8 @@ class Group:
                 biggest = max(biggest, abs(size - now[k].size) / max(sd[k], 1e-9))
                 moved[k] = now[k]._replace(size=size)
             last = fit.noise
-            best = Refit(now, tuple(sd), fit.log_likelihood, fit.noise)
+            best = Refit(now, tuple(sd), fit.log_likelihood, fit.noise,
+                         _tangled(fit.covariance, [at for _, at in slopes_at]))
             if biggest < 0.05 or not slopes_at:
                 break
             now = tuple(moved)
@@ -307,6 +333,13 @@ class Group:
                 if channel.name in column.coefficients:
                     left -= size * column.coefficients[channel.name]
             self._excess[channel.name] = _lone(series_of(left, channel.cut))
+
+
+def _tangled(covariance: Array, places: list[int]) -> float:
+    part = covariance[np.ix_(places, places)]
+    scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    shared = np.abs(part / scale[:, None] / scale - np.eye(len(places)))
+    return float(shared.max(initial=0.0))
 
 
 def _lone(left: Array) -> Array:

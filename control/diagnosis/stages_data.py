@@ -19,6 +19,7 @@ STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the re
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
 REFILL_KG = 3.0
 WORKING_RPM = 2.0
+MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 
 
 class Grid(NamedTuple):
@@ -243,7 +244,8 @@ def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
     half = max(1, int(round(0.4 / step)))
     kernel = np.ones(2 * half + 1) / (2 * half + 1)
     smooth = np.convolve(np.pad(both, half, mode="edge"), kernel, mode="valid")
-    grid = _grid(at, np.ones(len(at), bool), step)
+    moving = smooth > MOVING_MPS
+    grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step)
     return Speed(at, smooth, working[rows], pitch[rows], wheel_there, gnss[rows], grid)
 
 
