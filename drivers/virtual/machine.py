@@ -8,6 +8,7 @@ from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
 from drivers.ports import Clock, MemoryPort, Port, memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import Plant, gnss_sentences, head_line
+from drivers.virtual.extras import Extra
 
 OPENING_MM = 25.0               # where the gate stands at power-on, as the nominal machine has it
 LONGEST_CATCH_UP_S = 5.0        # after a longer pause (a suspended computer) the rest of it is left out
@@ -25,12 +26,14 @@ class VirtualMachine:
     opening_mm : where the plant's gate stands at its start.
     multiplexed : all heads on the one port in `heads`, each line preceded by its head.
     start_s : on the same clock as `advance`.
+    extras : what else is plugged in; those that steer the drives have the last word, in their order.
     """
 
     def __init__(self, plant: Plant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
                  layout: FieldMap = PROTOCOLS["greenseeker"], multiplexed: bool = False,
-                 opening_mm: float = OPENING_MM) -> None:
+                 opening_mm: float = OPENING_MM, extras: Sequence[Extra] = ()) -> None:
         self.board = VirtualBoard(opening_mm)
+        self._extras = tuple(extras)
         self._plant = plant
         self._gnss_port, self._head_ports, self._board_port = gnss, tuple(heads), board
         self._layout = layout
@@ -61,13 +64,18 @@ class VirtualMachine:
     def _step(self) -> None:
         begin_s = self._start_s + self._steps * self._plant.dt_s
         self.board.feed(self._board_port.read(), begin_s)
-        sensed = self._plant.step(*self.board.set_points(begin_s))
+        command, enabled = self.board.set_points(begin_s)
+        for extra in self._extras:
+            command, enabled = extra.before(begin_s, command, enabled)
+        sensed = self._plant.step(command, enabled)
         self._steps += 1
         if sensed.gnss is not None:
             self._gnss_port.write(gnss_sentences(sensed.gnss))
         if sensed.ndvi is not None:
             self._write_heads(sensed.ndvi)
         self._board_port.write(self.board.status(sensed, begin_s))
+        for extra in self._extras:
+            extra.after(sensed, begin_s)
 
     def _write_heads(self, ndvi: tuple[float, ...]) -> None:
         if self._multiplexed:

@@ -1,0 +1,66 @@
+"""`topdress serve-machine`: the virtual machine for the real drivers to connect to."""
+from __future__ import annotations
+
+import datetime as dt
+import signal
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from console.cli.plain_errors import CommandError
+
+PLANT_STEP_S = 0.02
+
+
+def serve_machine(
+    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one.")] = "huanghai",
+    job: Annotated[str, typer.Option(help="Job file, or name of a shipped one.")] = "demo",
+    seed: Annotated[int, typer.Option(min=0, help="Of canopy and noise.")] = 1,
+    effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
+                                                     "the controller does not know (repeatable).")] = None,
+    fault: Annotated[list[str] | None, typer.Option(
+        metavar="KIND:DEVICE@FROM_S[+FOR_S]", help="Spoil a device's line: unplug, garbage, half_lines, frozen, "
+        "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of them.")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65000, help="First TCP port; 0: any free ones.")] = 4100,
+    pty: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Pseudo-terminals too, with their names in this "
+                                             "folder.")] = None,
+    rate_module: Annotated[bool, typer.Option("--rate-module", help="A rate module on UDP turns the shaft.")] = False,
+    agopengps: Annotated[bool, typer.Option("--agopengps", help="Positions on UDP 17777 too.")] = False,
+    seconds: Annotated[float, typer.Option(min=0.0, help="End after this long; 0: when interrupted.")] = 0.0,
+) -> None:
+    """The simulated machine behind every protocol, in real time. `topdress run --config virtual` connects to it."""
+    from control.machine.planting import parse_planted
+    from control.simulation.assembly import simulated_machine, with_simulated_field
+    from drivers.cab_config import MODULE_PORT
+    from drivers.files.setup import load_setup
+    from drivers.virtual.served import Serve, ServedMachine
+    from drivers.virtual.timeline import parse_fault
+    setup = load_setup(machine, job, dt.date.today())
+    field = with_simulated_field(setup.job, setup.machine)
+    plant = simulated_machine(setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()])
+    plain = Serve(host=host, first_port=port, heads=setup.machine.geometry.heads,
+                  opening_mm=setup.machine.set_points.opening_mm, terminals=pty,
+                  rate_module=(host, MODULE_PORT) if rate_module else None,
+                  agopengps=("127.0.0.1", 17777) if agopengps else None)
+    serve = plain.with_faults([parse_fault(text, plain.devices) for text in fault or ()])
+    try:
+        served = ServedMachine(plant, serve, time.monotonic)
+    except OSError as error:
+        raise CommandError(f"serve-machine: {host}, ports from {port}: {error.strerror or error}") from None
+    for address in served.addresses:
+        typer.echo(f"{address.device:12} {address.protocol:16} {address.url}")
+    typer.echo("serving; Ctrl+C ends it")
+    begun_s = time.monotonic()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)       # a polite end: names of terminals are taken away
+    try:
+        while not seconds or time.monotonic() - begun_s < seconds:
+            for change in served.advance():
+                typer.echo(f"{time.monotonic() - begun_s:7.1f} s  {change}")
+            time.sleep(PLANT_STEP_S / 4.0)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        served.close()
