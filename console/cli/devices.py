@@ -1,0 +1,60 @@
+"""`topdress devices`: which ports there are, and what speaks on them."""
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import typer
+
+
+def devices(
+    ports: Annotated[list[str] | None, typer.Argument(metavar="[PORT...]", help="Serial ports, socket://HOST:PORT or "
+                                                      "udp://HOST:PORT. None: every serial port of this computer, and "
+                                                      "rate modules on the network.")] = None,
+    baud: Annotated[int | None, typer.Option(min=300, max=4_000_000, help="Listen at this rate only.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.2, max=60.0, help="Listen this long at each rate.")] = 1.2,
+    no_probe: Annotated[bool, typer.Option("--no-probe", help="List only; open nothing.")] = False,
+) -> None:
+    """List the ports and what speaks on them. Listens only: nothing is sent to any device."""
+    from serial.tools.list_ports import comports
+
+    from drivers.cab_config import CONSOLE_PORT
+    from drivers.devices.probe import BAUDS
+    told = {one.device: one.description or "" for one in sorted(comports())}
+    urls = list(ports) if ports else list(told)
+    if not urls:
+        typer.echo("no serial port on this computer")
+    for url in urls:
+        said = "" if no_probe else _modules(url, seconds) if url.startswith("udp://") else _line(
+            url, [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS), seconds)
+        typer.echo("  ".join(part for part in (f"{url:32}", told.get(url, ""), said) if part).rstrip())
+    if not ports and not no_probe:
+        typer.echo(f"{'rate modules on the network':32}  {_modules(f'udp://0.0.0.0:{CONSOLE_PORT}', seconds)}")
+
+
+def _line(url: str, bauds: list[int], seconds: float) -> str:
+    from drivers.devices.probe import probe
+    from drivers.ports import open_port
+    found = probe(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
+    if not found.protocol:
+        return f"nothing known speaks: {found.said}"
+    rate = "" if url.startswith("socket://") else f" at {found.baud} Bd"
+    return f"{found.protocol}{rate}: {found.accepted} understood, {found.rejected} rejected; last: {found.said}"
+
+
+def _modules(url: str, seconds: float) -> str:
+    from drivers.datagrams import UdpPort
+    from drivers.devices.probe import recognise_modules
+    port = UdpPort(url, time.monotonic)
+    heard: list[bytes] = []
+    until_s = time.monotonic() + seconds
+    try:
+        while time.monotonic() < until_s:
+            heard += port.read_each()
+            time.sleep(0.02)
+        trouble = port.state().last_error
+    finally:
+        port.close()
+    found = recognise_modules(heard)
+    names = ", ".join(f"rate module {number}" + (f" ({label})" if label else "") for number, label in found.items())
+    return names or (f"cannot listen: {trouble}" if trouble else "none heard")

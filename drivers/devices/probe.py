@@ -1,0 +1,107 @@
+"""What speaks on a line: its bytes are given to every driver, and the one that makes most of them says what it is.
+
+Listens only: nothing is sent, so that no drive can be set in motion by being looked at.
+"""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder
+from drivers.devices.gnss import GnssDecoder
+from drivers.devices.gpsd import GpsdDecoder
+from drivers.devices.lines import Counts
+from drivers.devices.rate_module_frames import BadDatagram, Board, Label, Status, decode_heard
+from drivers.devices.slave_board import SlaveBoard
+from drivers.ports import Clock, Port
+
+BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)      # the most usual first
+LISTEN_S = 1.2                                          # a receiver or head at 1 Hz is heard once
+FEWEST = 2                                              # accepted messages that make a finding
+
+
+class Finding(NamedTuple):
+    """`protocol` empty: nothing known speaks there. `said`: the last line, or why the port cannot be used."""
+
+    protocol: str = ""
+    baud: int | None = None
+    accepted: int = 0
+    rejected: int = 0
+    said: str = ""
+
+
+class Decoder(Protocol):
+    counts: Counts
+
+    def feed(self, data: bytes, time_s: float) -> Sequence[object]: ...
+
+
+def decoders() -> dict[str, Decoder]:
+    """A fresh driver of every protocol on a line, the strictest first."""
+    return {"slave-board/1": SlaveBoard(), "nmea0183": GnssDecoder(), "gpsd": GpsdDecoder(),
+            **{f"{name} (multiplexed)": HeadDecoder(layout, head=None) for name, layout in PROTOCOLS.items()},
+            **{name: HeadDecoder(layout) for name, layout in PROTOCOLS.items()}}
+
+
+def recognise(data: bytes) -> Finding:
+    """What bytes heard on a line are. Head layouts of equal length cannot be told apart: the first one is named.
+
+    An NMEA receiver without a fix and a gpsd that waits to be asked are recognised by what is ignored.
+    """
+    best = Finding()
+    for protocol, decoder in decoders().items():
+        decoder.feed(data, 0.0)
+        counts = decoder.counts
+        understood = counts.accepted + sum(
+            times for kind, times in counts.ignored.items() if kind not in ("comment", "partial_first"))
+        enough = FEWEST if protocol not in ("gpsd",) else 1
+        if understood >= enough and understood > best.accepted and understood > counts.rejected_total:
+            best = Finding(protocol, None, understood, counts.rejected_total)
+    return best
+
+
+def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = time.monotonic,
+          sleep: Callable[[float], None] = time.sleep, listen_s: float = LISTEN_S) -> Finding:
+    """Listen at each baud rate in turn until something is recognised; takes `listen_s` a rate at most.
+
+    `open_at` opens the port at a rate; ValueError and OSError come through.
+    """
+    said = ""
+    for baud in bauds:
+        port = open_at(baud)
+        heard = b""
+        try:
+            begun_s = clock()
+            while clock() - begun_s < listen_s:
+                sleep(0.02)
+                heard += port.read()
+                found = recognise(heard) if heard.endswith(b"\n") else Finding()
+                if found.protocol and found.accepted >= 2 * FEWEST:
+                    break
+            state = port.state()
+        finally:
+            port.close()
+        found = recognise(heard)
+        last = state.last_lines()
+        if found.protocol:
+            return found._replace(baud=baud, said=last[0] if last else "")
+        said = f"{len(heard)} bytes that no driver understands" if heard else state.last_error or "silent"
+        if not state.connects:
+            break                                       # it cannot be opened: not at another rate either
+    return Finding(said=said)
+
+
+def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
+    """Rate modules heard, by number, with what they call themselves."""
+    found: dict[int, str] = {}
+    for data in datagrams:
+        try:
+            heard = decode_heard(data)
+        except BadDatagram:
+            continue
+        if isinstance(heard, (Status, Board)):
+            found.setdefault(heard.module, "")
+        elif isinstance(heard, Label):
+            found[heard.module] = heard.text
+    return found
