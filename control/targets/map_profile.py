@@ -1,0 +1,100 @@
+"""Map mode: the prescription seen ahead of the outlets, as a profile along the track (lag paper, section 1.3)."""
+from __future__ import annotations
+
+from bisect import bisect_right
+
+from control.geodesy import Place, TangentPlane, direction, offset
+
+from .prescription import Ahead, Prescription
+from .profile import Change, Target
+
+LOOK_M = 40.0
+BEND_DEG_M = 2.0        # turning more sharply, the way ahead is taken in straight pieces along the arc
+PIECE_M = 1.5
+SAME_M = 2.0            # an edge seen this near to where its change was made is that change
+BESIDE_M = 0.2          # what holds this near by is as good: an edge driven along makes no chatter
+
+
+class MapProfile:
+    """Where along the track, the way the machine is heading, the rate changes; looked at once a tick.
+
+    Changes that were made stay where they were seen then; what lies beyond them is seen anew.
+    """
+
+    def __init__(self, prescription: Prescription, plane: TangentPlane) -> None:
+        self.prescription = prescription
+        self.plane = plane
+        self._places_m: list[float] = [float("-inf")]
+        self._targets: list[Target] = [prescription.lost]
+        self._lost = True
+
+    def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float,
+             turn_deg_m: float = 0.0) -> None:
+        """Look from the outlet ahead. `turn_deg_m`: how the heading changes per metre (0: straight on)."""
+        seen = [Ahead(track_m + d, target) for d, target in self._ahead((east_m, north_m), heading_deg, turn_deg_m)]
+        kept = bisect_right(self._places_m, fired_to_m)
+        if self._lost or kept == 0 or fired_to_m < track_m - LOOK_M:
+            self._put(seen)
+            return
+        begin = max(fired_to_m, track_m)
+        first = max(k for k, stretch in enumerate(seen) if k == 0 or stretch.distance_m <= begin)
+        beyond = [Ahead(begin, seen[first].target), *seen[first + 1:]]
+        held = self._targets[kept - 1]
+        while beyond and beyond[0].target != held and self._is_made(held, beyond, begin, offset(
+                (east_m, north_m), heading_deg, beyond[0].distance_m - track_m), heading_deg):
+            del beyond[0]
+        self._places_m[kept:] = [place for place, _ in beyond]
+        self._targets[kept:] = [target for _, target in beyond]
+        self._forget(track_m)
+
+    def lost(self) -> None:
+        """No place known: the rate for a lost position, everywhere."""
+        self._lost = True
+        self._places_m, self._targets = [float("-inf")], [self.prescription.lost]
+
+    def at(self, place_m: float) -> Target:
+        return self._targets[max(0, bisect_right(self._places_m, place_m) - 1)]
+
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+        if self.at(after_m) != holding:
+            return Change(after_m, self.at(after_m))
+        for k in range(bisect_right(self._places_m, after_m), len(self._places_m)):
+            if self._places_m[k] > before_m:
+                return None
+            if self._targets[k] != holding:
+                return Change(self._places_m[k], self._targets[k])
+        return None
+
+    def _ahead(self, start: Place, heading_deg: float, turn_deg_m: float) -> list[Ahead]:
+        if abs(turn_deg_m) < BEND_DEG_M:
+            return self.prescription.ahead(start, heading_deg, LOOK_M)
+        stretches: list[Ahead] = []
+        begun = 0.0
+        while begun < LOOK_M and abs(turn_deg_m) * begun < 180.0:
+            heading = heading_deg + turn_deg_m * (begun + 0.5 * PIECE_M)
+            for distance, target in self.prescription.ahead(start, heading, PIECE_M):
+                if not stretches or stretches[-1].target != target:
+                    stretches.append(Ahead(begun + distance, target))
+            east, north = direction(heading)
+            start = (start[0] + PIECE_M * east, start[1] + PIECE_M * north)
+            begun += PIECE_M
+        return stretches
+
+    def _is_made(self, held: Target, beyond: list[Ahead], begin_m: float, place: Place, heading_deg: float) -> bool:
+        """Whether what is seen first, at `place`, is the change already made: what is held begins a little further
+        on, or holds close by."""
+        if len(beyond) > 1 and beyond[1].target == held and beyond[1].distance_m < begin_m + SAME_M:
+            return True
+        return beyond[0].distance_m < begin_m + 2.0 * BESIDE_M and held in self.prescription.targets_at(
+            [offset(place, heading_deg, ahead, aside)
+             for ahead in (-BESIDE_M, BESIDE_M) for aside in (-BESIDE_M, BESIDE_M)])
+
+    def _put(self, seen: list[Ahead]) -> None:
+        self._lost = False
+        self._places_m = [place for place, _ in seen]
+        self._targets = [target for _, target in seen]
+
+    def _forget(self, track_m: float) -> None:
+        behind = bisect_right(self._places_m, track_m - LOOK_M) - 1
+        if behind > 0:
+            del self._places_m[:behind], self._targets[:behind]

@@ -1,0 +1,241 @@
+"""A prescription: rates by cells or zones in degrees, as files hold them, and laid on the field's tangent plane."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from control.field.boundary import Boundary
+from control.geodesy import Place, TangentPlane, direction
+from control.orders import TargetSource
+
+from .profile import Target
+from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg
+
+SHORTEST_M = 0.25       # a shorter stretch is a cut corner, passed before a drive has answered
+GAP_M = 0.5             # shorter ground without a rate, between ground that has one, is a sliver between polygons
+
+
+class Fallbacks(NamedTuple):
+    """What holds where the map says nothing, kg/ha (ISO 11783-10: default, out-of-field, position-lost zones)."""
+
+    default_kg_ha: float = 0.0          # inside the field, but in no zone, or in a cell without a value
+    outside_kg_ha: float = 0.0          # outside the field; without a known field: outside the map
+    lost_kg_ha: float = 0.0             # position lost
+
+
+NO_FALLBACKS = Fallbacks()
+
+
+class Zone(NamedTuple):
+    """One polygon. rings_deg: outline, then holes, each (k, 2) latitude and longitude, closed by itself."""
+
+    rate_kg_ha: float
+    rings_deg: tuple[Floats, ...]
+    title: str = ""
+
+
+class GridDeg(NamedTuple):
+    """Cells in degrees from the south-western corner on. rate_kg_ha: (rows, columns), NaN: says nothing."""
+
+    south_deg: float
+    west_deg: float
+    cell_lat_deg: float
+    cell_lon_deg: float
+    rate_kg_ha: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class MapData:
+    """What a file says, WGS84: zones or a grid, fallbacks, and the field's outlines with their holes where given."""
+
+    zones: tuple[Zone, ...] = ()
+    grid: GridDeg | None = None
+    fallbacks: Fallbacks = NO_FALLBACKS
+    fields_deg: tuple[tuple[Floats, ...], ...] = ()
+    title: str = ""
+    product: str = ""
+
+    def __post_init__(self) -> None:
+        if bool(self.zones) == (self.grid is not None):
+            raise ValueError("a prescription holds zones or a grid: allowed is one of them")
+
+    @property
+    def box_deg(self) -> tuple[float, float, float, float]:
+        """South, west, north and east end of what has a rate, degrees."""
+        if self.grid is not None:
+            rows, columns = self.grid.rate_kg_ha.shape
+            return (self.grid.south_deg, self.grid.west_deg, self.grid.south_deg + rows * self.grid.cell_lat_deg,
+                    self.grid.west_deg + columns * self.grid.cell_lon_deg)
+        corners = np.concatenate([zone.rings_deg[0] for zone in self.zones])
+        (south, west), (north, east) = corners.min(axis=0), corners.max(axis=0)
+        return float(south), float(west), float(north), float(east)
+
+    def plane(self) -> TangentPlane:
+        """The plane that touches the earth in the middle of the map."""
+        south, west, north, east = self.box_deg
+        return TangentPlane(0.5 * (south + north), 0.5 * (west + east))
+
+
+class Ahead(NamedTuple):
+    """From `distance_m` ahead on, `target` holds."""
+
+    distance_m: float
+    target: Target
+
+
+class Prescription:
+    """Rates, field and fallbacks on one plane; does not change once made."""
+
+    def __init__(self, rates: RateMap, fallbacks: Fallbacks, fields: Sequence[Boundary] = ()) -> None:
+        self._rates = rates
+        self._fields = tuple(fields)
+        self.fallbacks = fallbacks
+        self.lost = Target(fallbacks.lost_kg_ha, TargetSource.FALLBACK)
+        self._default = Target(fallbacks.default_kg_ha, TargetSource.FALLBACK)
+        self._outside = Target(fallbacks.outside_kg_ha, TargetSource.FALLBACK)
+
+    def at(self, place: Place) -> Target:
+        """The target at a place of the plane, m; `lost` where the place is not finite."""
+        return self.targets_at([place])[0]
+
+    def targets_at(self, places: npt.ArrayLike) -> list[Target]:
+        """Targets at places (n, 2), m."""
+        points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
+        rates = self._rates.rates_at(points)
+        known = np.isfinite(points[:, 0] + points[:, 1])
+        inside = np.full(len(points), not self._fields, dtype=np.bool_)
+        for field in self._fields:
+            np.logical_or(inside, field.many_inside(points), out=inside)
+        found = []
+        for k, rate in enumerate(rates.tolist()):
+            if not known[k]:
+                found.append(self.lost)
+            elif not inside[k] or (rate != rate and not self._fields):
+                found.append(self._outside)
+            else:
+                found.append(self._default if rate != rate else Target(rate, TargetSource.MAP))
+        return found
+
+    def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[Ahead]:
+        """The stretches along a straight line from `start`, the first from 0 m on; each differs from the one before.
+
+        Where the line meets a cell's or a zone's edge, or the field's, which cuts the cells of the border (lag paper,
+        eq 4 and 5, by vectors). Stretches below SHORTEST_M and gaps below GAP_M go half to each neighbour.
+        """
+        meets = [self._rates.crossings_m(start, heading_deg, farthest_m)]
+        meets += [np.array(field.crossings_m(*start, heading_deg, farthest_m)) for field in self._fields]
+        edges = np.concatenate(([0.0], np.unique(np.concatenate(meets)), [farthest_m]))
+        edges = edges[np.append(True, np.diff(edges) > 0.0)]
+        middles = 0.5 * (edges[:-1] + edges[1:])
+        targets = self.targets_at(np.asarray(start) + middles[:, None] * np.asarray(direction(heading_deg)))
+        pieces: list[_Piece] = []
+        for begin, end, target in zip(edges[:-1].tolist(), edges[1:].tolist(), targets, strict=True):
+            if pieces and pieces[-1].target == target:
+                begin = pieces.pop().begin_m
+            pieces.append(_Piece(begin, end, target))
+        long = [k for k, piece in enumerate(pieces) if not _is_sliver(piece, 0 < k < len(pieces) - 1)]
+        stretches: list[Ahead] = []
+        for before, k in zip([None, *long], long or [0], strict=False):
+            if not stretches or before is None:
+                stretches = [Ahead(0.0, pieces[k].target)]
+            elif pieces[k].target != stretches[-1].target:
+                stretches.append(Ahead(0.5 * (pieces[before].end_m + pieces[k].begin_m), pieces[k].target))
+        return stretches
+
+
+class _Piece(NamedTuple):
+    begin_m: float
+    end_m: float
+    target: Target
+
+
+def _is_sliver(piece: _Piece, between: bool) -> bool:
+    """Whether a piece is too short to count; a gap in the map counts only where it is not between two others."""
+    least = GAP_M if between and piece.target.source is TargetSource.FALLBACK else SHORTEST_M
+    return piece.end_m - piece.begin_m < least
+
+
+def on_plane(data: MapData, plane: TangentPlane) -> Prescription:
+    """The prescription laid on a plane.
+
+    Raises ValueError in one line where a field's outline cannot be used.
+    """
+    fields = tuple(Boundary(*_boundary_rings(plane, rings)) for rings in data.fields_deg)
+    return Prescription(_rate_map(data, plane), data.fallbacks, fields)
+
+
+def _boundary_rings(plane: TangentPlane, rings: Sequence[Floats]) -> tuple[list[Place], list[list[Place]]]:
+    outline, *holes = ([(float(e), float(n)) for e, n in plane.many_to_m(ring[:, 0], ring[:, 1])] for ring in rings)
+    return outline, holes
+
+
+def _rate_map(data: MapData, plane: TangentPlane) -> RateMap:
+    if data.grid is not None:
+        grid = data.grid
+        rows, columns = grid.rate_kg_ha.shape
+        return GridMap(frame_deg(plane, grid.south_deg, grid.west_deg, grid.cell_lat_deg, grid.cell_lon_deg,
+                                 rows, columns), grid.rate_kg_ha)
+    return ZoneMap(zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones])
+
+
+def zone_rings_m(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats]]:
+    """Rings of every zone on the plane, m: all corners projected at once."""
+    flat = [ring for zone in zones for ring in zone.rings_deg]
+    corners = np.concatenate(flat)
+    places = np.split(plane.many_to_m(corners[:, 0], corners[:, 1]), np.cumsum([len(ring) for ring in flat])[:-1])
+    rings = iter(places)
+    return [[next(rings) for _ in zone.rings_deg] for zone in zones]
+
+
+class RateShare(NamedTuple):
+    """Ground that is to get one rate."""
+
+    rate_kg_ha: float
+    area_ha: float
+    mass_kg: float
+
+
+def statistics(data: MapData) -> tuple[RateShare, ...]:
+    """Area and mass by rate, rising, of the cells or zones themselves (m on their own plane).
+
+    Where fields are given, what lies outside them does not count. Zones that overlap count each in full.
+    """
+    plane = data.plane()
+    if data.grid is not None:
+        rates = data.grid.rate_kg_ha.ravel()
+        rings = _cell_rings(data.grid, plane)
+        areas = _ring_areas(rings)
+        shapes = np.asarray(shapely.polygons(rings), dtype=object) if data.fields_deg else None
+    else:
+        rates = np.array([zone.rate_kg_ha for zone in data.zones])
+        shapes = ZoneMap(zone_rings_m(data.zones, plane), rates).shapes
+        areas = shapely.area(shapes)
+    if shapes is not None and data.fields_deg:
+        field = shapely.union_all([Boundary(*_boundary_rings(plane, rings)).shape for rings in data.fields_deg])
+        shapely.prepare(field)
+        cut = np.flatnonzero(~shapely.contains_properly(field, shapes))
+        areas[cut] = shapely.area(shapely.intersection(shapes[cut], field))
+    known = np.isfinite(rates) & (areas > 0.0)
+    levels, which = np.unique(rates[known], return_inverse=True)
+    by_rate = np.bincount(which, weights=areas[known], minlength=len(levels)) / 10_000.0
+    return tuple(RateShare(float(rate), float(ha), float(rate * ha)) for rate, ha in zip(levels, by_rate, strict=True))
+
+
+def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
+    """Corners of all cells (rows x columns, 4, 2), row by row, m."""
+    rows, columns = grid.rate_kg_ha.shape
+    row, column = (a.ravel() for a in np.meshgrid(np.arange(rows + 1), np.arange(columns + 1), indexing="ij"))
+    corner = plane.many_to_m(grid.south_deg + row * grid.cell_lat_deg,
+                             grid.west_deg + column * grid.cell_lon_deg).reshape(rows + 1, columns + 1, 2)
+    return np.stack((corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]), axis=2).reshape(-1, 4, 2)
+
+
+def _ring_areas(rings: Floats) -> Floats:
+    """Areas (n,) of four-cornered rings (n, 4, 2) by their diagonals."""
+    one, other = rings[:, 2] - rings[:, 0], rings[:, 3] - rings[:, 1]
+    return np.asarray(0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]), dtype=np.float64)

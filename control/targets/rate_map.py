@@ -1,0 +1,171 @@
+"""What a map says at a place, and where along a straight line it may say something else: cells, or polygons.
+
+Both answer on the field's tangent plane, m. A grid in degrees stays a grid in degrees: its cells are found through a
+frame that bends as meridians do, so that no cell is cut anew by the projection.
+"""
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from control.geodesy import Place, TangentPlane, direction
+
+Floats = npt.NDArray[np.float64]
+
+_FRAME_POINTS = 5           # on a side, to which a frame is fitted
+
+
+class RateMap(Protocol):
+    """Rates on the plane, without the fallbacks."""
+
+    def rates_at(self, places: npt.ArrayLike) -> Floats:
+        """Places (n, 2), m -> rates (n,), kg/ha; NaN where the map says nothing."""
+        ...
+
+    def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
+        """Distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate may change; in any order."""
+        ...
+
+
+class Frame(NamedTuple):
+    """From the plane to columns and rows: quadratics in east and north; a cell is where both have the same floor.
+
+    `column`, `row`: six factors each, of 1, e, n, e^2, e n, n^2.
+    """
+
+    column: tuple[float, ...]
+    row: tuple[float, ...]
+
+    def at(self, east_m: Floats, north_m: Floats) -> tuple[Floats, Floats]:
+        """Column and row, with their fractions, of places (n,)."""
+        return _quadratic(self.column, east_m, north_m), _quadratic(self.row, east_m, north_m)
+
+
+def _quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
+    a, b, c, d, f, g = factors
+    return np.asarray(a + e * (b + d * e + f * n) + n * (c + g * n), dtype=np.float64)
+
+
+def frame_m(corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0) -> Frame:
+    """Cells in metres; rows follow one another along the heading, columns to the right of it.
+
+    corner: the outer corner of the first cell. Raises ValueError for a cell that is not above 0.
+    """
+    if not (cell_east_m > 0.0 and cell_north_m > 0.0):
+        raise ValueError(f"cell {cell_east_m:g} x {cell_north_m:g} m: allowed is above 0")
+    ahead, right = direction(heading_deg), direction(heading_deg + 90.0)
+
+    def factors(axis: Place, cell_m: float) -> tuple[float, ...]:
+        return (-(corner[0] * axis[0] + corner[1] * axis[1]) / cell_m, axis[0] / cell_m, axis[1] / cell_m,
+                0.0, 0.0, 0.0)
+
+    return Frame(factors(right, cell_east_m), factors(ahead, cell_north_m))
+
+
+def frame_deg(plane: TangentPlane, south_deg: float, west_deg: float, cell_lat_deg: float, cell_lon_deg: float,
+              rows: int, columns: int) -> Frame:
+    """Cells in degrees, from the south-western corner on: right to a millimetre over 2 km.
+
+    Raises ValueError for a cell that is not above 0 or a grid without cells.
+    """
+    if not (cell_lat_deg > 0.0 and cell_lon_deg > 0.0 and rows > 0 and columns > 0):
+        raise ValueError(f"grid of {rows} rows and {columns} columns, cell {cell_lat_deg:g} x {cell_lon_deg:g} deg: "
+                         "allowed is above 0")
+    row, column = (values.ravel() for values in np.meshgrid(
+        np.linspace(0.0, rows, _FRAME_POINTS), np.linspace(0.0, columns, _FRAME_POINTS)))
+    east, north = plane.many_to_m(south_deg + row * cell_lat_deg, west_deg + column * cell_lon_deg).T
+    size = max(1.0, float(np.abs((east, north)).max()))
+    e, n = east / size, north / size
+    terms = np.column_stack((np.ones_like(e), e, n, e * e, e * n, n * n))
+    back = np.array([1.0, size, size, size * size, size * size, size * size])
+    factors = np.linalg.lstsq(terms, np.column_stack((column, row)), rcond=None)[0] / back[:, None]
+    return Frame(tuple(factors[:, 0].tolist()), tuple(factors[:, 1].tolist()))
+
+
+class GridMap:
+    """Cells of a frame. rate_kg_ha: (rows, columns), NaN where the map says nothing; row 0 begins at the corner."""
+
+    def __init__(self, frame: Frame, rate_kg_ha: npt.ArrayLike) -> None:
+        self.frame = frame
+        self.rate_kg_ha: Floats = np.asarray(rate_kg_ha, dtype=np.float64)
+        if self.rate_kg_ha.ndim != 2:
+            raise ValueError(f"a grid's rates have {self.rate_kg_ha.ndim} axes: allowed 2 (rows, columns)")
+
+    def rates_at(self, places: npt.ArrayLike) -> Floats:
+        points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
+        column, row = self.frame.at(points[:, 0], points[:, 1])
+        rows, columns = self.rate_kg_ha.shape
+        inside = (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)
+        found = np.full(len(points), np.nan)
+        found[inside] = self.rate_kg_ha[row[inside].astype(np.int64), column[inside].astype(np.int64)]
+        return found
+
+    def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
+        """Every column's and row's edge on the way. Within 40 m a line is straight in the frame to 0.03 mm."""
+        east, north = direction(heading_deg)
+        column, row = self.frame.at(np.array([start[0], start[0] + farthest_m * east]),
+                                    np.array([start[1], start[1] + farthest_m * north]))
+        rows, columns = self.rate_kg_ha.shape
+        return np.concatenate((_steps(column, columns), _steps(row, rows))) * farthest_m
+
+
+def _steps(ends: Floats, count: int) -> Floats:
+    """Shares of the way from one end to the other at which whole numbers from 0 to `count` are met."""
+    begin, end = float(ends[0]), float(ends[1])
+    if begin == end:
+        return np.zeros(0)
+    low, high = max(0, math.ceil(min(begin, end))), min(count, math.floor(max(begin, end)))
+    share = (np.arange(low, high + 1, dtype=np.float64) - begin) / (end - begin)
+    return np.asarray(share[share > 0.0], dtype=np.float64)
+
+
+class ZoneMap:
+    """Polygons with a rate each. Where several hold at a place, the first of them in order does.
+
+    rings: for each zone its outline and its holes, each (k, 2) east and north, m; an outline that crosses itself is
+    taken as the ground that it encloses. rate_kg_ha: (zones,).
+    """
+
+    def __init__(self, rings: Sequence[Sequence[Floats]], rate_kg_ha: npt.ArrayLike) -> None:
+        self.rate_kg_ha: Floats = np.asarray(rate_kg_ha, dtype=np.float64).reshape(-1)
+        if len(rings) != len(self.rate_kg_ha):
+            raise ValueError(f"{len(rings)} zones, {len(self.rate_kg_ha)} rates: allowed as many as zones")
+        self.shapes = polygons(rings)
+        self._edges = shapely.boundary(self.shapes)
+        self._tree = shapely.STRtree(self.shapes)
+
+    def rates_at(self, places: npt.ArrayLike) -> Floats:
+        points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
+        none = len(self.rate_kg_ha)
+        point, zone = self._tree.query(shapely.points(points), predicate="intersects")
+        first = np.full(len(points), none)
+        np.minimum.at(first, point, zone)
+        return np.asarray(np.append(self.rate_kg_ha, np.nan)[first], dtype=np.float64)
+
+    def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
+        east, north = direction(heading_deg)
+        end = (start[0] + farthest_m * east, start[1] + farthest_m * north)
+        line = shapely.linestrings([start, end])
+        met = self._tree.query(line)
+        if not len(met):
+            return np.zeros(0)
+        corners = shapely.get_coordinates(shapely.intersection(self._edges[met], line))
+        ahead = (corners[:, 0] - start[0]) * east + (corners[:, 1] - start[1]) * north
+        return np.asarray(ahead[(ahead > 0.0) & (ahead <= farthest_m)], dtype=np.float64)
+
+
+def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
+    """Shapes (zones,) of outlines with holes; what crosses itself is put right by what it encloses."""
+    flat = [ring for zone in rings for ring in zone]
+    if not flat:
+        return np.zeros(0, dtype=object)
+    lines = shapely.linearrings(np.concatenate(flat), indices=np.repeat(np.arange(len(flat)), [len(r) for r in flat]))
+    shapes = shapely.polygons(lines, indices=np.repeat(np.arange(len(rings)), [len(zone) for zone in rings]))
+    wrong = np.flatnonzero(~shapely.is_valid(shapes))
+    shapes[wrong] = shapely.make_valid(shapes[wrong])
+    return np.asarray(shapes, dtype=object)

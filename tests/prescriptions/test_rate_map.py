@@ -1,0 +1,184 @@
+"""Cells and zones: what holds at a place, and the crossings along oblique lines, against walking the line in steps."""
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from control.field.boundary import Boundary
+from control.geodesy import TangentPlane, direction, offset
+from control.orders import TargetSource
+from control.targets.prescription import (
+    GAP_M,
+    SHORTEST_M,
+    Fallbacks,
+    GridDeg,
+    MapData,
+    Prescription,
+    Zone,
+    on_plane,
+    statistics,
+)
+from control.targets.profile import Target
+from control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
+
+STEP_M = 0.02
+
+
+def walked(prescription: Prescription, start: tuple[float, float], heading: float, far: float) -> list[Target]:
+    ways = np.arange(STEP_M / 2, far, STEP_M)
+    return prescription.targets_at(np.asarray(start) + ways[:, None] * np.asarray(direction(heading)))
+
+
+def agree(prescription: Prescription, start: tuple[float, float], heading: float, far: float = 40.0) -> None:
+    """Every walked step has the target of its stretch, but for slivers, shared between their neighbours."""
+    stretches = prescription.ahead(start, heading, far)
+    begins = [s.distance_m for s in stretches]
+    targets = walked(prescription, start, heading, far)
+    lengths = {k: sum(1 for _ in run) for k, run in _runs(targets)}
+    wrong = []
+    for first, length in lengths.items():
+        gap = targets[first].source is TargetSource.FALLBACK
+        if length * STEP_M > (GAP_M if gap else SHORTEST_M) + STEP_M:
+            for way in ((first + 1) * STEP_M, (first + length - 1) * STEP_M):
+                held = stretches[int(np.searchsorted(begins, way, side="right")) - 1].target
+                if held != targets[first]:
+                    wrong.append(way)
+    assert wrong == []
+    assert len(stretches) > 1
+    assert all(one.target != other.target for one, other in itertools.pairwise(stretches))
+
+
+def _runs(targets: list[Target]) -> Iterator[tuple[int, list[Target]]]:
+    first = 0
+    for _, run in itertools.groupby(targets):
+        members = list(run)
+        yield first, members
+        first += len(members)
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0, 7.0, 33.3, 45.0, 91.0, 146.0, 200.5, 300.0, 359.0])
+def test_stretches_of_a_grid_are_those_walked(chequered: Prescription, heading: float) -> None:
+    rng = np.random.default_rng(int(heading))
+    for _ in range(6):
+        agree(chequered, tuple(rng.uniform(10.0, 100.0, 2)), heading)
+
+
+def test_border_cells_end_at_the_fields_edge(chequered: Prescription) -> None:
+    """Northwards at 50.5 m east: the last change is where the line meets the field's edge, in the middle of a cell."""
+    out = [s for s in chequered.ahead((50.5, 80.0), 0.0, 40.0) if s.target.rate_kg_ha == 5.0]
+    edge = Boundary([(61.0, 116.0), (7.0, 88.0), (61.0, 88.0)]).crossings_m(50.5, 100.0, 0.0)[0] + 100.0
+    assert len(out) == 1
+    assert out[0].distance_m + 80.0 == pytest.approx(edge, abs=1e-6)
+    assert edge % 10.0 > 0.5
+
+
+def test_inside_without_a_value_outside_and_lost_have_their_own_rates(chequered: Prescription) -> None:
+    hole = np.full((12, 12), np.nan)
+    bare = Prescription(GridMap(frame_m((0, 0), 10, 10), hole), Fallbacks(80.0, 5.0, 60.0),
+                        [Boundary([(4.0, 3.0), (113.0, 8.0), (61.0, 116.0)])])
+    assert bare.at((50.0, 50.0)) == Target(80.0, TargetSource.FALLBACK)
+    assert chequered.at((1.0, 1.0)) == Target(5.0, TargetSource.FALLBACK)
+    assert chequered.at((math.nan, 1.0)) == Target(60.0, TargetSource.FALLBACK)
+    fieldless = Prescription(GridMap(frame_m((0, 0), 10, 10), hole), Fallbacks(80.0, 5.0, 60.0))
+    assert fieldless.at((50.0, 50.0)).rate_kg_ha == 5.0
+
+
+def test_a_turned_metre_grid_has_rows_along_its_heading() -> None:
+    grid = GridMap(frame_m((100.0, 200.0), 4.0, 2.0, heading_deg=30.0), np.arange(6.0).reshape(3, 2))
+    for row in range(3):
+        for column in range(2):
+            place = offset((100.0, 200.0), 30.0, 2.0 * row + 0.1, 4.0 * column + 3.9)
+            assert grid.rates_at([place])[0] == 2 * row + column
+
+
+def test_a_grid_in_degrees_keeps_its_cells_in_degrees() -> None:
+    """Far from the plane's origin, near cell edges: the cell is the one that latitude and longitude say."""
+    plane = TangentPlane(48.1436, 15.1421)
+    south, west, lat_step, lon_step, rows, columns = 48.1333, 15.1313, 1.1178e-4, 1.1184e-4, 178, 236
+    rates = np.arange(float(rows * columns)).reshape(rows, columns)
+    grid = GridMap(frame_deg(plane, south, west, lat_step, lon_step, rows, columns), rates)
+    rng = np.random.default_rng(1)
+    row, column = rng.integers(0, rows, 400), rng.integers(0, columns, 400)
+    inset_m = 0.002
+    lat = south + (row + inset_m / (lat_step * 111_200)) * lat_step
+    lon = west + (column + inset_m / (lon_step * 74_300)) * lon_step
+    assert np.array_equal(grid.rates_at(plane.many_to_m(lat, lon)), rates[row, column])
+    lat = south + (row + 1 - inset_m / (lat_step * 111_200)) * lat_step
+    lon = west + (column + 1 - inset_m / (lon_step * 74_300)) * lon_step
+    assert np.array_equal(grid.rates_at(plane.many_to_m(lat, lon)), rates[row, column])
+
+
+@pytest.fixture
+def patchwork() -> Prescription:
+    """Triangles with slivers of 2 cm between them, one with a hole, one over another."""
+    rings, rates = [], []
+    rng = np.random.default_rng(3)
+    for i in range(10):
+        for j in range(10):
+            w, s, e, n = 12.0 * i + 0.01, 12.0 * j + 0.01, 12.0 * (i + 1) - 0.01, 12.0 * (j + 1) - 0.01
+            rings += [[np.array([(w, s), (e, s), (w, n)])], [np.array([(e, s), (e, n), (w, n)])]]
+            rates += rng.uniform(100, 400, 2).round(1).tolist()
+    rings[0].append(np.array([(2.0, 2.0), (5.0, 2.0), (2.0, 5.0)]))
+    rings.append([np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)])])
+    rates.append(999.0)
+    return Prescription(ZoneMap(rings, rates), Fallbacks(1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("heading", [0.0, 12.0, 45.0, 135.0, 250.0])
+def test_stretches_of_zones_are_those_walked(patchwork: Prescription, heading: float) -> None:
+    rng = np.random.default_rng(int(heading))
+    for _ in range(4):
+        agree(patchwork, tuple(rng.uniform(10.0, 80.0, 2)), heading)
+
+
+def test_slivers_between_zones_are_no_change_of_rate(patchwork: Prescription) -> None:
+    rates = [s.target.rate_kg_ha for s in patchwork.ahead((66.0, 66.5), 10.0, 40.0)]
+    assert len(rates) > 3 and 0.0 not in rates and 1.0 not in rates
+
+
+def test_the_first_zone_wins_and_holes_are_not_in_it(patchwork: Prescription) -> None:
+    assert patchwork.at((3.0, 3.0)).rate_kg_ha == 999.0
+    assert patchwork.at((1.0, 1.0)).rate_kg_ha != 999.0
+
+
+def test_an_outline_that_crosses_itself_is_what_it_encloses() -> None:
+    bow = ZoneMap([[np.array([(0.0, 0.0), (10.0, 10.0), (10.0, 0.0), (0.0, 10.0)])]], [7.0])
+    assert bow.rates_at([(1.0, 5.0), (9.0, 5.0)]).tolist() == [7.0, 7.0]
+    assert np.isnan(bow.rates_at([(5.0, 1.0)])[0])
+
+
+def test_statistics_of_a_grid_and_of_the_same_ground_as_zones() -> None:
+    south, west, step = 40.0, 116.0, 1e-4
+    grid = GridDeg(south, west, step, step, np.array([[100.0, 200.0], [np.nan, 100.0]]))
+    cells = [Zone(rate, (np.array([(a, b), (a + step, b), (a + step, b + step), (a, b + step)]),))
+             for a, b, rate in [(south, west, 100.0), (south, west + step, 200.0), (south + step, west + step, 100.0)]]
+    as_grid, as_zones = statistics(MapData(grid=grid)), statistics(MapData(zones=tuple(cells)))
+    cell_ha = step * 111_035 * step * 85_394 / 1e4
+    assert [s.rate_kg_ha for s in as_grid] == [100.0, 200.0]
+    assert as_grid[0].area_ha == pytest.approx(2 * cell_ha, rel=1e-3)
+    assert as_grid[1].mass_kg == pytest.approx(200.0 * cell_ha, rel=1e-3)
+    for one, other in zip(as_grid, as_zones, strict=True):
+        assert one.area_ha == pytest.approx(other.area_ha, rel=1e-9)
+    half = np.array([(south, west), (south + step, west), (south + step, west + step / 2), (south, west + step / 2)])
+    clipped = statistics(MapData(grid=grid, fields_deg=((half,),)))
+    assert [s.area_ha for s in clipped] == [pytest.approx(0.5 * cell_ha, rel=1e-3)]
+
+
+def test_a_map_is_zones_or_a_grid() -> None:
+    with pytest.raises(ValueError, match="zones or a grid"):
+        MapData()
+
+
+def test_on_plane_carries_field_and_fallbacks() -> None:
+    ring = np.array([(40.0, 116.0), (40.001, 116.0), (40.001, 116.001), (40.0, 116.001)])
+    data = MapData(zones=(Zone(150.0, (ring[:3],)),), fallbacks=Fallbacks(90.0, 3.0, 0.0), fields_deg=((ring,),))
+    prescription = on_plane(data, TangentPlane(40.0, 116.0))
+    plane = data.plane()
+    assert plane.lat_deg == pytest.approx(40.0005)
+    inside_zone = TangentPlane(40.0, 116.0).to_m(40.0009, 116.0001)
+    inside_field = TangentPlane(40.0, 116.0).to_m(40.0001, 116.0009)
+    assert [prescription.at(p).rate_kg_ha for p in (inside_zone, inside_field, (-5.0, 0.0))] == [150.0, 90.0, 3.0]
