@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from console.cli import check, decode, devices, effects, replay, run, serve_machine, simulate
+from console.cli import check, decode, devices, diagnose, effects, replay, run, serve_machine, simulate
 from console.cli.plain_errors import guarded
 
 app = typer.Typer(name="topdress", no_args_is_help=False, add_completion=False, rich_markup_mode=None,
@@ -28,6 +28,7 @@ def console(context: typer.Context,
 app.command("run")(guarded(run.run))
 app.command("replay")(guarded(replay.replay))
 app.command("simulate")(guarded(simulate.simulate))
+app.command("diagnose")(guarded(diagnose.diagnose))
 app.command("effects")(guarded(effects.effects))
 app.command("decode")(guarded(decode.decode))
 app.command("check")(guarded(check.check))

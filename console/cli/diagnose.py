@@ -1,0 +1,115 @@
+"""`topdress diagnose`: what the machine model gets wrong on measured data, why, and what putting it right gains."""
+from __future__ import annotations
+
+import datetime as dt
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from control.diagnosis.result import Diagnosis
+    from control.machine.machine import Machine
+
+
+def diagnose(
+    data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="A run log, or one or more bench tables of "
+                                               "the same machine.")],
+    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one.")] = "huanghai",
+    kind: Annotated[str | None, typer.Option(help="run, lag, catch, weigh, heads or place; default: from the "
+                                             "columns.")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="The result as JSON; - for standard "
+                                                 "output.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
+    adopt: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="A machine file with the findings.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
+) -> None:
+    """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do."""
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    for out in (report, adopt):
+        if out is not None and out.exists() and out in data:
+            raise CommandError(f"{out}: is the data itself")
+    loaded = load(machine, MACHINE).model
+    if kind == "run" or (kind is None and _is_run(data)):
+        found, tools = _run(data, loaded, seed)
+    else:
+        found, tools = _tables(data, loaded, kind, seed)
+    if adopt is not None:
+        found = _adopt(found, loaded, data, adopt)
+    _write(found, as_json, report, tools)
+
+
+def _is_run(data: list[Path]) -> bool:
+    with data[0].open(encoding="utf-8-sig", errors="replace") as file:
+        return "time_s" in file.readline().replace(";", ",").strip().split(",")
+
+
+def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
+    from control.diagnosis.run import diagnose_run
+    from drivers.files.read_log import LogError, read_log
+    if len(data) > 1:
+        raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
+    try:
+        log = read_log(data[0])
+    except LogError as error:
+        raise CommandError(str(error)) from None
+    for finding in log.findings:
+        typer.echo(f"note: {finding}", err=True)
+    columns = dict(log.columns)
+    return diagnose_run(columns, machine, path=str(data[0]), progress=_progress(), seed=seed), {"columns": columns,
+                                                                                               "machine": machine}
+
+
+def _tables(data: list[Path], machine: Machine, kind: str | None, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
+    from control.diagnosis.tables.diagnose import diagnose_tables
+    from drivers.files.bench_table import read_bench_table
+    tables = [read_bench_table(path, kind) for path in data]
+    return diagnose_tables(tables, machine, seed=seed, progress=_progress()), {"tables": tables, "machine": machine}
+
+
+def _progress() -> Any:
+    if not sys.stderr.isatty():
+        return None
+
+    def tell(share: float, word: str) -> None:
+        sys.stderr.write("\r\x1b[K" if share >= 1.0 else f"\r\x1b[K{100 * share:3.0f} % {word} (Ctrl-C cancels)")
+        sys.stderr.flush()
+    return tell
+
+
+def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
+    import dataclasses
+
+    from control.diagnosis.extend import extend
+
+    from drivers.files.config import save, sha256_of
+    from drivers.files.kinds import MACHINE
+    if found.verdict == "none":
+        raise CommandError(f"{out}: nothing was found, so there is nothing to adopt")
+    extended = extend(machine, found, data=", ".join(str(path) for path in data), sha256=sha256_of(data[0]),
+                      date=dt.date.today().isoformat())
+    save(out, extended, MACHINE)
+    return dataclasses.replace(found, extended_machine=str(out))
+
+
+def _write(found: Diagnosis, as_json: Path | None, report: Path | None, tools: dict[str, Any]) -> None:
+    from console.reports.diagnosis_text import summary
+    from drivers.files.atomic import write_atomically
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\x1b[K")
+    if as_json is not None and str(as_json) == "-":
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    else:
+        for line in summary(found):
+            typer.echo(line)
+        if as_json is not None:
+            write_atomically(as_json, json.dumps(found.to_json(), indent=1) + "\n")
+    if report is not None:
+        from console.reports.diagnosis_html import page
+        write_atomically(report, page(found, tools))
+        typer.echo(f"report: {report}", err=True)

@@ -1,0 +1,88 @@
+"""A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
+from __future__ import annotations
+
+from control.diagnosis.result import Cause, Diagnosis
+from control.machine.machine import CATALOGUE
+
+SHOWN_LIMIT = 8
+
+
+def summary(found: Diagnosis) -> list[str]:
+    """Lines for a terminal."""
+    lines = [_head(found)]
+    lines += [f"note: {sentence}" for sentence in found.findings]
+    if found.channels:
+        lines.append("")
+        lines.append(f"{'channel':8s} {'rows':>9s} {'bias':>10s} {'rmse':>10s} {'noise':>10s}  p(structure)")
+        lines += [f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  {_p(c.structure_p)} "
+                  f"({c.unit})" for c in found.channels]
+    for cause in found.causes:
+        lines += ["", *_cause(cause)]
+    for left in found.unexplained:
+        lines += ["", f"unexplained: {left.channel} depends on {left.variable} "
+                      f"({100 * left.explained_share:.0f} % of what is left), and no catalogued effect says why"]
+    for gain in found.gain:
+        lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
+                     f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})")
+    if found.next_run is not None:
+        lines += ["", f"next run: {found.next_run.plan}", f"    because {found.next_run.why}"]
+    lines += ["", *_not_shown(found)]
+    if found.extended_machine:
+        lines.append(f"extended machine: {found.extended_machine}")
+    return lines
+
+
+def _head(found: Diagnosis) -> str:
+    data = found.data
+    span = "" if data.duration_s is None else f", {data.duration_s:.0f} s"
+    words = {"none": "nothing beyond noise", "named": "named", "ambiguous": "found, but not told apart",
+             "unexplained": "structure that no known effect explains"}
+    return f"{data.path} ({data.kind}, {data.rows} rows{span}) on {data.machine}: {words[found.verdict]}"
+
+
+def _cause(cause: Cause) -> list[str]:
+    entry = CATALOGUE.get(cause.id)
+    size = cause.size
+    value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
+    span = "" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})"
+    which = "" if cause.member is None else f", number {cause.member}"
+    since = "" if cause.onset_s is None else f", since {cause.onset_s:.0f} s"
+    lines = [f"{cause.id}: {entry.effect.title if entry else ''}",
+             f"    {value}{span}{which}{since}; probability {cause.probability:.2f}"]
+    rivals = [f"{rival.id} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
+    if rivals:
+        lines.append(f"    could also be: {', '.join(rivals)}")
+    cost = cause.field_cost
+    costs = []
+    if cost.rate_error_percent:
+        costs.append(f"rate {cost.rate_error_percent:+.1f} %")
+    if cost.place_error_m:
+        costs.append(f"place {cost.place_error_m:+.2f} m")
+    if costs:
+        lines.append(f"    costs in the field: {', '.join(costs)}")
+    lines.append(f"    do: {cause.advice}")
+    return lines
+
+
+def _not_shown(found: Diagnosis) -> list[str]:
+    seen = [one for one in found.not_shown if one.smallest_detectable.value is not None]
+    blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None and _meant(one.id, found)]
+    lines = []
+    if seen:
+        told = [f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} {one.smallest_detectable.unit}"
+                for one in seen[:SHOWN_LIMIT]]
+        more = f" and {len(seen) - SHOWN_LIMIT} more (--json)" if len(seen) > SHOWN_LIMIT else ""
+        lines.append(f"would have been seen from: {'; '.join(told)}{more}")
+    if blind:
+        lines.append(f"cannot be seen in this data: {', '.join(blind)}")
+    return lines
+
+
+def _meant(effect_id: str, found: Diagnosis) -> bool:
+    """Whether one would have hoped to see this effect in data of this kind."""
+    entry = CATALOGUE.get(effect_id)
+    return entry is not None and any(found.data.kind in where for where in entry.effect.seen_in)
+
+
+def _p(value: float) -> str:
+    return f"{value:.3f}" if value >= 0.001 else "<0.001"
