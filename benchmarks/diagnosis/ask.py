@@ -17,8 +17,9 @@ def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, s
         from control.diagnosis.tables import Table, diagnose_tables
 
         numbers = {k: v for k, v in columns.items() if v.dtype != object}
-        labels = [v for v in columns.values() if v.dtype == object]
-        table = Table(kind=kind, columns=numbers, label=labels[0] if labels else None, path=f"{name}.csv")
+        texts = [(k, v.astype(str)) for k, v in columns.items() if v.dtype == object]
+        name_of, label = texts[0] if texts else ("", None)
+        table = Table(kind, numbers, name_of, f"{name}.csv", label)
         found = diagnose_tables([table], machine, seed=seed)
     answer: dict[str, Any] = json.loads(json.dumps(found.to_json(), allow_nan=False))
     return answer

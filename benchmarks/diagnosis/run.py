@@ -113,7 +113,7 @@ def main() -> None:
     marks = [mark(o["truth"], o["answer"], o["seconds"], o["gain_share"]) for o in kept.values()]
     spent = time.monotonic() - began
     text = report(marks, f"Diagnosis of hidden effects, seed {args.seed}, programmes: {args.programmes}") + \
-        f"\nCode {code_hash()}; {len(tasks)} cases asked for in this call, {spent / 60:.1f} min with {args.jobs} jobs.\n"
+        f"\nCode {code_hash()}; {len(tasks)} cases asked for in this call, {spent / 60:.1f} min, {args.jobs} jobs.\n"
     if args.out is None:
         print(text)
     else:

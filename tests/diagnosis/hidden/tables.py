@@ -60,7 +60,7 @@ LAYOUTS: tuple[Layout, ...] = (
 )
 SHOWS: dict[str, tuple[str, ...]] = {
     "lag_s": ("lag.offset", "lag.rebound", "lag.coarse_clock", "shaft.dead_time"),
-    "response_s": ("shaft.dead_time", "lag.offset", "lag.coarse_clock"),
+    "response_s": ("shaft.dead_time", "lag.offset"),
     "start": ("lag.first_fill", "lag.offset"), "direction": ("lag.asymmetry", "lag.offset"),
     "both": ("lag.speed_scale", "lag.offset"),
     "all": ("flow.gain", "flow.zero_offset", "flow.fill_falloff"), "outlet": ("flow.outlet_uneven", "flow.gain"),
@@ -189,7 +189,7 @@ class Table:
                 t = t + e.size * (self.given["start"] == "empty")
             elif e.id == "lag.asymmetry" and "direction" in self.given:
                 down = self.given["direction"] == "down"
-                t = t + (e.size * down if e.form % 2 else e.size * (down - 0.5))
+                t = t + e.size * (down - 0.1 * e.knob * (e.form % 2))       # rising ones: nominal, or nearly
         if "lag_m" not in self.measured:
             return t
         s = has["lag.speed_scale"].size / 100.0 if "lag.speed_scale" in has else 0.0

@@ -43,7 +43,7 @@ def told(e: Effect, z: float, r: dict[str, Any], span: dict[str, float]) -> dict
                "shaft.load_droop": span["opening_high_mm"] >= 50.0,
                "flow.hopper_head": e.form % 3 == 0, "shaft.stall": False, "gate.stuck": False}.get(e.id, True)
     return {"id": e.id, "size": e.size, "unit": IDS[e.id].unit, "onset_s": e.onset_s, "member": e.member,
-            "form": e.form, "z": round(z, 3), "size_defined": bool(defined), **r}
+            "form": e.form, "knob": e.knob, "seed": e.seed, "z": round(z, 3), "size_defined": bool(defined), **r}
 
 
 def share_of(planted: tuple[Effect, ...], trace: Callable[[Sequence[Effect]], Floats],
@@ -64,6 +64,7 @@ def share_of(planted: tuple[Effect, ...], trace: Callable[[Sequence[Effect]], Fl
                                        member=c["member"] or like.member))
         there = trace(planted)
         left = there - trace(named)
-        return 1.0 - inner(left, left) / inner(there, there)
+        removable = inner(there, there)
+        return 1.0 - inner(left, left) / removable if removable > 1e-9 else None      # a coarse clock removes nothing
 
     return share
