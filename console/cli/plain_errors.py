@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import functools
+import os
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -29,6 +31,9 @@ def guarded(command: F) -> F:
         except (CommandError, ValueError) as error:
             typer.echo(str(error).splitlines()[0], err=True)
             raise typer.Exit(2) from None
+        except BrokenPipeError:             # `topdress decode ... | head` is no error
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(0) from None
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             typer.echo(f"{where}{error.strerror or error}", err=True)
