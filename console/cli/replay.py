@@ -1,7 +1,6 @@
 """`topdress replay`: a run log on the screen, or headless through the control loop once more."""
 from __future__ import annotations
 
-import datetime as dt
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +13,6 @@ from control.orders import Strategy
 
 if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
-    from drivers.files.setup import Setup
 
 
 def replay(
@@ -44,7 +42,7 @@ def replay(
 
 
 def _again(recorded: RunLog, out: Path, machine: str | None, job: str | None, strategy: Strategy | None) -> None:
-    from console.cli.rerun import rerun
+    from console.cli.rerun import rerun, setup_of
     from drivers.files.run_log import PlainLogWriter
     from drivers.files.run_meta import run_meta
     for finding in recorded.findings:
@@ -68,25 +66,3 @@ def _again(recorded: RunLog, out: Path, machine: str | None, job: str | None, st
     took = time.perf_counter() - begun
     typer.echo(f"{len(recorded)} rows, {recorded.duration_s:.0f} s replayed in {took:.1f} s "
                f"({recorded.duration_s / max(took, 1e-9):.0f} times real time): {out}")
-
-
-def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
-    """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
-    import dataclasses
-
-    from control.agronomy.noa import prepare
-    from drivers.files.config import validated
-    from drivers.files.kinds import CROP, JOB, MACHINE
-    from drivers.files.setup import load_setup
-    meta = recorded.meta
-    setup = load_setup(machine or "huanghai", job or "demo", dt.date.today())
-    label = str(recorded.path.with_suffix(".yaml"))
-    if meta is not None and machine is None and meta.machine is not None:
-        setup = dataclasses.replace(setup, machine=validated(meta.machine, MACHINE, label))
-    if meta is not None and job is None and meta.job is not None and meta.crop is not None:
-        crop = validated(meta.crop, CROP, label)
-        own = validated(meta.job, JOB, label)
-        setup = dataclasses.replace(setup, crop=crop, job=own, rule=prepare(crop, own.days, own.ndvi_nrich))
-    if strategy is not None:
-        setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))
-    return setup

@@ -75,8 +75,7 @@ def _decided_anew(recorded: RunLog, options: WhatIf) -> Sequence[Frame]:
     """Frames of the control loop run again over the log's measurements. Raises ValueError in one line."""
     import dataclasses
 
-    from console.cli.replay import setup_of
-    from console.cli.rerun import rerun
+    from console.cli.rerun import rerun, setup_of
     from control.agronomy.noa import prepare
     from control.orders import Strategy
     from drivers.files.config import load

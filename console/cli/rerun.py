@@ -1,14 +1,19 @@
 """The control loop once more over the measurements of a log, with the operator's recorded orders."""
 from __future__ import annotations
 
+import dataclasses
+import datetime as dt
 from collections.abc import Iterator
 
+from control.agronomy.noa import prepare
 from control.loop import Tick
-from control.orders import Do, Order, State
+from control.orders import Do, Order, State, Strategy
 from control.simulation.assembly import control_loop
+from drivers.files.config import validated
+from drivers.files.kinds import CROP, JOB, MACHINE
 from drivers.files.read_log import RunLog
 from drivers.files.replay import measurements
-from drivers.files.setup import Setup
+from drivers.files.setup import Setup, load_setup
 
 MOVES_MPS = 0.6
 
@@ -56,3 +61,19 @@ def _operator(state: str, speed_mps: float) -> list[Order]:
     if state == State.READY and speed_mps > MOVES_MPS:
         return [Order(Do.START)]
     return []
+
+
+def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
+    """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
+    meta = recorded.meta
+    setup = load_setup(machine or "huanghai", job or "demo", dt.date.today())
+    label = str(recorded.path.with_suffix(".yaml"))
+    if meta is not None and machine is None and meta.machine is not None:
+        setup = dataclasses.replace(setup, machine=validated(meta.machine, MACHINE, label))
+    if meta is not None and job is None and meta.job is not None and meta.crop is not None:
+        crop = validated(meta.crop, CROP, label)
+        own = validated(meta.job, JOB, label)
+        setup = dataclasses.replace(setup, crop=crop, job=own, rule=prepare(crop, own.days, own.ndvi_nrich))
+    if strategy is not None:
+        setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))
+    return setup
