@@ -94,10 +94,12 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
         inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=share,
                             opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
                             table_at=table)
-        start_kg = h.start_kg
+        # The model's hopper is full at full_kg; a reading above that is taken down and put back on afterwards.
+        over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + 5.0)
+        start_kg = h.start_kg - over_kg
         first = FlowOutput(0.0, start_kg)
         out = flow_run(flow_sets, rows, flow_start(start_kg, float(h.time_s[0])), first, inputs, h.time_s, 1e9)
-        hopper = 0.5 * (out[:-1, 1] + out[1:, 1])
+        hopper = 0.5 * (out[:-1, 1] + out[1:, 1]) + over_kg
         middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
         reads = np.empty(count - 1)
         scales, _ = switches(plan, "scale", h.time_s)

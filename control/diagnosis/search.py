@@ -13,7 +13,7 @@ from . import noise as noises
 from .hypothesis import Part, Parts, bounds, schedule, stages_of
 from .likelihood import Column, Fit, Problem, fitted, problem, projected, solved
 from .noise import Noise, coefficients, series_of
-from .residuals import MOST_STEP_S, Channel
+from .residuals import FINE_S, MOST_STEP_S, Channel
 from .sensitivities import (
     FORM_CHANNEL,
     FORM_OVER,
@@ -32,6 +32,9 @@ Array = npt.NDArray[np.float64]
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
 SIBLINGS = {"shaft.slow": ("shaft.dead_time",), "shaft.dead_time": ("shaft.slow",)}
 ROUNDS = 4
+SETTLE_ROUNDS = 4
+TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
+REFILL_SD_KG = 0.5          # of what the operator wrote down
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 OUTLIER = 4.5
 
@@ -123,15 +126,49 @@ class Group:
 
     def settle(self, parts: Parts) -> None:
         """Nominal values moved, within their tolerances, to where they fit best: their slopes are then taken there."""
-        p, count = self.compressed(parts)
-        amplitude = fitted(p, np.arange(count), self.noise).amplitude
+        best = self._at_rest(parts)
+        for _ in range(SETTLE_ROUNDS):
+            before = dict(self._off)
+            p, count = self.compressed(parts)
+            amplitude = fitted(p, np.arange(count), self.noise).amplitude
+            step = {n.key: (n, amplitude[p.keys.index(n.key)]) for c in self.channels
+                    for n in nuisances(c.name, self.machine)}
+            if all(abs(size) < 0.05 * n.sd for n, size in step.values()):
+                break
+            for share in (1.0, 0.4, 0.15):
+                self._move({key: float(np.clip(before.get(key, 0.0) + share * size, -3.0 * n.sd, 3.0 * n.sd))
+                            for key, (n, size) in step.items()})
+                now = self._at_rest(parts)
+                if now > best:
+                    break
+            if now <= best:
+                self._move(before)
+                break
+            gained, best = now - best, now
+            if gained < 0.5:
+                break
+
+    def _at_rest(self, parts: Parts) -> float:
+        """Log-likelihood with the nominal values exactly where they stand."""
+        data = self.data_of(parts)
+        kept = [c for c in self._fixed if not any(c.key.startswith(key) for key in self._tolerances)]
+        p = problem(self.channels, data, kept)
+        value = fitted(p, np.arange(len(kept)), self.noise, rounds=2).log_likelihood
+        for c in self.channels:
+            for n in nuisances(c.name, self.machine):
+                value -= 0.5 * (self._off.get(n.key, 0.0) / n.sd) ** 2
+        return value
+
+    @property
+    def _tolerances(self) -> tuple[str, ...]:
+        return tuple(n.key for c in self.channels for n in nuisances(c.name, self.machine))
+
+    def _move(self, off: dict[str, float]) -> None:
         for channel in self.channels:
             for n in nuisances(channel.name, self.machine):
-                at = p.keys.index(n.key)
-                off = float(np.clip(self._off.get(n.key, 0.0) + amplitude[at], -3.0 * n.sd, 3.0 * n.sd))
                 nominal = getattr(getattr(self.machine, n.stage), n.field)
-                self.base = self.base.put(n.stage, **{n.field: float(nominal + off)})
-                self._off[n.key] = off
+                self.base = self.base.put(n.stage, **{n.field: float(nominal + off.get(n.key, 0.0))})
+        self._off = dict(off)
         self._predictions.clear()
         self._tried.clear()
         self._fixed = self._nuisance_columns()
@@ -146,18 +183,28 @@ class Group:
                 change = (channel.predict(plan, MOST_STEP_S) - now[channel.name]) / n.step
                 column = self.column(n.key, {channel.name: change}, n.sd)
                 found.append(column._replace(mean=-self._off.get(n.key, 0.0)))
+                if channel.name == "shaft" and n.field != "gain_percent":
+                    found += self._by_speed_and_way(n.key, change, now["shaft"], TRAIT_SHARE * n.sd)
             if channel.name == "scale" and self.data.hopper is not None:
                 count = len(channel.measured)
                 found.append(self.column("level", {"scale": np.ones(count)}, 20.0))
                 middle = channel.grid.even_s
                 for k, jump in enumerate(self.data.hopper.jumps):
                     after = (middle >= self.data.hopper.time_s[jump]).astype(np.float64)
-                    found.append(self.column(f"refill {k}", {"scale": after}, 20.0))
+                    sd = REFILL_SD_KG if self.data.hopper.told[k] else 20.0
+                    found.append(self.column(f"refill {k}", {"scale": after}, sd))
             if channel.name == "heads":
                 for k in range(self._heads):
                     one = self.difference((), Part("canopy.head_fouled", 1.0, None, k + 1))
                     found.append(self.column(f"head {k + 1}", one, self.machine.tolerance.head_percent))
         return found
+
+    def _by_speed_and_way(self, key: str, change: Array, rpm: Array, sd: float) -> list[Column]:
+        """The same tolerance, unlike at low and high speed and for rising and falling commands."""
+        middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
+        way = np.sign(np.gradient(rpm))
+        return [self.column(f"{key} by speed", {"shaft": change * (rpm - middle) / half}, sd),
+                self.column(f"{key} by way", {"shaft": change * way}, sd)]
 
     def forms(self, stage: str, variable: str) -> list[Column]:
         """Columns of the smooth shapes of a stage over a variable (empty: the variable hardly moves)."""
@@ -195,6 +242,8 @@ class Group:
             step = PROBES.get(part.id) or max(0.002, 0.02 * abs(part.size))
             if part.id in LADDERS:
                 step = max(0.02 * abs(part.size), 0.02 * abs(LADDERS[part.id][-1]))
+            if part.id == "speed.gnss_latency":
+                step = 2.0 * FINE_S
             touched = self._touched(part.id)
             low, high = bounds(part.id)
             step = step if part.size + step <= high else -step
@@ -293,7 +342,7 @@ class Group:
                 moved[k] = now[k]._replace(size=size)
             last = fit.noise
             best = Refit(now, tuple(sd), fit.log_likelihood, fit.noise,
-                         _tangled(fit.covariance, [at for _, at in slopes_at]))
+                         self._tangled(p, [at for at, _ in slopes_at], fit.noise))
             if biggest < 0.05 or not slopes_at:
                 break
             now = tuple(moved)
@@ -307,6 +356,15 @@ class Group:
         chosen = np.arange(count)
         slopes_at = [(k, k) for k, key in enumerate(p.keys) if key.startswith("slope ")]
         return fitted(p, chosen, noise), slopes_at, p
+
+    def _tangled(self, p: Problem, places: list[int], noise: dict[str, Noise]) -> float:
+        """Largest likeness of two parts' traces, nuisances taken out and their forms as the catalogue has them."""
+        if len(places) < 2:
+            return 0.0
+        normal, _ = projected(p, np.arange(len(self._fixed)), noise)
+        part = normal[np.ix_(places, places)]
+        scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
+        return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
     def _threshold(self, found: Refit) -> Refit:
         best = found
@@ -333,13 +391,6 @@ class Group:
                 if channel.name in column.coefficients:
                     left -= size * column.coefficients[channel.name]
             self._excess[channel.name] = _lone(series_of(left, channel.cut))
-
-
-def _tangled(covariance: Array, places: list[int]) -> float:
-    part = covariance[np.ix_(places, places)]
-    scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
-    shared = np.abs(part / scale[:, None] / scale - np.eye(len(places)))
-    return float(shared.max(initial=0.0))
 
 
 def _lone(left: Array) -> Array:

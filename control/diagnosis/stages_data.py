@@ -1,7 +1,7 @@
 """A run log as the machine model's stages see it: inputs and measured outputs of each channel on an even time grid."""
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,10 @@ SETTLE_S = 3.0              # of the drives at the beginning: their past is not 
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
+STILL_AFTER_S = 1.5         # it has run down by then
 REFILL_KG = 3.0
 WORKING_RPM = 2.0
+TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 
 
@@ -63,6 +65,7 @@ class Hopper(NamedTuple):
     refill_kg: Array            # (m+1,)
     start_kg: float
     jumps: tuple[int, ...]      # bins from which a refill counts
+    told: tuple[bool, ...]      # whether the operator wrote down how much a refill was
     grid: Grid                  # over the m bins
 
 
@@ -125,12 +128,13 @@ def run_data(log: Clean, machine: Machine) -> RunData:
         variables["heading_deg"] = _held(c["heading_deg"])
     shaft = gate = hopper = speed = heads = None
     if "shaft" in log.stages:
-        still = (command <= 0.0) & (c["shaft_rpm"] < STILL_READ_RPM)
+        since = time - np.maximum.accumulate(np.where(command > 0.0, time, -np.inf))
+        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
         shaft = _drive("shaft", time, command, np.where(still, 0.0, c["shaft_rpm"]), opening, supply, log.step_s)
     if "gate" in log.stages:
         gate = _drive("gate", time, opening_command, c["opening_mm"], opening, supply, log.step_s)
     if "flow" in log.stages:
-        hopper = _hopper(time, shaft_rpm, opening, pitch, c["hopper_kg"], log.step_s)
+        hopper = _hopper(time, shaft_rpm, opening, pitch, c["hopper_kg"], log.step_s, _written(time, log.events))
     if "speed" in log.stages:
         speed = _speed(time, c["speed_mps"], c["wheel_speed_mps"], working, pitch, machine)
         variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
@@ -178,7 +182,8 @@ def _drive(name: str, time: Array, command: Array, measured: Array, opening: Arr
     return Drive(name, time, command, measured, opening, supply, _grid(time, known, step_s))
 
 
-def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float) -> Hopper:
+def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float,
+            written: list[tuple[float, float]]) -> Hopper:
     width = max(HOPPER_STEP_S, step_s)
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
@@ -196,11 +201,31 @@ def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading
     sums = np.bincount(bins, weights=reading[known], minlength=count)
     kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
     refill, jumps, hidden = _refills(kg)
+    told = []
+    for jump in jumps:
+        close = [amount for at, amount in written if abs(at - edges[jump]) < TOLD_WITHIN_S]
+        told.append(bool(close))
+        if close:
+            refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
     last = len(turned) - 1
     extend = np.append(np.arange(last + 1), last)
     return Hopper(edges, turned[extend], wide[extend], level[extend], kg, np.append(refill, 0.0),
-                  float(np.median(kg[good][:10])), jumps, _grid(edges[:-1] + 0.5 * width, good, width))
+                  float(np.median(kg[good][:10])), jumps, tuple(told), _grid(edges[:-1] + 0.5 * width, good, width))
+
+
+def _written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]:
+    """(time_s, kg) of the refills that the operator wrote down."""
+    found: list[tuple[float, float]] = []
+    for row in np.flatnonzero(events != ""):
+        for word in str(events[row]).split(";"):
+            parts = word.split()
+            if len(parts) == 2 and parts[0] == "refill":
+                try:
+                    found.append((float(time[row]), float(parts[1])))
+                except ValueError:
+                    continue
+    return found
 
 
 def _mean_in(time: Array, amounts: Array, edges: Array) -> Array:
