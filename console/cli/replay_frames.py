@@ -61,7 +61,8 @@ def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4) ->
         yield Frame(seq=number, at_s=row.time_s, row=row, alarms=alarms, area_ha=area, applied_kg=mass,
                     job=str(job.get("title") or job.get("id") or ""),
                     machine=str(machine.get("title") or machine.get("id") or ""), crop=str(crop.get("name") or ""),
-                    log_path=str(recorded.path), simulated=bool(meta and meta.seed is not None), place_m=place)
+                    log_path=str(recorded.path), simulated=bool(meta and meta.seed is not None), place_m=place,
+                    gnss_age_s=None if row.lat_deg is None else 0.0)
 
 
 def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
