@@ -23,6 +23,8 @@ class Space(NamedTuple):
 
 
 class Subset(NamedTuple):
+    """`rss` is at least `dof`: rows that scatter less than their noise do not make the tolerances any narrower."""
+
     sizes: Array
     se: Array
     rss: float
@@ -75,7 +77,7 @@ def subset(space: Space, index: Sequence[int]) -> Subset | None:
     if dof <= 0.0:
         return None
     if len(index) == 0:
-        return Subset(np.zeros(0), np.zeros(0), float(y @ y) + space.extra_rss, dof)
+        return Subset(np.zeros(0), np.zeros(0), max(float(y @ y) + space.extra_rss, dof), dof)
     raw = space.x[:, list(index)]
     x = without(space.basis, raw)
     length = np.linalg.norm(x, axis=0)
@@ -86,7 +88,7 @@ def subset(space: Space, index: Sequence[int]) -> Subset | None:
         return None
     sizes = np.linalg.solve(gram, (x / length).T @ y)
     rest = y - (x / length) @ sizes
-    rss = float(rest @ rest) + space.extra_rss
+    rss = max(float(rest @ rest) + space.extra_rss, dof)
     se = np.sqrt(np.diag(np.linalg.inv(gram)) * rss / dof) / length
     return Subset(sizes / length, se, rss, dof)
 

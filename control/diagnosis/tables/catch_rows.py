@@ -1,7 +1,7 @@
 """Catch tables: mass from a turning shaft in a given time, all outlets together or each by itself."""
 from __future__ import annotations
 
-from math import cos, pi
+from math import pi
 
 import numpy as np
 
@@ -11,26 +11,32 @@ from control.machine.machine import Machine
 
 from .piece import Array, Choice, Piece, varying
 
-SMALL_SHARE = 0.1           # of the median mass: below it the noise is no longer a share of the mass
+SMALL_SHARE = 0.1           # of the median mass: below it even proportional noise is constant
 FAST_TURNS = 3.0            # flute passages in a catch, above which it is too slow to show a pulsation
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
-    """One piece: mass_kg. Its noise is a share of the mass, with a floor."""
+    """One piece: mass_kg. Its noise is constant, a share of the mass, or between; the replicates decide."""
     columns = table.columns
     rpm, opening, lasts_s = columns["shaft_rpm"], columns["opening_mm"], columns["duration_s"]
     outlet = columns.get("outlet")
 
-    def predict(m: Machine) -> Array:
+    def steady(m: Machine) -> Array:
         return _mass(m.flow, rpm, opening, lasts_s, outlet, m.geometry.outlets)
 
-    nominal = predict(machine)
-    typical = float(np.median(nominal)) or 1.0
+    nominal = steady(machine)
+    angle = 2.0 * pi * machine.flow.flutes * rpm / 60.0 * lasts_s
+    begins = _begins(columns["mass_kg"], nominal, angle)
+
+    def predict(m: Machine) -> Array:
+        return steady(m) + nominal * m.flow.pulsation_percent / 100.0 * _pulse(angle, begins)
+
+    share = np.maximum(nominal, 1e-9) / (float(np.median(nominal)) or 1.0)
+    spreads = (np.ones(table.rows), np.hypot(share, 1.0) / np.sqrt(2.0), np.hypot(share, SMALL_SHARE))
     choices = [Choice("flow.gain"), Choice("flow.zero_offset"), Choice("flow.fill_falloff")]
     if outlet is not None:
         choices += [Choice("flow.outlet_uneven", int(k)) for k in np.unique(outlet) if k == int(k)]
-    passages = float(machine.flow.flutes) * rpm / 60.0 * lasts_s
-    if passages.min() < FAST_TURNS and len(np.unique(lasts_s)) > 2:
+    if angle.min() / (2.0 * pi) < FAST_TURNS and len(np.unique(lasts_s)) > 2:
         choices.append(Choice("flow.pulsation"))
     fast = rpm / 100.0
     shapes = [fast, fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.4), np.maximum(0.0, fast - 0.6)]
@@ -42,31 +48,35 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
         variables["outlet"] = outlet
     label = np.full(table.rows, "") if table.label is None else table.label
     return (Piece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
-                  np.hypot(nominal, SMALL_SHARE * typical) / typical, label, tuple(choices),
+                  spreads, label, tuple(choices),
                   ("flow.gain",), varying(variables),
                   {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal},
                   {"flow.fill_falloff": np.column_stack([nominal * shape for shape in shapes]),
-                   "flow.pulsation": _out_of_phase(machine.flow, nominal, rpm, lasts_s)}),)
+                   "flow.pulsation": _twice_as_quick(nominal, angle)}),)
 
 
 def _mass(flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int) -> Array:
     grams = [grams_per_rev(flow, n, o) for n, o in zip(rpm.tolist(), opening.tolist(), strict=True)]
     mass = np.array(grams) * rpm / 60.0 * lasts_s / 1000.0
-    if flow.pulsation_percent != 0.0:
-        angles = 2.0 * pi * flow.flutes * rpm / 60.0 * lasts_s
-        mass = mass * (1.0 + flow.pulsation_percent / 100.0 * np.array([_pulse(angle) for angle in angles.tolist()]))
     if outlet is None:
         return mass * (1.0 + (flow.uneven_percent / outlets / 100.0 if flow.uneven_outlet > 0.0 else 0.0))
     return mass / outlets * (1.0 + np.where(outlet == flow.uneven_outlet, flow.uneven_percent / 100.0, 0.0))
 
 
-def _pulse(angle: float) -> float:
-    """Mean of the model's sine over a catch that begins as a flute does (flow_step, started at angle 0)."""
-    return (1.0 - cos(angle)) / angle if angle > 1e-9 else 0.0
+def _pulse(angle: Array, begins: float) -> Array:
+    """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, begun at `begins`, (n,)."""
+    angle = np.maximum(angle, 1e-9)
+    return np.asarray((np.cos(begins) - np.cos(begins + angle)) / angle)
 
 
-def _out_of_phase(flow: Flow, nominal: Array, rpm: Array, lasts_s: Array) -> Array:
-    """The same pulsation begun a quarter of a flute later, and twice as quick, (n, 3)."""
-    angle = np.maximum(2.0 * pi * flow.flutes * rpm / 60.0 * lasts_s, 1e-9)
-    shapes = [np.sin(angle) / angle, np.sin(2 * angle) / (2 * angle), (1.0 - np.cos(2 * angle)) / (2 * angle)]
-    return np.column_stack([nominal * shape for shape in shapes])
+def _begins(mass: Array, nominal: Array, angle: Array) -> float:
+    """Where in a flute's passage the catches begin, radians: the phase that fits, the rest being steady."""
+    known = nominal > 0.0
+    columns = [np.ones(int(known.sum())), _pulse(angle, 0.0)[known], _pulse(angle, pi / 2.0)[known]]
+    fit, *_ = np.linalg.lstsq(np.column_stack(columns) * nominal[known, None], mass[known], rcond=None)
+    return float(np.arctan2(fit[2], fit[1]))
+
+
+def _twice_as_quick(nominal: Array, angle: Array) -> Array:
+    """A pulsation of another shape has a second harmonic too, (n, 2)."""
+    return np.column_stack([nominal * _pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)])

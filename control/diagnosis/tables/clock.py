@@ -20,6 +20,11 @@ STEPS_A_DECADE = 700
 LEAST_ROWS = 8
 COARSEST = 4.0              # times the scatter: coarser steps have no phases left
 AS_CLEAR = 0.85             # of the clearest heaping: of steps as clear as this the coarsest is meant
+UNDECIDED = 0.5
+COARSE_DIGIT_S = 0.1        # nobody writes lags so roughly by choice
+PRINTED_S = 0.001
+FEW_VALUES = 3              # different readings among many, far apart: no scatter is left to see the steps by
+DITHERED = 0.35             # of a step: scatter below this does not even the rounding out
 
 
 class Clock(NamedTuple):
@@ -36,9 +41,13 @@ class Clock(NamedTuple):
 def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> Clock | None:
     """Looks for a clock step in times (n,) about their fitted means (n,). None: too few rows or no scatter to see it.
 
-    `digit_s`: the last printed digit.
+    `digit_s`: the last printed digit; where that is a tenth of a second or more, it is itself such a step.
     """
+    digit_s = PRINTED_S if digit_s >= COARSE_DIGIT_S else digit_s
     rows = len(times_s)
+    few = _few_values(times_s, digit_s)
+    if few is not None:
+        return few
     rest = times_s - fitted_s
     scatter = float(np.std(rest, ddof=1)) if rows > 1 else 0.0
     spread = float(np.std(times_s))
@@ -60,13 +69,41 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
         further = np.concatenate([((_heaping(_smooth(fitted_s, rest, rng, 250), steps) - mean) / sd).max(axis=1)
                                   for _ in range(CHECKED // 250)])
         p = (int(np.sum(further >= highest)) + 1) / (CHECKED + 1)
-    clear = np.flatnonzero((seen >= AS_CLEAR * seen[int(np.argmax(z))]) & (z >= 0.6 * highest))
-    last = clear[-1]
+    clear = np.flatnonzero((seen >= AS_CLEAR * seen[int(np.argmax(z))]) & (z >= max(3.0, 0.3 * highest)))
+    last = clear[-1] if len(clear) else int(np.argmax(z))
+    clear = np.append(clear, last)
     near = clear[clear >= last - 3]
     step = float(steps[near[int(np.argmax(seen[near]))]])
     step, half = _refined(times_s, step)
     return Clock(step, step - half, step + half, p, float(seen.max()), _smallest(steps, mean, sd, float(np.quantile(
         null, 0.99))))
+
+
+def _few_values(times: Array, digit_s: float) -> Clock | None:
+    """Many readings, hardly any different ones: whole steps and nothing between them.
+
+    One and the same reading throughout may also be a steady detector: p is then 1/2, neither shown nor excluded.
+    """
+    kinds = np.unique(times)
+    if len(times) < LEAST_ROWS or len(kinds) > min(FEW_VALUES, len(times) // 6) or kinds[0] <= 0.0:
+        return None
+    gaps = np.diff(kinds)
+    if len(gaps) and gaps.min() < FINEST_DIGITS * digit_s:
+        return None
+    p = UNDECIDED if len(gaps) == 0 and kinds[0] < 10.0 * FINEST_DIGITS * digit_s else 1.0 / (CHECKED + 1)
+    for count in range(1, 40):
+        step = float(kinds[0]) / count
+        if np.all(np.abs(kinds / step - np.round(kinds / step)) * step < 2.0 * digit_s):
+            return Clock(step, 0.5 * step if len(kinds) == 1 else 0.98 * step, step if len(kinds) == 1 else 1.02 * step,
+                         p, 1.0, None)
+    return None
+
+
+def rounding_s(clock: Clock | None, scatter_s: float) -> float:
+    """S.d. of what rounding does to all replicates of a setting alike, s: 0 where their scatter evens it out."""
+    if clock is None or clock.p >= LEVEL or scatter_s >= DITHERED * clock.step_s:
+        return 0.0
+    return clock.step_s / float(np.sqrt(12.0))
 
 
 def _smooth(fitted: Array, rest: Array, rng: np.random.Generator, draws: int) -> Array:

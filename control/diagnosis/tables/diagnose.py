@@ -23,16 +23,15 @@ from control.machine.machine import CATALOGUE, Machine
 from . import catch_rows, heads_rows, lag_rows, open_set, place_rows, weigh_rows
 from .algebra import space_of, subset
 from .clock import LEVEL as CLOCK_LEVEL
-from .clock import Clock, coarse_clock
+from .clock import UNDECIDED, Clock
 from .cost import field_cost
 from .detectable import CLOCK, not_shown
 from .experiments import next_run
 from .gain import gains
 from .naming import Found, Named, named
 from .open_set import Left, left_over
-from .piece import Array, Piece, Sized
+from .piece import Piece, Sized
 from .problem import Problem, problem_of
-from .scatter import resolution_of
 from .sentences import clock_sentence, label_sentences, level_sentence, scatter_sentences, scope_sentences
 
 Progress = Callable[[float, str], None]
@@ -40,6 +39,7 @@ BUILDERS: dict[str, Callable[[BenchTable, Machine], tuple[Piece, ...]]] = {
     "lag": lag_rows.pieces, "catch": catch_rows.pieces, "weigh": weigh_rows.pieces, "heads": heads_rows.pieces,
     "place": place_rows.pieces}
 CATALOGUE_TOO_LITTLE = 0.6      # of the structure found; below it the catalogue does not explain it
+CONSTANT_TIMES = ("lag.offset", "shaft.dead_time")      # what one rounded reading throughout could be instead
 WORTH_SAYING = 0.15             # of the structure found, for what is left beside named effects
 
 
@@ -57,21 +57,21 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     made = [(table, piece) for table in tables for piece in BUILDERS[table.kind](table, machine)]
     pieces = [piece for _, piece in made]
     _refuse_twins(pieces)
-    tell(0.1, "noise")
-    problem = problem_of(pieces, machine)
+    tell(0.1, "noise and steps in the times")
+    problem = problem_of(pieces, machine, seed + 20)
     tell(0.2, "search")
     found = named(problem, seed)
     tell(0.6, "what is left")
     left = left_over(problem, found.parts, seed + 10)
     found, verdict, unexplained = _verdict(problem, found, left, seed)
-    tell(0.7, "steps in the times")
-    tried = _tried(problem, found, seed + 20)
-    clocks = [(index, clock) for index, clock in tried if clock is not None and clock.p < CLOCK_LEVEL]
+    clocks = [(k, clock) for k, clock in enumerate(problem.clocks) if clock is not None and clock.p < CLOCK_LEVEL]
     if clocks and verdict == "none":
         verdict = "named"
     causes = _causes(problem, tables, found, clocks)
+    if verdict == "named" and any(cause.rivals for cause in causes):
+        verdict = "ambiguous"
     told = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
-    smallest = [clock.smallest_s for _, clock in tried if clock is not None and clock.smallest_s is not None]
+    smallest = [clock.smallest_s for clock in problem.clocks if clock is not None and clock.smallest_s is not None]
     tell(0.9, "gain")
     findings = _findings(problem, tables, made, found, clocks, left)
     return Diagnosis(
@@ -116,30 +116,11 @@ def named_nothing(problem: Problem, found: Named) -> Named:
     return Named((), found.structure_p, nothing, space, nothing.dof, 1.0)
 
 
-def _tried(problem: Problem, found: Named, seed: int) -> list[tuple[int, Clock | None]]:
-    out = []
-    predicted = problem.predicted(found.parts)
-    for index, piece in enumerate(problem.pieces):
-        if piece.clocked and piece.channel in ("lag", "shaft"):
-            rows = problem.piece == index
-            out.append((index, coarse_clock(piece.observed, _centres(problem, predicted, rows),
-                                            resolution_of(piece.observed), seed + index)))
-    return out
-
-
-def _centres(problem: Problem, predicted: Array, rows: np.ndarray) -> Array:
-    """Means of the settings where there are replicates, else the model."""
-    setting = problem.setting[rows] - problem.setting[rows].min()
-    counts = np.bincount(setting)
-    raw = np.concatenate([piece.observed for piece in problem.pieces])[rows]
-    means = np.bincount(setting, raw) / np.maximum(counts, 1)
-    return np.asarray(np.where(counts[setting] >= 3, means[setting], predicted[rows]), np.float64)
-
-
 def _causes(problem: Problem, tables: Sequence[BenchTable], found: Named,
             clocks: Sequence[tuple[int, Clock]]) -> tuple[Cause, ...]:
     speed = _speed(tables)
-    causes = [_cause(problem, one, found.dof, speed) for one in found.found]
+    unsure = any(clock is not None and clock.p == UNDECIDED for clock in problem.clocks)
+    causes = [_cause(problem, one, found.dof, speed, unsure) for one in found.found]
     if clocks:
         _, clock = min(clocks, key=lambda one: one[1].p)
         effect = CATALOGUE[CLOCK].effect
@@ -152,12 +133,17 @@ def _causes(problem: Problem, tables: Sequence[BenchTable], found: Named,
     return tuple(sorted(causes, key=weight, reverse=True))
 
 
-def _cause(problem: Problem, one: Found, dof: float, speed: float | None) -> Cause:
+def _cause(problem: Problem, one: Found, dof: float, speed: float | None, unsure: bool) -> Cause:
     choice, size = one.part
     effect = CATALOGUE[choice.id].effect
     half = float(student.ppf(0.95, dof)) * one.se
-    return Cause(choice.id, Size(size, size - half, size + half, effect.unit), None, one.probability,
-                 tuple(Rival(r.choice.id, r.probability) for r in one.rivals), choice.member, effect.advice,
+    rivals = tuple(Rival(r.choice.id, r.probability) for r in one.rivals)
+    share = 1.0
+    if unsure and choice.id in CONSTANT_TIMES:
+        share = UNDECIDED
+        rivals = (Rival(CLOCK, UNDECIDED), *(Rival(r.id, share * r.probability) for r in rivals))
+    return Cause(choice.id, Size(size, size - half, size + half, effect.unit), None, share * one.probability, rivals,
+                 choice.member, effect.advice,
                  field_cost(problem.machine, one.part, speed))
 
 

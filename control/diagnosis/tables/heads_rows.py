@@ -35,7 +35,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
         variables["warm_min"] = on_s / 60.0
     if "height_m" in columns:
         variables["height_m"] = columns["height_m"]
-    return (Piece(f"{table.path} ndvi".strip(), "heads", "NDVI", columns["ndvi"], predict, np.ones(table.rows),
+    return (Piece(f"{table.path} ndvi".strip(), "heads", "NDVI", columns["ndvi"], predict, (np.ones(table.rows),),
                   np.full(table.rows, "") if table.label is None else table.label, tuple(choices), (),
                   varying(variables),
                   {f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0) for k in np.unique(head)},

@@ -32,13 +32,16 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     label = np.full(int(keep.sum()), "") if table.label is None else table.label[keep]
     roles = roles_of(label)
 
+    by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
+
     def predict(m: Machine) -> Array:
-        return predicted(m, rpm, name, roles)
+        scale = 1.0 + m.fall.speed_scale_percent / 100.0 if by_distance else 1.0
+        return predicted(m, rpm, name, roles) * scale
 
     drops = name != "response_s"
-    choices = ["shaft.dead_time"] if name in ("lag_s", "lag_m", "response_s") else []
+    choices = ["lag.offset", "lag.rebound"] if drops else []
+    choices += ["shaft.dead_time"] if name != "drop_s" else []
     if drops:
-        choices += ["lag.offset", "lag.rebound"]
         choices += ["lag.first_fill"] if roles.tell_start else []
         choices += ["lag.asymmetry"] if roles.tell_direction else []
         choices += ["lag.speed_scale"] if name == "lag_m" else []
@@ -51,13 +54,13 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         variables["speed_mps"] = speed
     # A distance is read to a constant error in m: its time is the noisier the slower it was driven.
     spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
-    return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, spread, label,
+    return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
                  tuple(Choice(i) for i in choices), tuple(own), varying(variables), nuisances,
                  {"lag.rebound": rises(rpm)} if drops else {}, clocked=name != "lag_m")
 
 
 def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
-    """Lag of each row, s: the machine's own model, effects included."""
+    """Lag of each row, s: the machine's own model with its effects, but for the scale of distances."""
     fall = machine.fall
     total = np.zeros(len(rpm))
     if name != "drop_s":
@@ -65,7 +68,7 @@ def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
     if name != "response_s":
         total += [drop_s(fall, n) for n in rpm.tolist()]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
-    return total * (1.0 + fall.speed_scale_percent / 100.0) if name != "drop_s" else total
+    return total
 
 
 def rises(rpm: Array) -> Array:

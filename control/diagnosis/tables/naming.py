@@ -11,13 +11,14 @@ from scipy.stats import t as student
 
 from control.machine.machine import CATALOGUE
 
-from .algebra import Space, Subset, orthonormal, refitted, space_of, subset, widened
+from .algebra import Space, Subset, orthonormal, refitted, space_of, subset, widened, without
 from .null import largest_p, normalised
 from .piece import Array, Choice, Sized
 from .problem import Problem
 
-LEVEL = 0.008               # of a false alarm by the best single effect; pairs have the rest of one in a hundred
-PAIR_LEVEL = 0.002
+LEVEL = 0.005               # of a false alarm by the best single effect; pairs and the open set have the rest of 1 %
+PAIR_LEVEL = 0.001
+ONE_SIDED = {"lag.asymmetry": ("lag.offset", "shaft.dead_time")}    # what half of it looks like on one side only
 MOST = 3                    # effects at once
 SAME_LEVEL = 0.05           # rivals: the 95 % confidence set
 UNEVEN_P = 0.05             # settings differ by more than replicates do: intervals are widened
@@ -83,9 +84,11 @@ def named(problem: Problem, seed: int) -> Named:
     assert fit is not None
     parts, found, space = fit
     wider, dof = _between_settings(problem, parts, found)
+    parts, found = _beside_forms(problem, parts, found, space)
     causes = tuple(_with_rivals(problem, space, parts, k, found, float(found.se[k] * wider), dof, ps[k])
                    for k in range(len(parts)))
-    kept = tuple(c for c in causes if wider == 1.0 or _still(c, dof, len(problem.choices)))
+    kept = tuple(c for c in causes if (wider == 1.0 or _still(c, dof, len(problem.choices)))
+                 and not _half_of_another(c, causes))
     if len(kept) < len(causes):
         fit = refitted(problem, [c.part.choice for c in kept])
         assert fit is not None
@@ -234,11 +237,13 @@ def _allowed(choice: Choice, size: float) -> bool:
 
 def _between_settings(problem: Problem, parts: Sequence[Sized], best: Subset) -> tuple[float, float]:
     """Factor by which intervals grow, and their degrees of freedom, where settings differ more than replicates do."""
-    rest = (problem.observed - problem.predicted(parts)) / problem.sd
+    rows = len(problem.observed)
+    forms = orthonormal(forms_of(problem, [part.choice for part in parts])[:rows])
+    rest = without(forms, (problem.observed - problem.predicted(parts)) / problem.sd)
     counts = np.bincount(problem.setting)
     means = np.bincount(problem.setting, rest) / counts
     pure_dof = int(np.sum(counts - 1))
-    lack_dof = len(counts) - len(parts)
+    lack_dof = len(counts) - len(parts) - forms.shape[1]
     if pure_dof < 3 or lack_dof < 2:
         return 1.0, best.dof
     pure = float(np.sum((rest - means[problem.setting]) ** 2)) / pure_dof
@@ -246,6 +251,36 @@ def _between_settings(problem: Problem, parts: Sequence[Sized], best: Subset) ->
     if pure <= 0.0 or fisher.sf(lack / pure, lack_dof, pure_dof) >= UNEVEN_P:
         return 1.0, best.dof
     return max(1.0, float(np.sqrt(lack / best.variance))), float(lack_dof)
+
+
+def _half_of_another(one: Found, causes: Sequence[Found]) -> bool:
+    """An effect that differs between two sides may be all on one of them: then its half must not be named as well."""
+    return any(one.part.choice.id in ONE_SIDED.get(other.part.choice.id, ())
+               and abs(one.part.size) < 0.5 * abs(other.part.size) + 2.0 * (one.se + 0.5 * other.se)
+               for other in causes)
+
+
+def _beside_forms(problem: Problem, parts: tuple[Sized, ...], best: Subset,
+                  space: Space) -> tuple[tuple[Sized, ...], Subset]:
+    """Sizes that another effect's wrong shape does not pull: where shapes matter, those of the others are left free."""
+    sizes, errors = [part.size for part in parts], best.se.copy()
+    for k, part in enumerate(parts):
+        others = [other for other in parts if other != part]
+        shapes = forms_of(problem, [other.choice for other in others])
+        if not others or shapes.shape[1] == 0:
+            continue
+        index = [problem.choices.index(other.choice) for other in (part, *others)]
+        free = orthonormal(without(space.basis, np.column_stack([shapes, space.x[:, index[1:]]])))
+        fixed = space._replace(basis=orthonormal(np.column_stack([space.basis, free])))
+        found = subset(fixed, index[:1])
+        spent = fixed.basis.shape[1] - space.basis.shape[1] - len(others)
+        if found is None or spent <= 0:
+            continue
+        ratio = (best.rss - found.rss) / spent / found.variance
+        if fisher.sf(max(0.0, ratio), spent, found.dof) < UNEVEN_P:
+            sizes[k], errors[k] = float(found.sizes[0]), float(found.se[0])
+    return (tuple(Sized(part.choice, size) for part, size in zip(parts, sizes, strict=True)),
+            best._replace(sizes=np.array(sizes), se=errors))
 
 
 def _still(cause: Found, dof: float, tried: int) -> bool:

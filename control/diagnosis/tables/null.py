@@ -36,7 +36,7 @@ def largest_p(y: Array, basis: Array, unit: Array, extra_rss: float, extra_dof: 
     shares = (unit.T @ y) ** 2
     best = int(np.argmax(shares))
     total = float(y @ y) + extra_rss
-    ratio = float(shares[best] / max(total - shares[best], 1e-12 * total))
+    ratio = float(shares[best] / max(total - shares[best], float(dof)))
     single = float(2.0 * student.sf(np.sqrt(ratio * dof), dof))
     count = unit.shape[1]
     if single * count < 0.2 * level:

@@ -12,7 +12,7 @@ from .naming import forms_of
 from .piece import Array, Sized
 from .problem import Problem
 
-LEVEL = 0.005
+LEVEL = 0.003
 DRAWS = 2000
 POWERS = (1, 2, 4)          # sizes of the smooth bases
 
@@ -44,7 +44,7 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
         return None
     y = without(basis, space.y)
     dof = len(y) - basis.shape[1] + space.extra_dof
-    ps = _p_values(y[None, :], np.array([float(y @ y) + space.extra_rss]), bases, dof)[0]
+    ps = _p_values(y[None, :], np.array([float(y @ y) + space.extra_rss]), bases, dof, 1.0)[0]
     best = int(np.argmin(ps))
     single = float(ps[best])
     if single * len(bases) < 0.2 * LEVEL or single > LEVEL:
@@ -54,7 +54,7 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
         draws = rng.standard_normal((DRAWS, len(y)))
         draws = draws - (draws @ basis) @ basis.T
         totals = np.sum(draws ** 2, axis=1) + (rng.chisquare(space.extra_dof, DRAWS) if space.extra_dof else 0.0)
-        least = _p_values(draws, totals, bases, dof).min(axis=1)
+        least = _p_values(draws, totals, bases, dof, 1e-12).min(axis=1)
         p = (int(np.sum(least <= single)) + 1) / (DRAWS + 1)
     size = bases[best].unit.shape[1]
     explained = float(np.sum((bases[best].unit.T @ y) ** 2))
@@ -64,13 +64,13 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
     return Left(bases[best].channel, bases[best].variable, p, share, max(0.0, explained - size * noise))
 
 
-def _p_values(rows: Array, totals: Array, bases: Sequence[_Basis], dof: float) -> Array:
-    """(draws, bases): F test of each basis."""
+def _p_values(rows: Array, totals: Array, bases: Sequence[_Basis], dof: float, least: float) -> Array:
+    """(draws, bases): F test of each basis; `least`: variance below which the rest does not count as smaller."""
     out = np.ones((len(rows), len(bases)))
     for k, basis in enumerate(bases):
         size = basis.unit.shape[1]
         explained = np.sum((rows @ basis.unit) ** 2, axis=1)
-        rest = np.maximum(totals - explained, 1e-12 * totals)
+        rest = np.maximum(totals - explained, least * (dof - size))
         out[:, k] = fisher.sf(explained / size / (rest / (dof - size)), size, dof - size)
     return out
 

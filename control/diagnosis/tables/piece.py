@@ -34,7 +34,7 @@ class Piece(NamedTuple):
     unit: str
     observed: Array
     predict: Callable[[Machine], Array]
-    spread: Array                           # relative noise of the rows; all 1 where they are alike
+    spreads: tuple[Array, ...]              # relative noise of the rows, to choose from; all 1 where they are alike
     group: npt.NDArray[np.str_]             # label of each row, "" where the table has none
     choices: tuple[Choice, ...]             # scope None
     scoped_ids: tuple[str, ...]             # ids that may hold in one label or one table only

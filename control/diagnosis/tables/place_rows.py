@@ -30,7 +30,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
 
     def predict(m: Machine) -> Array:
         true_mps = speed * (1.0 + m.fall.speed_scale_percent / 100.0)
-        lag = predicted(_unscaled(m), rpm, "lag_s", roles)
+        lag = predicted(m, rpm, "lag_s", roles)
         return true_mps * (lag + m.fall.latency_s - corrected) + m.fall.lever_arm_m
 
     choices = ["place.lever_arm", "place.latency", "lag.rebound", "lag.speed_scale"]
@@ -39,13 +39,9 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     variables = {"shaft_rpm": rpm, "speed_mps": speed,
                  "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
                  "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
-    return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, np.ones(len(rpm)),
+    return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
                   label, tuple(Choice(i) for i in choices), (), varying(variables),
                   {"shaft.dead_time_s": speed * machine.tolerance.dead_time_s},
                   {"lag.rebound": rises(rpm) * speed[:, None]},
                   remarks=("a constant extra lag (lag.offset) looks like place.latency in a place table; a lag table "
                            "tells them apart",)),)
-
-
-def _unscaled(machine: Machine) -> Machine:
-    return machine.model_copy(update={"fall": machine.fall._replace(speed_scale_percent=0.0)})

@@ -8,9 +8,11 @@ import numpy as np
 
 from control.machine.machine import CATALOGUE, Machine
 
+from .clock import DITHERED, Clock, coarse_clock, rounding_s
 from .piece import Array, Choice, Piece, Sized, Whole, with_more
-from .scatter import Scatter, scatter_of
+from .scatter import Scatter, quantum_of, resolution_of, scatter_of, smoothed
 
+LEAST_SHARED = 4        # replicates beyond the first of each setting
 PRIOR_DOF = 1.0         # weight of the machine file's sensor noise, where it states one, in rows
 
 
@@ -31,6 +33,7 @@ class Problem(NamedTuple):
     prior_rss: float                        # one row of noise as the machine file has it, in units of sd
     prior_dof: float
     scatter: tuple[Scatter, ...]
+    clocks: tuple[Clock | None, ...]        # of each piece: steps in its times
 
     def predicted(self, parts: Sequence[Sized]) -> Array:
         """The model's rows with the parts in the machine, each in its own scope."""
@@ -58,10 +61,15 @@ class Problem(NamedTuple):
         return np.asarray(difference / (high - low))
 
 
-def problem_of(pieces: Sequence[Piece], machine: Machine) -> Problem:
-    """Puts the pieces side by side; estimates each one's noise from its replicates, else about a smooth fit."""
+def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Problem:
+    """Puts the pieces side by side; estimates each one's noise from its replicates, else about a smooth fit.
+
+    Where times come in steps that the scatter does not even out, the rounding of each setting is a nuisance.
+    """
     names: list[str] = []
     groups, settings, indices, observed, nominal, sds, scatters = [], [], [], [], [], [], []
+    clocks: list[Clock | None] = []
+    rounded: list[Array] = []
     at = 0
     for index, piece in enumerate(pieces):
         table = piece.name.rsplit(" ", 1)[0]
@@ -74,6 +82,11 @@ def problem_of(pieces: Sequence[Piece], machine: Machine) -> Problem:
         nominal.append(piece.predict(machine))
         scatter = scatter_of(piece, setting, nominal[-1])
         scatters.append(scatter)
+        clock = _clock(piece, setting, seed + index) if piece.clocked else None
+        clocks.append(clock)
+        typical = float(np.median(scatter.sd))
+        step = max(rounding_s(clock, typical), _rounding_sd(piece, setting, typical))
+        rounded.append(np.full(len(setting), step))
         observed.append(scatter.tamed)
         sds.append(scatter.sd)
         indices.append(np.full(len(piece.observed), index))
@@ -86,7 +99,29 @@ def problem_of(pieces: Sequence[Piece], machine: Machine) -> Problem:
     ratio = float(prior[0] / np.median(sds[0])) ** 2 if known and prior[0] is not None else 0.0
     return Problem(tuple(pieces), machine, np.concatenate(observed), np.concatenate(nominal), np.concatenate(sds),
                    np.concatenate(indices), group, tuple(names), np.concatenate(settings), tuple(choices),
-                   _nuisances(pieces), PRIOR_DOF * ratio, PRIOR_DOF if known else 0.0, tuple(scatters))
+                   np.column_stack([_nuisances(pieces), _rounding(np.concatenate(rounded), np.concatenate(settings))]),
+                   PRIOR_DOF * ratio, PRIOR_DOF if known else 0.0, tuple(scatters), tuple(clocks))
+
+
+def _clock(piece: Piece, setting: Whole, seed: int) -> Clock | None:
+    """Steps in the times about the means of settings with replicates, else about a smooth fit."""
+    counts = np.bincount(setting)
+    means = np.bincount(setting, piece.observed) / counts
+    centres = np.where(counts[setting] >= 3, means[setting], smoothed(piece, piece.observed)[0])
+    return coarse_clock(piece.observed, centres, resolution_of(piece.observed), seed)
+
+
+def _rounding_sd(piece: Piece, setting: Whole, scatter: float) -> float:
+    """S.d. of the rounding that replicates share because they scatter less than the last digit; 0: they do not."""
+    quantum = quantum_of(piece.observed)
+    repeated = len(setting) - len(np.unique(setting)) >= LEAST_SHARED
+    return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
+
+
+def _rounding(sizes: Array, setting: Whole) -> Array:
+    """One column for each setting whose times are rounded alike, (n, k)."""
+    kinds = np.unique(setting[sizes > 0.0])
+    return np.column_stack([np.zeros((len(setting), 0)), *(np.where(setting == k, sizes, 0.0) for k in kinds)])
 
 
 def settings_of(piece: Piece) -> Whole:

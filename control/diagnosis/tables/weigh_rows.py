@@ -24,6 +24,8 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     mean_mps = USUAL_MPS if speed is None else float(np.nanmean(speed))
     rpm = machine.set_points.shaft_rpm
     turns = columns.get("revolutions", area / (width * mean_mps) * rpm / 60.0)
+    if "revolutions" not in columns:
+        turns = _turns(turns, turns * target / float(np.mean(target)), columns["applied_kg"] - target)
     opening = target * 1000.0 / np.maximum(turns * grams_per_rev(machine.flow, rpm, 1.0), 1e-9)
 
     def predict(m: Machine) -> Array:
@@ -40,10 +42,18 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     if speed is not None:
         variables["speed_mps"] = speed
     return (Piece(f"{table.path} applied_kg".strip(), "flow", "kg", columns["applied_kg"], predict,
-                  np.ones(table.rows), label, tuple(Choice(i) for i in IDS), (), varying(variables),
+                  (np.ones(table.rows),), label, tuple(Choice(i) for i in IDS), (), varying(variables),
                   {"flow": target * machine.tolerance.flow_percent / 100.0,
                    "wheel": target * machine.tolerance.wheel_percent / 100.0},
-                  {"flow.zero_offset": target[:, None]}, noise_sd=noise),)
+                  {"flow.zero_offset": target[:, None], "flow.gain": np.ones((table.rows, 1))}, noise_sd=noise),)
+
+
+def _turns(at_constant_speed: Array, at_constant_opening: Array, error_kg: Array) -> Array:
+    """Revolutions a plot where the table has none: of opening first and speed first, those that an offset fits."""
+    def left(turns: Array) -> float:
+        return float(np.sum((error_kg - turns * np.sum(turns * error_kg) / np.sum(turns ** 2)) ** 2))
+
+    return at_constant_opening if left(at_constant_opening) < left(at_constant_speed) else at_constant_speed
 
 
 def wheel_reads(machine: Machine, true_mps: float, working: float = 1.0) -> float:
