@@ -1,0 +1,130 @@
+"""Frames of the boards' line protocols: `$<name>,<field>,...*<CRC>` (docs/protocol-slave-board.md)."""
+from array import array
+
+LONGEST_LINE = 120
+
+
+def _table() -> "array[int]":
+    table = array("H", [0] * 256)
+    for byte in range(256):
+        crc = byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ 0x1021 if crc & 0x8000 else crc << 1
+        table[byte] = crc & 0xFFFF
+    return table
+
+
+_CRC = _table()
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE, a byte a step."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = ((crc << 8) & 0xFF00) ^ _CRC[(crc >> 8) ^ byte]
+    return crc
+
+
+def seal(payload: str) -> bytes:
+    """The line with its CRC and line end."""
+    return f"${payload}*{crc16(payload.encode()):04X}\r\n".encode()
+
+
+class Receiver:
+    """Bytes in any pieces to the fields of frames; what is wrong is counted by kind in `rejected`."""
+
+    def __init__(self) -> None:
+        self.rejected: dict[str, int] = {}
+        self._rest = b""
+        self._skipping = False
+
+    def reject(self, kind: str) -> None:
+        self.rejected[kind] = self.rejected.get(kind, 0) + 1
+
+    def feed(self, data: bytes) -> list[list[bytes]]:
+        """The fields of each frame whose CRC is right, its name first."""
+        if not data:
+            return []
+        lines = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        self._rest = lines.pop()
+        if lines and self._skipping:
+            lines.pop(0)
+            self._skipping = False
+        if len(self._rest) > LONGEST_LINE:
+            if not self._skipping:
+                self.reject("overlong")
+            self._rest, self._skipping = b"", True
+        found = []
+        for line in lines:
+            if len(line) > LONGEST_LINE:
+                self.reject("overlong")
+                continue
+            for frame in line.split(b"$")[1:]:
+                fields = self._open(frame)
+                if fields:
+                    found.append(fields)
+        return found
+
+    def _open(self, frame: bytes) -> list[bytes]:
+        payload, star, crc = frame.partition(b"*")
+        crc = crc.strip()
+        if not star or not crc:
+            self.reject("missing_crc")
+            return []
+        if hexadecimal(crc) != crc16(payload):
+            self.reject("bad_crc")
+            return []
+        return payload.split(b",")
+
+
+def hexadecimal(text: bytes) -> int:
+    """Four hexadecimal digits; -1 where it is something else."""
+    if len(text) != 4:
+        return -1
+    value = 0
+    for byte in text:
+        if 48 <= byte <= 57:
+            digit = byte - 48
+        elif 65 <= byte <= 70:
+            digit = byte - 55
+        elif 97 <= byte <= 102:
+            digit = byte - 87
+        else:
+            return -1
+        value = value * 16 + digit
+    return value
+
+
+def whole(text: bytes, high: int) -> int:
+    """A number of 1 to 10 digits up to `high`. Raises ValueError with the kind of what is wrong."""
+    if not 1 <= len(text) <= 10:
+        raise ValueError("not_a_number")
+    value = 0
+    for byte in text:
+        if not 48 <= byte <= 57:
+            raise ValueError("not_a_number")
+        value = value * 10 + byte - 48
+    if value > high:
+        raise ValueError("out_of_range")
+    return value
+
+
+def number(text: bytes, low: float, high: float) -> float:
+    """`-12.345`: up to six digits on either side of the point. Raises ValueError with the kind of what is wrong."""
+    unsigned = text[1:] if text[:1] == b"-" else text
+    before, point, after = unsigned.partition(b".")
+    if not 1 <= len(before) <= 6 or len(after) > 6 or (point and not after):
+        raise ValueError("not_a_number")
+    value = whole(before, 999999) + (whole(after, 999999) / 10.0 ** len(after) if after else 0.0)
+    if text[:1] == b"-":
+        value = -value
+    if not low <= value <= high:
+        raise ValueError("out_of_range")
+    return value
+
+
+def decimal(value: "float | None", low: float, high: float) -> str:
+    """Three decimals, cut to what the protocol allows; empty for None and for what is not a number."""
+    if value is None or value != value:
+        return ""
+    return f"{min(max(value, low), high):.3f}"

@@ -1,0 +1,119 @@
+"""The lag rig's program (lag paper, 1.2): an encoder on the metering shaft starts the clock, the first granule on a
+pressure plate stops it. Both times are this board's own. See docs/protocol-lag-rig.md.
+
+`LagRig.tick` is called about every millisecond. A pin layer has:
+
+    read() -> bytes, write(data)                as of the slave board
+    encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the one before
+    plate() -> int                              the plate's reading, any scale
+"""
+from drivers.board.framing import Receiver, seal, whole
+from drivers.board.motion import SpeedMeter
+
+STATUS_US = 50000
+START_RPM = 2.0                 # the shaft "turns" from here on (lag paper)
+SEQUENCES = 65536
+WRAP = 1 << 32
+IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
+TURNED_BEFORE, PLATE_BEFORE = 1, 2
+FORGET = 1.0 / 64.0             # of a sample, in the plate's mean and noise
+
+
+class RigSettings:
+    counts_per_turn = 1000.0
+    least_step = 20.0           # of the plate's reading; a landing is at least this ...
+    noises = 8.0                # ... and this many times the plate's mean deviation above its mean
+
+
+class RigPins:
+    """What the program asks of its hardware; pin layers and tests inherit from it."""
+
+    def read(self) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def encoder(self) -> "tuple[int, int, int]":
+        return 0, 0, 0
+
+    def plate(self) -> int:
+        return 0
+
+
+class LagRig:
+    """The program's state. `tick` does one round; it neither waits nor reads a clock."""
+
+    def __init__(self, pins: RigPins, settings: RigSettings) -> None:
+        self.receiver = Receiver()
+        self.state = IDLE
+        self._pins, self._settings = pins, settings
+        self._slow_us = 60e6 / (START_RPM * settings.counts_per_turn)
+        self._meter = SpeedMeter(settings.counts_per_turn, 100000)
+        self._run = 0
+        self._flags = 0
+        self._start_us = self._land_us = 0
+        self._counts_armed = 0
+        self._mean: float | None = None
+        self._noise = 0.0
+        self._last_seq = -1
+        self._seq = 0
+        self._next_status_us = 0
+
+    def tick(self, now_us: int) -> None:
+        """One round at `now_us` of a clock that never runs over."""
+        counts, count_us, before_us = self._pins.encoder()
+        for fields in self.receiver.feed(self._pins.read()):
+            try:
+                self._obey(fields, counts, now_us)
+            except ValueError as kind:
+                self.receiver.reject(str(kind.args[0]))
+        landed = self._look_at_plate()
+        said = self.state
+        if self.state == ARMED:
+            if landed:
+                self._flags |= PLATE_BEFORE
+            if counts - self._counts_armed >= 2 and count_us - before_us <= self._slow_us:
+                self.state, self._start_us = TURNING, count_us
+        elif self.state == TURNING and landed:
+            self.state, self._land_us = LANDED, now_us
+        if self.state != said or now_us >= self._next_status_us:
+            self._next_status_us = now_us + STATUS_US
+            self._pins.write(self._status(now_us, counts))
+
+    def _obey(self, fields: "list[bytes]", counts: int, now_us: int) -> None:
+        if fields[0] != b"R1":
+            raise ValueError("unknown_frame")
+        if len(fields) != 4:
+            raise ValueError("wrong_length")
+        seq, run, arm = whole(fields[1], SEQUENCES - 1), whole(fields[2], SEQUENCES - 1), whole(fields[3], 1)
+        if seq == self._last_seq:
+            raise ValueError("repeated_sequence")
+        self._last_seq = seq
+        if not arm:
+            self.state = IDLE
+        elif self.state == IDLE or run != self._run:
+            self.state, self._run, self._flags = ARMED, run, 0
+            self._counts_armed = counts
+            if abs(self._meter.update(now_us, counts)) >= START_RPM:
+                self._flags = TURNED_BEFORE
+
+    def _look_at_plate(self) -> bool:
+        """Whether this sample stands out; only samples that do not are learned from."""
+        value = self._pins.plate()
+        if self._mean is None:
+            self._mean = float(value)
+        above = value - self._mean
+        if above > max(self._settings.least_step, self._settings.noises * self._noise):
+            return True
+        self._mean += FORGET * above
+        self._noise += FORGET * (abs(above) - self._noise)
+        return False
+
+    def _status(self, now_us: int, counts: int) -> bytes:
+        start = str(self._start_us % WRAP) if self.state >= TURNING else ""
+        land = str(self._land_us % WRAP) if self.state == LANDED else ""
+        rpm = min(max(self._meter.update(now_us, counts), -400.0), 400.0)
+        seq, self._seq = self._seq, (self._seq + 1) % SEQUENCES
+        return seal(f"L1,{seq},{self._run},{self.state},{now_us % WRAP},{rpm:.3f},{self._pins.plate()},"
+                    f"{start},{land},{self._flags}")

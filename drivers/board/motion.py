@@ -1,0 +1,181 @@
+"""Motion on the board: shaft speed by PI with feed-forward, gate and doses by counted steps. Pure: time comes in."""
+
+
+class SpeedMeter:
+    """Speed from an encoder's count, as the mean over the last `window_us`."""
+
+    def __init__(self, counts_per_turn: float, window_us: int = 50000) -> None:
+        self._per_turn = counts_per_turn
+        self._window_us = window_us
+        self._seen: list[tuple[int, int]] = []          # (us, counts), oldest first
+
+    def update(self, now_us: int, counts: int) -> float:
+        """r/min, positive in the direction of rising counts."""
+        seen = self._seen
+        seen.append((now_us, counts))
+        while len(seen) > 2 and now_us - seen[1][0] >= self._window_us:
+            seen.pop(0)
+        over_us = now_us - seen[0][0]
+        if over_us <= 0:
+            return 0.0
+        return (counts - seen[0][1]) * 60e6 / (over_us * self._per_turn)
+
+
+class ShaftControl:
+    """Duty of a DC motor, 0 to 1: feed-forward from the motor's own curve, PI for what is left.
+
+    The set-point rises and falls no faster than `acceleration_rpm_s`. The error is taken against what a motor with
+    `time_constant_s` would measure by now, so that the integrator learns nothing from a ramp that is followed as it
+    should be. It stands still while the duty is at its limit and the error would drive it further (anti-windup), and is
+    emptied at every stop.
+    """
+
+    def __init__(self, duty_per_rpm: float, duty_to_start: float, time_constant_s: float, kp: float, ki: float,
+                 acceleration_rpm_s: float) -> None:
+        self._duty_per_rpm, self._duty_to_start = duty_per_rpm, duty_to_start
+        self._kp, self._ki = kp, ki
+        self._acceleration = acceleration_rpm_s
+        self._time_constant_s = time_constant_s
+        self.ramped_rpm = 0.0
+        self.expected_rpm = 0.0
+        self.integral = 0.0
+
+    def stop(self) -> float:
+        self.ramped_rpm = self.expected_rpm = self.integral = 0.0
+        return 0.0
+
+    def update(self, wanted_rpm: float, measured_rpm: float, dt_s: float) -> float:
+        """The duty for the next `dt_s`; a set-point of 0 is a stop at once."""
+        if wanted_rpm <= 0.0:
+            return self.stop()
+        most = self._acceleration * dt_s
+        self.ramped_rpm += min(max(wanted_rpm - self.ramped_rpm, -most), most)
+        self.expected_rpm += (self.ramped_rpm - self.expected_rpm) * min(1.0, dt_s / self._time_constant_s)
+        error = self.expected_rpm - measured_rpm
+        free = self._duty_to_start + self._duty_per_rpm * self.ramped_rpm + self._kp * error + self.integral
+        duty = min(max(free, 0.0), 1.0)
+        if free == duty or (free > 1.0 and error < 0.0) or (free < 0.0 and error > 0.0):
+            self.integral += self._ki * error * dt_s
+        return duty
+
+
+class Stepper:
+    """Steps to a place, along a ramp of constant acceleration. `place` counts the steps that were put out."""
+
+    def __init__(self, fastest_steps_s: float, acceleration_steps_s2: float) -> None:
+        self.place = 0
+        self.speed_steps_s = 0.0
+        self._fastest, self._acceleration = fastest_steps_s, acceleration_steps_s2
+        self._phase = 0.0
+
+    def halt(self) -> None:
+        """Stand still at once."""
+        self.speed_steps_s = self._phase = 0.0
+
+    def advance(self, wanted: int, dt_s: float) -> int:
+        """Steps to put out now, signed; `place` is counted on."""
+        ahead = wanted - self.place
+        if ahead == 0 and abs(self.speed_steps_s) <= self._acceleration * dt_s:
+            self.halt()
+            return 0
+        brake = (2.0 * self._acceleration * abs(ahead)) ** 0.5
+        aim = min(self._fastest, brake) * (1.0 if ahead > 0 else -1.0 if ahead < 0 else 0.0)
+        most = self._acceleration * dt_s
+        self.speed_steps_s += min(max(aim - self.speed_steps_s, -most), most)
+        self._phase += self.speed_steps_s * dt_s
+        steps = int(self._phase)
+        if ahead and abs(steps) > abs(ahead) and (steps > 0) == (ahead > 0):
+            steps = ahead
+            self.halt()
+        else:
+            self._phase -= steps
+        self.place += steps
+        return steps
+
+
+class Gate:
+    """The gate's stepper with its reckoning: homed by the displacement sensor or the switch, checked for lost steps.
+
+    `opening_mm` of the sensor is None where there is none. `lost`: the sensor said that steps had been lost; they were
+    made good; cleared by `forgive`.
+    """
+
+    def __init__(self, steps_per_mm: float, fastest_mm_s: float, acceleration_mm_s2: float, home_mm_s: float,
+                 lost_mm: float, lost_after_s: float) -> None:
+        self._per_mm = steps_per_mm
+        self._stepper = Stepper(fastest_mm_s * steps_per_mm, acceleration_mm_s2 * steps_per_mm)
+        self._home_steps_s = home_mm_s * steps_per_mm
+        self._lost_mm, self._lost_after_s = lost_mm, lost_after_s
+        self._apart_s = 0.0
+        self._home_phase = 0.0
+        self.homed = False
+        self.lost = False
+
+    @property
+    def reckoned_mm(self) -> float:
+        return self._stepper.place / self._per_mm
+
+    def refer(self, opening_mm: float) -> None:
+        """The gate stands there, whatever was reckoned."""
+        self._stepper.place = round(opening_mm * self._per_mm)
+        self._stepper.halt()
+        self.homed = True
+
+    def forgive(self) -> None:
+        self.lost = False
+
+    def home(self, at_switch: bool, dt_s: float) -> int:
+        """Steps of the search for the switch, closing; 0 when it is found."""
+        if at_switch:
+            self.refer(0.0)
+            return 0
+        self._home_phase += self._home_steps_s * dt_s
+        steps = int(self._home_phase)
+        self._home_phase -= steps
+        return -steps
+
+    def move(self, wanted_mm: float, sensor_mm: "float | None", dt_s: float) -> int:
+        """Steps towards `wanted_mm`, positive opens."""
+        if sensor_mm is not None:
+            apart = abs(sensor_mm - self.reckoned_mm) > self._lost_mm
+            self._apart_s = self._apart_s + dt_s if apart else 0.0
+            if self._apart_s > self._lost_after_s:
+                self._apart_s = 0.0
+                self.lost = True
+                self.refer(sensor_mm)
+        return self._stepper.advance(round(wanted_mm * self._per_mm), dt_s)
+
+
+class Doser:
+    """Turns a stepper's shaft by an angle, dose after dose; what rounding to steps leaves over goes to the next."""
+
+    def __init__(self, steps_per_turn: float, acceleration_rpm_s: float) -> None:
+        self._per_turn = steps_per_turn
+        self._acceleration = acceleration_rpm_s / 60.0 * steps_per_turn
+        self._over = 0.0
+        self._stepper = Stepper(0.0, self._acceleration)
+        self.steps = 0                  # of the dose under way
+        self.running = False
+
+    @property
+    def turned_deg(self) -> float:
+        return self._stepper.place * 360.0 / self._per_turn
+
+    def start(self, angle_deg: float, shaft_rpm: float) -> None:
+        wanted = angle_deg * self._per_turn / 360.0 + self._over
+        self.steps = round(wanted)
+        self._over = wanted - self.steps
+        self._stepper = Stepper(shaft_rpm / 60.0 * self._per_turn, self._acceleration)
+        self.running = True
+
+    def abort(self) -> None:
+        self.running = False
+
+    def advance(self, dt_s: float) -> int:
+        """Steps to put out now."""
+        if not self.running:
+            return 0
+        steps = self._stepper.advance(self.steps, dt_s)
+        if self._stepper.place >= self.steps:
+            self.running = False
+        return steps

@@ -1,0 +1,122 @@
+"""Main program of the slave board on an RP2040 (Raspberry Pi Pico): its main.py. Pins: docs/wiring.md.
+
+Not in use on a machine yet: compiled and its logic run, its pins not.
+"""
+import time
+
+import machine  # type: ignore[import-not-found]
+
+from drivers.board.slave import Pins, Settings, Slave
+
+ROUND_US = 1000
+MM_PER_COUNT = 65.0 / 65535.0           # displacement sensor, 0 to 65 mm over the converter's range
+VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
+
+
+class Rp2Pins(Pins):
+    def __init__(self) -> None:
+        self._uart = machine.UART(0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=512, txbuf=1024)
+        self._enable = machine.Pin(2, machine.Pin.OUT, value=0)
+        self._fault = machine.Pin(3, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._pwm = machine.PWM(machine.Pin(4), freq=20000, duty_u16=0)
+        self._shaft_a = machine.Pin(6, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._shaft_b = machine.Pin(7, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._gate_step = machine.Pin(8, machine.Pin.OUT, value=0)
+        self._gate_open = machine.Pin(9, machine.Pin.OUT, value=0)
+        self._home = machine.Pin(10, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._dose_step = machine.Pin(11, machine.Pin.OUT, value=0)
+        self._hall = machine.Pin(14, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._switch = machine.Pin(15, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._opening = machine.ADC(26)
+        self._supply = machine.ADC(27)
+        self._counts = self._pulses = self._pulse_us = 0
+        self._told = 0, 0
+        self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
+        self._hall.irq(self._on_wheel, machine.Pin.IRQ_FALLING, hard=True)
+        self._now_us = 0
+        self._ticks = time.ticks_us()   # type: ignore[attr-defined]
+
+    def now_us(self) -> int:
+        """A clock that never runs over, out of one that does; to be asked more often than that."""
+        ticks = time.ticks_us()         # type: ignore[attr-defined]
+        self._now_us += time.ticks_diff(ticks, self._ticks)     # type: ignore[attr-defined]
+        self._ticks = ticks
+        return self._now_us
+
+    def _on_shaft(self, pin: object) -> None:
+        self._counts += 1 if self._shaft_a.value() != self._shaft_b.value() else -1
+
+    def _on_wheel(self, pin: object) -> None:
+        self._pulses += 1
+        self._pulse_us = time.ticks_us()        # type: ignore[attr-defined]
+
+    def read(self) -> bytes:
+        return self._uart.read() or b""
+
+    def write(self, data: bytes) -> None:
+        self._uart.write(data)
+
+    def enable(self, on: bool) -> None:
+        self._enable.value(on)
+
+    def duty(self, value: float) -> None:
+        self._pwm.duty_u16(int(value * 65535))
+
+    def shaft_counts(self) -> int:
+        return self._counts
+
+    def gate_steps(self, steps: int) -> None:
+        self._gate_open.value(steps > 0)
+        self._pulse(self._gate_step, abs(steps))
+
+    def dose_steps(self, steps: int) -> None:
+        self._pulse(self._dose_step, steps)
+
+    def opening_mm(self) -> "float | None":
+        return float(self._opening.read_u16() * MM_PER_COUNT)
+
+    def at_home(self) -> bool:
+        return not self._home.value()
+
+    def driver_fault(self) -> bool:
+        return not self._fault.value()
+
+    def wheel(self) -> "tuple[int, int]":
+        """The newest pulse's time is turned into this clock's when it is new: later its own clock has run over."""
+        now_us, pulses = self.now_us(), self._pulses
+        if pulses != self._told[0]:
+            ago_us = time.ticks_diff(self._ticks, self._pulse_us)       # type: ignore[attr-defined]
+            self._told = pulses, now_us - max(0, ago_us)
+        return self._told
+
+    def supply_v(self) -> "float | None":
+        return float(self._supply.read_u16() * VOLTS_PER_COUNT)
+
+    def work_switch(self) -> "bool | None":
+        return not self._switch.value()
+
+    def _pulse(self, pin: "machine.Pin", count: int) -> None:
+        for _ in range(count):
+            pin.on()
+            time.sleep_us(5)            # type: ignore[attr-defined]
+            pin.off()
+            time.sleep_us(20)           # type: ignore[attr-defined]
+
+
+def main() -> None:
+    pins = Rp2Pins()
+    settings = Settings()
+    settings.counts_per_turn = 1200.0   # both edges of one channel
+    slave = Slave(pins, settings)
+    watchdog = machine.WDT(timeout=500)     # a program that hangs restarts; the enable line is off meanwhile
+    while True:
+        begun_us = pins.now_us()
+        slave.tick(begun_us)
+        watchdog.feed()
+        rest_us = ROUND_US - (pins.now_us() - begun_us)
+        if rest_us > 0:
+            time.sleep_us(rest_us)      # type: ignore[attr-defined]
+
+
+if __name__ == "__main__":
+    main()

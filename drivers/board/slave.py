@@ -1,0 +1,278 @@
+"""The slave board's program: commands in, drives moved, safe stop by itself, status out.
+
+`Slave.tick` is called about every millisecond by a main program that has the pins (`rp2_slave.py`). A pin layer has:
+
+    read() -> bytes                 what the host sent; at once, mostly nothing
+    write(data)                     to the host; must not wait
+    enable(on)                      the motor drivers' enable lines
+    duty(value)                     of the shaft's DC motor, 0 to 1
+    shaft_counts() -> int           of the shaft's encoder
+    gate_steps(steps)               put out now, positive opens
+    dose_steps(steps)               of a shaft turned by a stepper (point dose)
+    opening_mm() -> float or None   displacement sensor, None where there is none
+    at_home() -> bool               the gate's switch; read only where there is no displacement sensor
+    driver_fault() -> bool
+    wheel() -> (pulses, us)         count, and the board's clock at the newest pulse
+    hopper_kg(), supply_v(), pitch_deg(), roll_deg() -> float or None
+    work_switch() -> bool or None
+"""
+from drivers.board.framing import Receiver, decimal, number, seal, whole
+from drivers.board.motion import Doser, Gate, ShaftControl, SpeedMeter
+
+SILENT_HOST_US = 1000000
+CONTROL_US = 10000
+STATUS_US = 25000
+REPORT_US = 300000          # what became of a dose is said again this long, for a line may lose it
+SEQUENCES = 65536
+REPEAT_WINDOW = 16
+WRAP = 1 << 32
+
+ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING = 1, 2, 4, 8, 16
+DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
+
+
+class Settings:
+    """What is screwed to this board. Change the values in the main program's own instance."""
+
+    max_shaft_rpm = 100.0
+    max_opening_mm = 60.0
+    counts_per_turn = 2400.0            # of the shaft's encoder, all edges
+    duty_per_rpm = 0.008                # of the motor at nominal supply
+    duty_to_start = 0.04
+    time_constant_s = 0.13              # of the motor and of measuring its speed
+    kp = 0.004
+    ki = 0.03
+    acceleration_rpm_s = 400.0
+    steps_per_mm = 100.0                # gate: 400 half steps a turn, spindle of 4 mm
+    gate_mm_s = 20.0
+    gate_acceleration_mm_s2 = 200.0
+    home_mm_s = 5.0
+    lost_mm = 1.0
+    lost_after_s = 0.5
+    dose_steps_per_turn = 400.0         # point dose: microstep mode 2
+    dose_acceleration_rpm_s = 2000.0
+
+
+class Pins:
+    """What the program asks of its hardware; here everything is absent. Pin layers and tests inherit from it."""
+
+    def read(self) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def enable(self, on: bool) -> None:
+        pass
+
+    def duty(self, value: float) -> None:
+        pass
+
+    def shaft_counts(self) -> int:
+        return 0
+
+    def gate_steps(self, steps: int) -> None:
+        pass
+
+    def dose_steps(self, steps: int) -> None:
+        pass
+
+    def opening_mm(self) -> "float | None":
+        return None
+
+    def at_home(self) -> bool:
+        return False
+
+    def driver_fault(self) -> bool:
+        return False
+
+    def wheel(self) -> "tuple[int, int]":
+        return 0, 0
+
+    def hopper_kg(self) -> "float | None":
+        return None
+
+    def supply_v(self) -> "float | None":
+        return None
+
+    def pitch_deg(self) -> "float | None":
+        return None
+
+    def roll_deg(self) -> "float | None":
+        return None
+
+    def work_switch(self) -> "bool | None":
+        return None
+
+
+class Slave:
+    """The program's state. `tick` does one round; it neither waits nor reads a clock."""
+
+    def __init__(self, pins: Pins, settings: Settings) -> None:
+        self.receiver = Receiver()
+        self.enabled = False
+        self.shaft_rpm = 0.0
+        self._pins, self._settings = pins, settings
+        self._wanted_rpm = 0.0
+        self._wanted_mm: float | None = None            # None: the gate stays where it stands
+        self._commanded_mm = 0.0
+        self._enable = False
+        self._armed = False
+        self._heartbeat_lost = False
+        self._heard_us: int | None = None
+        self._last_seq = -1
+        self._status_seq = 0
+        self._meter = SpeedMeter(settings.counts_per_turn)
+        self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
+                                   settings.kp, settings.ki, settings.acceleration_rpm_s)
+        self._gate = Gate(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
+                          settings.home_mm_s, settings.lost_mm, settings.lost_after_s)
+        self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
+        self._dose = -1
+        self._dose_begin_us = 0
+        self._report = ""
+        self._report_until_us = 0
+        self._last_us: int | None = None
+        self._next_control_us = 0
+        self._next_status_us = 0
+        self._control_us: int | None = None
+        pins.enable(False)
+        pins.duty(0.0)
+
+    def tick(self, now_us: int) -> None:
+        """One round at `now_us` of a clock that never runs over."""
+        pins = self._pins
+        dt_s = 0.0 if self._last_us is None else min(now_us - self._last_us, 20000) * 1e-6
+        self._last_us = now_us
+        for fields in self.receiver.feed(pins.read()):
+            try:
+                self._obey(fields, now_us)
+            except ValueError as kind:
+                self.receiver.reject(str(kind.args[0]))
+        if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
+            self._heartbeat_lost, self._armed = True, False
+        enabled = self._armed and self._enable and not pins.driver_fault()
+        if enabled != self.enabled:
+            self.enabled = enabled
+            pins.enable(enabled)
+        if not enabled:
+            self._stop_shaft(now_us)
+        self._move_gate(enabled, dt_s)
+        self._turn_dose(now_us, dt_s)
+        if now_us >= self._next_control_us:
+            self._control(enabled, now_us)
+        if now_us >= self._next_status_us:
+            self._next_status_us = now_us + STATUS_US
+            pins.write(self._status(now_us))
+            if now_us < self._report_until_us:
+                pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
+
+    def _obey(self, fields: "list[bytes]", now_us: int) -> None:
+        """Raises ValueError with the kind of what is wrong; nothing has changed then."""
+        name = fields[0]
+        if name == b"T1":
+            self._target(fields, now_us)
+        elif name == b"D1":
+            self._start_dose(fields, now_us)
+        else:
+            raise ValueError("unknown_frame")
+
+    def _target(self, fields: "list[bytes]", now_us: int) -> None:
+        if len(fields) != 5:
+            raise ValueError("wrong_length")
+        seq, enable = whole(fields[1], SEQUENCES - 1), whole(fields[4], 1)
+        rpm, opening_mm = number(fields[2], 0.0, 300.0), number(fields[3], 0.0, 100.0)
+        silent = self._heard_us is None or now_us - self._heard_us >= SILENT_HOST_US
+        if not silent and self._is_repeat(seq):
+            raise ValueError("repeated_sequence")
+        if silent:
+            self._armed = False
+        if not enable:
+            self._armed, self._heartbeat_lost = True, False
+            self._gate.forgive()
+        self._last_seq, self._heard_us, self._enable = seq, now_us, bool(enable)
+        self._wanted_rpm = min(rpm, self._settings.max_shaft_rpm)
+        self._commanded_mm = min(opening_mm, self._settings.max_opening_mm)
+
+    def _start_dose(self, fields: "list[bytes]", now_us: int) -> None:
+        if len(fields) != 5:
+            raise ValueError("wrong_length")
+        seq, dose = whole(fields[1], SEQUENCES - 1), whole(fields[2], SEQUENCES - 1)
+        angle_deg, rpm = number(fields[3], 0.0, 3600.0), number(fields[4], 1.0, 300.0)
+        if self._is_repeat(seq):
+            raise ValueError("repeated_sequence")
+        self._last_seq = seq
+        if not self.enabled or self._doser.running or self._wanted_rpm > 0.0:
+            self._tell_dose(dose, DOSE_REFUSED, 0.0, now_us, now_us)
+            return
+        self._dose, self._dose_begin_us = dose, now_us
+        self._doser.start(angle_deg, min(rpm, self._settings.max_shaft_rpm))
+        self._tell_dose(dose, DOSE_RUNNING, 0.0, now_us, now_us)
+
+    def _is_repeat(self, seq: int) -> bool:
+        return self._last_seq >= 0 and (self._last_seq - seq) % SEQUENCES < REPEAT_WINDOW
+
+    def _stop_shaft(self, now_us: int) -> None:
+        self._pins.duty(self._shaft.stop())
+        if self._doser.running:
+            self._doser.abort()
+            self._tell_dose(self._dose, DOSE_ABORTED, self._doser.turned_deg, self._dose_begin_us, now_us)
+
+    def _turn_dose(self, now_us: int, dt_s: float) -> None:
+        if not self._doser.running:
+            return
+        steps = self._doser.advance(dt_s)
+        if steps:
+            self._pins.dose_steps(steps)
+        if not self._doser.running:
+            self._tell_dose(self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us)
+
+    def _move_gate(self, enabled: bool, dt_s: float) -> None:
+        pins, gate = self._pins, self._gate
+        sensor_mm = pins.opening_mm()
+        if not gate.homed and sensor_mm is not None:
+            gate.refer(sensor_mm)
+        if enabled:
+            self._wanted_mm = self._commanded_mm
+        if self._wanted_mm is None:
+            return
+        if gate.homed:
+            steps = gate.move(self._wanted_mm, sensor_mm, dt_s)
+        else:
+            steps = gate.home(pins.at_home(), dt_s) if enabled else 0
+        if steps:
+            pins.gate_steps(steps)
+
+    def _control(self, enabled: bool, now_us: int) -> None:
+        self._next_control_us = now_us + CONTROL_US
+        dt_s = 0.0 if self._control_us is None else (now_us - self._control_us) * 1e-6
+        self._control_us = now_us
+        self.shaft_rpm = self._meter.update(now_us, self._pins.shaft_counts())
+        if enabled:
+            wanted_rpm = self._wanted_rpm if self._gate.homed else 0.0
+            self._pins.duty(self._shaft.update(wanted_rpm, self.shaft_rpm, dt_s))
+
+    def _tell_dose(self, dose: int, state: int, turned_deg: float, begin_us: int, end_us: int) -> None:
+        self._report = f"{dose},{state},{turned_deg:.3f},{begin_us % WRAP},{end_us % WRAP}"
+        self._report_until_us = end_us + REPORT_US
+        self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
+
+    def _status(self, now_us: int) -> bytes:
+        pins = self._pins
+        pulses, pulse_us = pins.wheel()
+        sensor_mm = pins.opening_mm()
+        switch = pins.work_switch()
+        flags = ENABLED * self.enabled | HEARTBEAT_LOST * self._heartbeat_lost
+        flags |= DRIVER_FAULT * bool(pins.driver_fault()) | STEPS_LOST * self._gate.lost
+        flags |= HOMING * (self.enabled and not self._gate.homed)
+        return seal(",".join((
+            "S1", str(self._next_seq()), str(max(self._last_seq, 0)), str(now_us % WRAP), str(pulses % WRAP),
+            str(pulse_us % WRAP), decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
+            decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
+            decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),
+            decimal(pins.pitch_deg(), -60.0, 60.0), decimal(pins.roll_deg(), -60.0, 60.0),
+            "" if switch is None else str(int(switch)), str(int(flags)))))
+
+    def _next_seq(self) -> int:
+        seq, self._status_seq = self._status_seq, (self._status_seq + 1) % SEQUENCES
+        return seq

@@ -1,0 +1,330 @@
+"""Scenarios for the boards' programs with a pin layer that is a small machine. Run by CPython and by MicroPython: only
+what both have is used. Each gives plain lists and numbers."""
+from drivers.board.framing import seal
+from drivers.board.lag_rig import LagRig, RigPins, RigSettings
+from drivers.board.slave import Pins, Settings, Slave
+
+MS = 1000
+
+
+class Machine(Pins):
+    """A motor with a time constant behind its duty, a gate behind its steps, a wheel; bytes in lists."""
+
+    def __init__(self, sensor=True, start_mm=25.0, rpm_per_duty=125.0, time_constant_s=0.1):
+        self.now_us = 0
+        self.sent = []
+        self.inbox = b""
+        self.on = False
+        self.value = 0.0
+        self.rpm = 0.0
+        self.turns = 0.0
+        self.true_mm = start_mm
+        self.gate_count = 0
+        self.dose_count = 0
+        self.sensor = sensor
+        self.blocked = False
+        self.fault = False
+        self.loses_steps = False
+        self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
+
+    def pass_time(self, us):
+        self.now_us += us
+        aim = self.value * self.rpm_per_duty if self.on and not self.blocked else 0.0
+        self.rpm += (aim - self.rpm) * us * 1e-6 / self.time_constant_s
+        self.turns += self.rpm / 60.0 * us * 1e-6
+
+    def read(self):
+        data, self.inbox = self.inbox, b""
+        return data
+
+    def write(self, data):
+        self.sent.append(data)
+
+    def enable(self, on):
+        self.on = on
+
+    def duty(self, value):
+        self.value = value
+
+    def shaft_counts(self):
+        return int(self.turns * 2400.0)
+
+    def gate_steps(self, steps):
+        self.gate_count += steps
+        if not self.loses_steps:
+            self.true_mm += steps / 100.0
+
+    def dose_steps(self, steps):
+        self.dose_count += steps
+
+    def opening_mm(self):
+        return self.true_mm if self.sensor else None
+
+    def at_home(self):
+        return self.true_mm <= 0.0
+
+    def driver_fault(self):
+        return self.fault
+
+    def wheel(self):
+        return self.now_us // 125000, self.now_us // 125000 * 125000
+
+    def supply_v(self):
+        return 13.5
+
+
+class Bench:
+    """Board and machine on one clock; the host speaks when it is told to."""
+
+    def __init__(self, settings=None, **machine):
+        self.machine = Machine(**machine)
+        self.board = Slave(self.machine, settings or Settings())
+        self.seq = 0
+
+    def say(self, payload):
+        self.machine.inbox += seal(payload)
+
+    def target(self, rpm, mm, enable):
+        self.say(f"T1,{self.seq},{rpm:.3f},{mm:.3f},{enable}")
+        self.seq = (self.seq + 1) % 65536
+
+    def run(self, seconds, rpm=0.0, mm=25.0, enable=None, look=None):
+        """Ticks of a millisecond; a command every 50 ms unless `enable` is None."""
+        for tick in range(int(seconds * 1000)):
+            if enable is not None and tick % 50 == 0:
+                self.target(rpm, mm, enable)
+            self.machine.pass_time(MS)
+            self.board.tick(self.machine.now_us)
+            if look is not None:
+                look(self)
+
+    def flags(self):
+        lines = [line for line in self.machine.sent if line.startswith(b"$S1")]
+        return int(lines[-1].split(b"*")[0].split(b",")[-1])
+
+
+def safe_stop():
+    """When the host falls silent: ms until the motor's enable line falls; then whether it starts again by itself."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(2.0, 60, 30, 1)
+    rpm_before = round(bench.machine.rpm)
+    last_ms = bench.machine.now_us // MS - 49           # the last command of that stretch
+    stopped = []
+
+    def look(b):
+        if not b.machine.on and not stopped:
+            stopped.append(b.machine.now_us // MS - last_ms)
+    bench.run(3.0, look=look)
+    flags = bench.flags()
+    bench.run(1.0, 60, 30, 1)
+    restarted = bench.machine.on
+    bench.run(0.1, 0, 30, 0)
+    bench.run(1.0, 60, 30, 1)
+    return [rpm_before, stopped, flags, restarted, bench.machine.on, round(bench.machine.true_mm, 1)]
+
+
+def power_on():
+    """Without a command, then with enable 1 only: enabled, rpm, gate moved."""
+    bench = Bench()
+    bench.run(0.5)
+    bench.run(0.5, 60, 40, 1)
+    return [bench.machine.on, round(bench.machine.rpm), bench.machine.gate_count]
+
+
+def stop_at_once():
+    """Ms from the frame with enable 0 to the enable line and to duty 0; the gate keeps going to its set-point."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(1.0, 60, 25, 1)
+    bench.run(0.1, 60, 40, 1)
+    bench.target(0, 10, 0)
+    bench.run(0.002)
+    first = [bench.machine.on, bench.machine.value]
+    bench.run(0.9)
+    first.append(round(bench.machine.true_mm, 1))
+    return first
+
+
+def driver_fault():
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(1.0, 60, 25, 1)
+    bench.machine.fault = True
+    bench.run(0.1, 60, 25, 1)
+    return [bench.machine.on, bench.machine.value, bench.flags() & 4]
+
+
+def bad_frames():
+    """Counts by kind after a list of wrong frames, and the speed still obeyed."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(1.0, 50, 25, 1)
+    good = seal(f"T1,{bench.seq},90.000,25.000,1")
+    wrong = [good.replace(b"90", b"99"), good[:10] + b"\r\n", seal("T1,200,90.0,25.0"), seal("T1,200,900.0,25.0,1"),
+             seal("T1,200,nan,25.0,1"), seal("T1,200,1e1,25.0,1"), seal("T1,200,9.,25.0,1"),
+             seal("T1,200,-1.0,25.0,1"), seal("T1,70000,90.0,25.0,1"), seal("T1,200,90.0,25.0,2"),
+             seal("T9,200,90.0,25.0,1"), seal(f"T1,{bench.seq - 1},90.000,25.000,1"), b"x" * 300 + b"\r\n",
+             b"\xff\xfe$\x00*\x80\r\n", b"$$$***\r\n"]
+    bench.machine.inbox += b"".join(wrong)
+    bench.run(0.3)
+    counts = sorted([kind, times] for kind, times in bench.board.receiver.rejected.items())
+    return [counts, round(bench.board._wanted_rpm)]
+
+
+def limits():
+    """Set-points beyond what is screwed on are cut."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(4.0, 300, 100, 1)
+    return [round(bench.machine.rpm), round(bench.machine.true_mm, 1)]
+
+
+def shaft_step(blocked_s=0.0):
+    """10 to 90 % rise time in ms, overshoot and steady error in r/min, of a step from 20 to 70 r/min; `blocked_s`: the
+    shaft is held that long before the step and let go (anti-windup)."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(2.0, 20, 25, 1)
+    if blocked_s:
+        bench.machine.blocked = True
+        bench.run(blocked_s, 70, 25, 1)
+        bench.machine.blocked = False
+    seen = []
+    bench.run(4.0, 70, 25, 1, look=lambda b: seen.append(b.machine.rpm))
+    low = next(ms for ms, rpm in enumerate(seen) if rpm >= 25.0)
+    high = next(ms for ms, rpm in enumerate(seen) if rpm >= 65.0)
+    steady = sum(seen[-500:]) / 500.0 - 70.0
+    return [high - low, round(max(seen) - 70.0, 2), round(steady, 2)]
+
+
+def gate_moves(sensor=True):
+    """Places reached and steps put out for a list of openings; without a sensor after homing."""
+    bench = Bench(sensor=sensor, start_mm=12.0)
+    bench.run(0.2, 0, 12, 0)
+    found = []
+    if not sensor:
+        bench.run(0.1, 50, 25, 1)
+        found.append([bench.flags() & 16, round(bench.machine.value, 3)])
+        bench.run(3.0, 0, 0.5, 1)
+        found.append([bench.flags() & 16, round(bench.machine.true_mm, 2)])
+    for mm in (25.0, 40.0, 10.0, 10.1):
+        before = bench.machine.gate_count
+        bench.run(2.5, 0, mm, 1)
+        found.append([round(bench.machine.true_mm, 3), bench.machine.gate_count - before])
+    return found
+
+
+def gate_step():
+    """10 to 90 % rise time in ms, overshoot in mm, of a step from 25 to 35 mm."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(0.5, 0, 25, 1)
+    seen = []
+    bench.run(2.0, 0, 35, 1, look=lambda b: seen.append(b.machine.true_mm))
+    low = next(ms for ms, mm in enumerate(seen) if mm >= 26.0)
+    high = next(ms for ms, mm in enumerate(seen) if mm >= 34.0)
+    return [high - low, round(max(seen) - 35.0, 3), round(seen[-1] - 35.0, 3)]
+
+
+def lost_steps():
+    """The gate loses steps for a while: flagged, and made good once it can move again."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(0.5, 0, 25, 1)
+    bench.machine.loses_steps = True
+    bench.run(1.0, 0, 40, 1)
+    bench.machine.loses_steps = False
+    bench.run(3.0, 0, 40, 1)
+    flagged = bench.flags() & 8
+    bench.run(0.1, 0, 40, 0)
+    return [flagged, round(bench.machine.true_mm, 1), bench.flags() & 8]
+
+
+def doses():
+    """Steps of a hundred doses of 120 degrees; then one that is cut off by a stop; one asked for while stopped."""
+    bench = Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.run(0.2, 0, 25, 1)
+    steps = []
+    for dose in range(100):
+        before = bench.machine.dose_count
+        bench.say(f"D1,{bench.seq},{dose},120.000,99.800")
+        bench.seq += 1
+        bench.run(0.3, 0, 25, 1)
+        steps.append(bench.machine.dose_count - before)
+    reports = [line.split(b"*")[0].split(b",")[2:] for line in bench.machine.sent if line.startswith(b"$E1")]
+    last = [report for report in reports if report[0] == b"99"][-1]
+    took_ms = (int(last[4]) - int(last[3])) // MS
+    before = bench.machine.dose_count
+    bench.say(f"D1,{bench.seq},200,360.000,60.000")
+    bench.seq += 1
+    bench.run(0.1, 0, 25, 1)
+    bench.run(0.2, 0, 25, 0)
+    cut = bench.machine.dose_count - before
+    bench.say(f"D1,{bench.seq},201,360.000,60.000")
+    bench.seq += 1
+    bench.run(0.1, 0, 25, 0)
+    reports = [line.split(b"*")[0].split(b",")[2:4] for line in bench.machine.sent if line.startswith(b"$E1")]
+    states = [int(state) for dose, state in reports if dose == b"200"]
+    refused = [int(state) for dose, state in reports if dose == b"201"]
+    return [sum(steps), min(steps), max(steps), int(last[1]), took_ms, cut, states[-1], refused[-1],
+            bench.machine.dose_count - before - cut]
+
+
+class Rig(RigPins):
+    def __init__(self):
+        self.sent, self.inbox = [], b""
+        self.counts, self.newest_us, self.before_us = 0, 0, 0
+        self.value = 500
+
+    def read(self):
+        data, self.inbox = self.inbox, b""
+        return data
+
+    def write(self, data):
+        self.sent.append(data)
+
+    def encoder(self):
+        return self.counts, self.newest_us, self.before_us
+
+    def plate(self):
+        return self.value
+
+
+def lag_rig(early_granule=False):
+    """State, start and landing in ms of one run: the shaft creeps at 1 r/min from 100 ms, turns at 20 r/min from 400
+    ms on; noise on the plate; a granule at 1900 ms (and one at 200 ms, before the start)."""
+    pins = Rig()
+    rig = LagRig(pins, RigSettings())
+    turned, chance = 0.0, 7
+    for ms in range(3000):
+        if ms == 50:
+            pins.inbox = seal("R1,1,42,1")
+        rpm = 0.0 if ms < 100 else 1.0 if ms < 400 else 20.0
+        turned += rpm / 60.0 * 0.001 * 1000.0
+        while pins.counts < int(turned):
+            pins.counts += 1
+            pins.before_us, pins.newest_us = pins.newest_us, ms * MS
+        chance = (chance * 1103515245 + 12345) & 0x7FFFFFFF
+        pins.value = 500 + (chance >> 16) % 5
+        if ms == 1900 or (early_granule and ms == 200):
+            pins.value += 60
+        rig.tick(ms * MS)
+    fields = pins.sent[-1].split(b"*")[0].split(b",")
+    return [int(fields[2]), int(fields[3]), int(fields[7]) // MS, int(fields[8]) // MS if fields[8] else -1,
+            int(fields[9])]
+
+
+SCENARIOS = {
+    "safe_stop": safe_stop, "power_on": power_on, "stop_at_once": stop_at_once, "driver_fault": driver_fault,
+    "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
+    "shaft_step_after_block": lambda: shaft_step(2.0), "gate_moves": gate_moves,
+    "gate_moves_homed": lambda: gate_moves(False), "gate_step": gate_step, "lost_steps": lost_steps, "doses": doses,
+    "lag_rig": lag_rig, "lag_rig_early_granule": lambda: lag_rig(True)}
+
+
+def main():
+    import json
+    for name in sorted(SCENARIOS):
+        print(json.dumps([name, SCENARIOS[name]()]))

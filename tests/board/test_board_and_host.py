@@ -1,0 +1,166 @@
+"""The board's own program against the host's own driver: on a pseudo-terminal, and beside the virtual board."""
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from control.readings import DriveCommand
+from drivers.board.slave import Settings, Slave
+from drivers.cab import Cab, CabConfig
+from drivers.devices.board_frames import CommandFrame, encode_command
+from drivers.virtual.board import VirtualBoard
+
+HOST = """
+import sys, time
+from control.readings import DriveCommand
+from drivers.cab import Cab, CabConfig
+cab = Cab(CabConfig.model_validate({"board": {"port": sys.argv[1]}}), time.monotonic)
+begun_s = time.monotonic()
+while True:
+    now_s = time.monotonic()
+    m = cab.measure(now_s)
+    cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
+    time.sleep(0.05)
+"""
+
+
+class Terminal:
+    """The board's program on the far side of a pseudo-terminal, in real time, on a thread of its own."""
+
+    def __init__(self, scenarios) -> None:
+        import tty
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        self.name = os.ttyname(self._slave)
+        outer = self
+
+        class Pins(scenarios.Machine):
+            def read(self):
+                with contextlib.suppress(BlockingIOError):
+                    return os.read(outer.master, 4096)
+                return b""
+
+            def write(self, data):
+                with contextlib.suppress(BlockingIOError):
+                    os.write(outer.master, data)
+
+            def enable(self, on):
+                super().enable(on)
+                outer.switched.append((time.monotonic(), on))
+
+        self.switched: list[tuple[float, bool]] = []
+        self.pins = Pins()
+        self.board = Slave(self.pins, Settings())
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        begun_s, passed_us = time.monotonic(), 0
+        while not self._stop.is_set():
+            now_us = int((time.monotonic() - begun_s) * 1e6)
+            while passed_us + 1000 <= now_us:
+                self.pins.pass_time(1000)
+                passed_us += 1000
+                self.board.tick(passed_us)
+            time.sleep(0.001)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        os.close(self.master)
+        os.close(self._slave)
+
+
+@pytest.fixture
+def terminal(scenarios):
+    if sys.platform == "win32":
+        pytest.skip("no pseudo-terminals on this system")
+    made = Terminal(scenarios)
+    yield made
+    made.close()
+
+
+def wait_for(what, seconds=8.0):
+    deadline = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_the_real_driver_drives_the_real_program(terminal):
+    cab = Cab(CabConfig.model_validate({"board": {"port": terminal.name}}), time.monotonic)
+    begun_s = time.monotonic()
+
+    def turned() -> bool:
+        now_s = time.monotonic()
+        m = cab.measure(now_s)
+        cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.3)
+        time.sleep(0.03)
+        return bool(m.shaft_rpm and abs(m.shaft_rpm.value - 60.0) < 1.0 and abs(m.opening_mm.value - 30.0) < 0.02)
+    try:
+        wait_for(turned)
+        m = cab.measure(time.monotonic())
+        assert m.supply_v.value == 13.5
+        wait_for(lambda: turned() and cab.measure(time.monotonic()).wheel_speed_mps.value > 1.0)
+        status = cab.status(time.monotonic())[0]
+        assert status.rejected == 0 and status.rate_hz > 20.0
+        assert cab.board.enabled and not cab.board.heartbeat_lost
+        assert not terminal.board.receiver.rejected
+        cab.command(time.monotonic(), None, False)
+        wait_for(lambda: not terminal.pins.on, 0.5)
+    finally:
+        cab.close()
+
+
+def test_a_killed_host_means_a_stopped_machine_one_second_later(terminal):
+    host = subprocess.Popen([sys.executable, "-c", HOST, terminal.name])
+    try:
+        wait_for(lambda: terminal.pins.on and abs(terminal.pins.rpm - 60.0) < 2.0)
+        os.kill(host.pid, signal.SIGKILL)
+        killed_s = time.monotonic()
+        wait_for(lambda: not terminal.pins.on, 3.0)
+        took_s = terminal.switched[-1][0] - killed_s
+        assert 0.9 < took_s < 1.2, "one second after the last frame, which was 50 ms old at most"
+        wait_for(lambda: terminal.pins.rpm < 1.0, 2.0)
+    finally:
+        host.kill()
+        host.wait()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_board_and_virtual_board_obey_alike(seed, scenarios):
+    """A spoilt stream of commands with silences in it: both follow the same set-points at every moment."""
+    chance = random.Random(seed)
+    pins = scenarios.Machine()
+    real, virtual = Slave(pins, Settings()), VirtualBoard(25.0)
+    seq = chance.randrange(65536)
+    enabled_ticks = 0
+    for tick in range(1500):
+        now_us = tick * 10_000
+        if tick % 200 < 150 and tick % 5 == 0:
+            enable = chance.random() < 0.95 and tick % 200 > 20
+            line = bytearray(encode_command(CommandFrame(seq, chance.uniform(0.0, 90.0), 25.0, enable)))
+            seq += chance.choice((0, 1, 1, 1, 1, 3))
+            if chance.random() < 0.2:
+                line[chance.randrange(len(line))] ^= 1 << chance.randrange(8)
+            if chance.random() < 0.05:
+                line = line[:chance.randrange(len(line))]
+            pins.inbox += bytes(line)
+            virtual.feed(bytes(line), now_us * 1e-6)
+        command, enabled = virtual.set_points(now_us * 1e-6)
+        pins.now_us = now_us
+        real.tick(now_us)
+        assert real.enabled == enabled, tick
+        assert (real._wanted_rpm if real.enabled else 0.0) == pytest.approx(command.shaft_rpm, abs=1e-6)
+        enabled_ticks += enabled
+    assert 200 < enabled_ticks < 1400

