@@ -2,14 +2,25 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 
-def effects(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+def effects(
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
+                                                 "Markdown.")] = None,
+) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
     from control.machine.machine import CATALOGUE
+    if as_page is not None:
+        from console.reports.effects_page import markdown
+        from drivers.files.atomic import write_atomically
+        write_atomically(as_page, markdown(CATALOGUE))
+        if not as_json:
+            return
     entries = [{
         "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
         "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),

@@ -1,0 +1,63 @@
+"""The catalogue of effects as a page of documentation: read off the parameters, never written by hand."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from control.machine.effect import Entry
+
+HEAD = """# Effects
+
+Everything that the machine model knows how to get wrong. Each effect is one parameter of one stage, switched off by its
+neutral value; diagnosis looks for it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file carries it.
+An effect is judged only on data where it can be seen; elsewhere a diagnosis lists it as not shown.
+
+This page is written by `topdress effects --markdown docs/effects.md`; change the parameters, not the page.
+"""
+STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out of the hopper", "scale": "Hopper scale",
+          "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place"}
+
+
+def markdown(catalogue: Mapping[str, Entry]) -> str:
+    """The page: a table of all ids, then each effect by stage, in the order of the catalogue."""
+    lines = [HEAD, "| id | what happens | size in | range | seen in |", "|---|---|---|---|---|"]
+    lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(e.effect.unit)} | {_range(e)} | "
+              f"{_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
+    for stage in dict.fromkeys(entry.stage for entry in catalogue.values()):
+        lines += ["", f"## {STAGES.get(stage, stage)}"]
+        for entry in catalogue.values():
+            if entry.stage == stage:
+                lines += _effect(entry)
+    return "\n".join(lines) + "\n"
+
+
+def _effect(entry: Entry) -> list[str]:
+    effect = entry.effect
+    which = {"heads": "head", "flow": "outlet"}.get(entry.stage, "member") if effect.member_field else ""
+    size = f"{effect.unit}; {_range(entry)}"
+    if effect.onset_only:
+        size += "; the size is the time at which it begins"
+    return ["", f"### {effect.id}", "", f"**{effect.title}.** {effect.physics}", "",
+            f"- Size: {size}" + (f"; with the number of the {which}" if which else ""),
+            f"- Seen in: {', '.join(effect.seen_in)}",
+            f"- What to do: {effect.advice}",
+            f"- Told from its look-alikes by: {effect.separate}",
+            f"- Source: {effect.source}"]
+
+
+def _id(entry: Entry) -> str:
+    return entry.effect.id
+
+
+def _anchor(entry: Entry) -> str:
+    """As the usual renderers make it of a heading: points vanish."""
+    return entry.effect.id.replace(".", "")
+
+
+def _range(entry: Entry) -> str:
+    if entry.effect.onset_only:
+        return "at any time"
+    return f"{entry.low - entry.neutral:g} to {entry.high - entry.neutral:g}"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
