@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from .encoder import encoder_steps
 from .hypothesis import Part, Parts
 from .likelihood import Column, fitted
 from .onset import refined, stops, with_onset
@@ -42,7 +43,7 @@ class Named(NamedTuple):
 
 def name(group: Group, threshold: float = THRESHOLD) -> Named:
     """Judge a group of channels."""
-    group.candidates += stops(group, group.data)
+    group.candidates += [*stops(group, group.data), *encoder_steps(group)]
     group.settle(())
     group.tame(())
     group.settle(())

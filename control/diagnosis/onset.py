@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 
 TIMES = 16                  # onsets tried over the working time
 STILL_S = 3.0               # a drive must disobey for this long in all
+ONSET_SHARE = 0.08          # of what the effect explains: forms are never quite right
 NEVER_WITH_ONSET = frozenset({"flow.batch", "flow.moisture_drift", "scale.drift", "gate.lost_steps"})
 
 
@@ -80,7 +81,9 @@ def with_onset(group: Group, found: Refit, data: RunData, threshold: float) -> R
         if not ranked:
             continue
         better = group.refit((*others, _as_blocked(ranked[0].part)), found.noise)
-        if 2.0 * (better.log_likelihood - best.log_likelihood) > threshold:
+        alone = group.refit(others, found.noise)
+        reach = max(threshold, ONSET_SHARE * 2.0 * (found.log_likelihood - alone.log_likelihood))
+        if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
             best = refined(group, better, data)
     return best
 

@@ -20,6 +20,7 @@ from .result import Cause, Channel, Data, Detectable, Diagnosis, NotShown, Rival
 from .search import Group
 from .sensitivities import GROUPS
 from .shown import shown
+from .spells import Seen, without_spells
 from .stages_data import RunData, run_data
 
 Progress = Callable[[float, str], None]
@@ -47,7 +48,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
             progress(share, word)
     step(0.0, "data")
     log = gate(columns)
-    data = run_data(log, machine)
+    data, seen_off = without_spells(run_data(log, machine), machine)
     seen = channels(data, machine)
     findings = [*log.findings, *_step_findings(seen, machine)]
     step(0.1, "model")
@@ -57,7 +58,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
         step(0.1 + 0.2 * k, word)
         named.append(name(Group(members, machine, data)))
     step(0.9, "result")
-    return _result(log, data, machine, named, path, tuple(findings))
+    return _result(log, data, machine, named, seen_off, path, tuple(findings))
 
 
 def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
@@ -69,8 +70,8 @@ def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
     return found
 
 
-def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], path: str,
-            findings: tuple[str, ...]) -> Diagnosis:
+def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], seen_off: tuple[Seen, ...],
+            path: str, findings: tuple[str, ...]) -> Diagnosis:
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
     rows: list[Channel] = []
@@ -83,6 +84,9 @@ def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], pat
         for k in range(len(one.found.parts)):
             causes.append(_cause(one, k, machine, data))
         absent += not_shown(one)
+    for seen in seen_off:
+        causes.append(_seen_cause(seen, machine, data))
+        absent = [a for a in absent if a.id != seen.part.id]
     there = {c.id for c in causes} | {a.id for a in absent}
     absent += [NotShown(effect_id, Detectable(None, entry.effect.unit))
                for effect_id, entry in CATALOGUE.items() if effect_id not in there]
@@ -97,6 +101,13 @@ def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], pat
                                            + 10.0 * abs(c.field_cost.place_error_m or 0.0)))
     return Diagnosis(Data(path, "run", data.rows, data.duration_s, machine.id), tuple(rows), verdict, tuple(order),
                      tuple(absent), tuple(unexplained), None, (), None, findings)
+
+
+def _seen_cause(seen: Seen, machine: Machine, data: RunData) -> Cause:
+    effect = CATALOGUE[seen.part.id].effect
+    size = Size(seen.part.size, max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd, effect.unit)
+    return Cause(seen.part.id, size, None, float(1.0 - chi2.sf(seen.gain, 1.0)), (), None, effect.advice,
+                 field_cost(seen.part, machine, data))
 
 
 def _cause(one: Named, k: int, machine: Machine, data: RunData) -> Cause:

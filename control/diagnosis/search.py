@@ -188,9 +188,8 @@ class Group:
             if channel.name == "scale" and self.data.hopper is not None:
                 count = len(channel.measured)
                 found.append(self.column("level", {"scale": np.ones(count)}, 20.0))
-                middle = channel.grid.even_s
                 for k, jump in enumerate(self.data.hopper.jumps):
-                    after = (middle >= self.data.hopper.time_s[jump]).astype(np.float64)
+                    after = channel.grid.of((np.arange(len(self.data.hopper.reading_kg)) >= jump).astype(np.float64))
                     sd = REFILL_SD_KG if self.data.hopper.told[k] else 20.0
                     found.append(self.column(f"refill {k}", {"scale": after}, sd))
             if channel.name == "heads":
@@ -237,7 +236,7 @@ class Group:
         """Slope of the prediction in each part's size, at the hypothesis."""
         found = []
         for k, part in enumerate(parts):
-            if part.id in THRESHOLDS or part.id in ("shaft.stall", "gate.stuck"):
+            if part.id in THRESHOLDS or part.id == "shaft.coarse_encoder" or CATALOGUE[part.id].effect.onset_only:
                 continue
             step = PROBES.get(part.id) or max(0.002, 0.02 * abs(part.size))
             if part.id in LADDERS:

@@ -10,6 +10,7 @@ from .effect import Effect
 from .elements import FLAT, TABLE_X, Table, table_at
 
 SPELL_S = 12.0          # length of the time slots in which a bridge stands or not
+STOPPED_RPM = 0.5       # a shaft slower than this stands still, and what leaks is not carried by the rollers
 
 
 class Flow(NamedTuple):
@@ -154,7 +155,9 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
     flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
     if bridged(s.time_s, p.bridging_percent):
         flow = 0.0
-    flow = max(0.0, flow) + p.leak_kg_h / 3600.0
+    flow = max(0.0, flow)
+    if u.shaft_rpm < STOPPED_RPM:
+        flow += p.leak_kg_h / 3600.0
     flow = min(flow, hopper / dt_s)
     hopper -= flow * dt_s
     angle = s.angle_rev + u.shaft_rpm / 60.0 * dt_s

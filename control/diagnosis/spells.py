@@ -1,0 +1,116 @@
+"""Effects that come in spells at times of their own: their trace is read off the data, not off a fitted pattern.
+
+What they account for is taken out of the data before anything else is looked for.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.machine import Machine
+
+from .hypothesis import Part, schedule, stages_of
+from .residuals import MOST_STEP_S, hopper_channel
+from .stages_data import Hopper, RunData, Speed
+
+Array = npt.NDArray[np.float64]
+
+BLOCK_S = 3.0               # a bridge stands at least about twice as long
+BEGIN_COST = 6.0            # in log-likelihood, of each further spell
+LEAST_GAIN = 40.0           # of twice the log-likelihood, of all spells together
+LEAST_DIPS = 6
+DIP_BELOW, DIP_ABOVE = 0.8, 1.25    # wheel over GNSS; missing pulses show as whole parts of the speed missing
+FAST_MPS = 0.6
+
+
+class Seen(NamedTuple):
+    """An effect read off the data."""
+
+    part: Part
+    sd: float
+    gain: float                 # of twice the log-likelihood
+
+
+def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Seen, ...]]:
+    """The data with spells taken out, and the effects that they were."""
+    found: list[Seen] = []
+    if data.speed is not None:
+        speed, seen = _without_dips(data.speed)
+        if seen is not None:
+            data = data._replace(speed=speed)
+            found.append(seen)
+    if data.hopper is not None:
+        hopper, seen = _without_bridges(data.hopper, machine)
+        if seen is not None:
+            data = data._replace(hopper=hopper)
+            found.append(seen)
+    return data, tuple(found)
+
+
+def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
+    """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed."""
+    moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
+    ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
+    dips = moving & (ratio < DIP_BELOW)
+    rises = int((moving & (ratio > DIP_ABOVE)).sum())
+    starts = int((dips & ~np.insert(dips[:-1], 0, False)).sum())
+    if starts < LEAST_DIPS + 3 * rises:
+        return s, None
+    usual = float(np.median(ratio[moving & ~dips]))
+    lost = np.where(dips, usual - ratio, 0.0)[moving]
+    share = 100.0 * float(lost.mean())
+    wheel = np.where(dips, s.gnss_mps * usual, s.wheel_mps)
+    sd = share / np.sqrt(starts)
+    return s._replace(wheel_mps=wheel), Seen(Part("speed.missed_pulses", share), float(sd), 10.0 * starts)
+
+
+def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
+    """Spells in which the scale stands still though the shaft turns; the mass that stayed behind is taken off."""
+    channel = hopper_channel(h, machine)
+    even = h.grid.even_s
+    predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
+    left = channel.measured - predicted
+    hop = max(1, round(BLOCK_S / h.grid.step_s))
+    marks = np.arange(0, len(left) - hop, hop)
+    rose = left[marks + hop] - left[marks]
+    rpm = np.interp(even, h.time_s[:-1] + 0.5 * h.grid.step_s, h.shaft_rpm[:-1])
+    fell = np.where([rpm[k:k + hop].min() > 0.0 for k in marks], predicted[marks] - predicted[marks + hop], 0.0)
+    jumps = [int(np.argmin(np.abs(even[marks] - h.time_s[j]))) for j in h.jumps]
+    for j in jumps:
+        fell[max(0, j - 12):j + 4] = 0.0
+    sd = 1.4826 * float(np.median(np.abs(rose - np.median(rose)))) + 0.02
+    score = (2.0 * rose * fell - fell ** 2) / (2.0 * sd ** 2)
+    score = np.clip(np.where(fell > sd, score, -1.0), -12.0, 12.0)
+    on, gain = _spells(score)
+    starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
+    if starts < 2 or 2.0 * gain < LEAST_GAIN:
+        return h, None
+    working = fell > 0.0
+    share = 100.0 * float(on[working].mean())
+    if share > 60.0:
+        return h, None
+    kept = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
+    times = np.append(even[marks], even[min(len(even) - 1, int(marks[-1]) + hop)])
+    stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)
+    sd_share = 100.0 * starts ** 0.5 * hop * h.grid.step_s / (working.sum() * hop * h.grid.step_s)
+    return (h._replace(reading_kg=h.reading_kg - stayed),
+            Seen(Part("flow.bridging", share), float(sd_share), 2.0 * gain))
+
+
+def _spells(score: Array) -> tuple[npt.NDArray[np.bool_], float]:
+    """Blocks of the most probable spells, and their log-likelihood: two states, a cost at each beginning."""
+    off, on = 0.0, -BEGIN_COST
+    back = np.zeros((len(score), 2), bool)          # whether the other state came before
+    for k, value in enumerate(score):
+        back[k] = (on > off, off - BEGIN_COST > on)
+        off, on = max(off, on), max(on, off - BEGIN_COST) + value
+    state = 1 if on > off else 0
+    total = max(on, off)
+    path = np.zeros(len(score), bool)
+    for k in range(len(score) - 1, -1, -1):
+        path[k] = state == 1
+        if back[k, state]:
+            state = 1 - state
+    return path, float(total)
