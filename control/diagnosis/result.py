@@ -1,7 +1,7 @@
 """The result of a diagnosis, by the published contract "topdress-diagnosis/1"."""
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 FORMAT = "topdress-diagnosis/1"
@@ -102,6 +102,16 @@ class Gain:
 
 
 @dataclass(frozen=True, slots=True)
+class TableFit:
+    """The smooth extension where no effect explains what is there: straight lines between nodes of one variable."""
+
+    stage: str
+    variable: str
+    nodes: tuple[float, float, float, float, float, float, float, float]
+    values: tuple[float, float, float, float, float, float, float, float]      # in the unit of the stage's table
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Precedence of verdicts: unexplained, ambiguous, named, none. Fields that do not apply are None, not left out."""
 
@@ -115,6 +125,8 @@ class Diagnosis:
     gain: tuple[Gain, ...]
     extended_machine: str | None
     findings: tuple[str, ...] = ()      # plain sentences about the data itself
+    tables: tuple[TableFit, ...] = ()   # smooth extensions, one for each entry of unexplained
+    excited: dict[str, tuple[float, float]] = field(default_factory=dict)   # recorded variable -> range of the data
 
     def to_json(self) -> dict[str, Any]:
         return {"format": FORMAT, **asdict(self)}

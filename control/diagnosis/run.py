@@ -13,10 +13,25 @@ from control.machine.machine import CATALOGUE, Machine
 from .cost import field_cost
 from .data_gate import Clean, gate
 from .detectable import not_shown
+from .gain import measure_gain
 from .hypothesis import schedule, stages_of
 from .naming import Named, name
 from .residuals import channels, step_error
-from .result import Cause, Channel, Data, Detectable, Diagnosis, NotShown, Rival, Size, Unexplained, Verdict
+from .next_run import next_run
+from .result import (
+    Cause,
+    Channel,
+    Data,
+    Detectable,
+    Diagnosis,
+    Gain,
+    NotShown,
+    Rival,
+    Size,
+    TableFit,
+    Unexplained,
+    Verdict,
+)
 from .search import Group
 from .sensitivities import GROUPS
 from .shown import shown
@@ -73,17 +88,20 @@ def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
 def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], seen_off: tuple[Seen, ...],
             path: str, findings: tuple[str, ...]) -> Diagnosis:
     causes: list[Cause] = []
+    gains: list[Gain] = []
+    tables: list[TableFit] = []
     unexplained: list[Unexplained] = []
     rows: list[Channel] = []
     absent: list[NotShown] = []
     for one in named:
         rows += shown(one, data, machine)
         if one.table is not None:
-            word = {"flow": "flow", "scale": "scale"}.get(one.table.stage, one.table.stage)
-            unexplained.append(Unexplained(word, one.table.variable, one.table.explained_share))
+            tables.append(TableFit(one.table.stage, one.table.variable, one.table.nodes, one.table.values))
+            unexplained.append(Unexplained(one.table.stage, one.table.variable, one.table.explained_share))
         for k in range(len(one.found.parts)):
             causes.append(_cause(one, k, machine, data))
         absent += not_shown(one)
+        gains += measure_gain(one)
     for seen in seen_off:
         causes.append(_seen_cause(seen, machine, data))
         absent = [a for a in absent if a.id != seen.part.id]
@@ -99,8 +117,11 @@ def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], see
         verdict = "named"
     order = sorted(causes, key=lambda c: -(abs(c.field_cost.rate_error_percent or 0.0)
                                            + 10.0 * abs(c.field_cost.place_error_m or 0.0)))
+    excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
+               for word, series in data.variables.items()}
+    plan = next_run(causes, machine) if verdict == "ambiguous" else None
     return Diagnosis(Data(path, "run", data.rows, data.duration_s, machine.id), tuple(rows), verdict, tuple(order),
-                     tuple(absent), tuple(unexplained), None, (), None, findings)
+                     tuple(absent), tuple(unexplained), plan, tuple(gains), None, findings, tuple(tables), excited)
 
 
 def _seen_cause(seen: Seen, machine: Machine, data: RunData) -> Cause:

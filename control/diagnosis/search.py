@@ -219,6 +219,15 @@ class Group:
             self._forms[(stage, variable)] = made
         return self._forms[(stage, variable)]
 
+    def series_columns(self, parts: Parts) -> dict[str, list[tuple[Column, Array]]]:
+        """By channel: every column of a refit that touches it, beside its series over the channel's grid."""
+        found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.channels}
+        for column in [*self._fixed, *self.slopes(parts)]:
+            for channel in self.channels:
+                if channel.name in column.coefficients:
+                    found[channel.name].append((column, series_of(column.coefficients[channel.name], channel.cut)))
+        return found
+
     def candidate_column(self, parts: Parts, candidate: Candidate) -> Column:
         """What one unit of a candidate does on top of a hypothesis."""
         name = (parts, candidate.key)

@@ -1,0 +1,109 @@
+"""What putting the model right gains: on blocks of the log that the sizes were not fitted to, and in the closed loop."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule
+from control.field.job import Job
+from control.machine.machine import Machine
+from control.machine.planting import Planted
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import Errors, errors
+
+from .likelihood import fitted, problem
+from .naming import Named
+from .noise import coefficients, segments
+from .result import Gain
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS = 8
+HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
+GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
+Z90 = 1.645
+
+
+def measure_gain(named: Named) -> list[Gain]:
+    """Error of each touched channel before and after, on held-out blocks, sizes refitted on the others.
+
+    Low and high: 90 % interval of `after`, from the spread between the held-out pieces.
+    """
+    if not named.found.parts:
+        return []
+    group = named.group
+    parts = named.found.parts
+    found: list[Gain] = []
+    slope = group.slopes(parts)
+    unit = group.series_columns(parts)
+    before, at_fit = group.residual(()), group.residual(parts)
+    for channel in group.channels:
+        if channel.copies > 1 or not any(channel.name in c.coefficients for c in slope):
+            continue
+        length = len(channel.measured)
+        edges = np.linspace(0, length, BLOCKS + 1).astype(int)
+        gap = int(np.ceil(GAP_S / channel.grid.step_s))
+        kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
+        cut = segments(length, kept)
+        plain = channel._replace(cut=cut)
+        columns = [c._replace(coefficients={channel.name: coefficients(c_series, cut)})
+                   for c, c_series in unit[channel.name]]
+        p = problem([plain], {channel.name: coefficients(at_fit[channel.name], cut)}, columns)
+        fit = fitted(p, np.arange(len(columns)), named.found.noise)
+        change = sum(a * s for a, (c, s) in zip(fit.amplitude, unit[channel.name], strict=True)
+                     if c.key.startswith("slope "))
+        after = at_fit[channel.name] - change
+        pieces = [slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT]
+        name, unit_word, errors_before, errors_after = _judged(channel.name, channel.unit, channel.grid.step_s,
+                                                               before[channel.name], after, pieces)
+        if not len(errors_after):
+            continue
+        rms = float(np.sqrt(np.mean(errors_after ** 2)))
+        sd = float(np.sqrt(np.var(errors_after ** 2) / len(errors_after))) / max(2.0 * rms, 1e-12)
+        words = ", ".join(str(k + 1) for k in HELD_OUT)
+        found.append(Gain(name, f"rmse, {unit_word}", float(np.sqrt(np.mean(errors_before ** 2))), rms,
+                          max(0.0, rms - Z90 * sd), rms + Z90 * sd, f"blocks {words} of {BLOCKS}"))
+    return found
+
+
+def _judged(name: str, unit: str, step_s: float, before: Array, after: Array,
+            pieces: Sequence[slice]) -> tuple[str, str, Array, Array]:
+    """The scale is judged by what it is read for: flow, over windows of ten seconds."""
+    if name != "scale":
+        return name, unit, np.concatenate([before[p] for p in pieces]), np.concatenate([after[p] for p in pieces])
+    hop = max(1, round(10.0 / step_s))
+
+    def flow(series: Array) -> Array:
+        rows = [-(series[p][hop::hop] - series[p][:-hop:hop][:len(series[p][hop::hop])]) / (hop * step_s)
+                for p in pieces if p.stop - p.start > 2 * hop]
+        return np.concatenate(rows) if rows else np.empty(0)
+    return "flow", "kg/s", flow(before), flow(after)
+
+
+class LoopGain(NamedTuple):
+    """Rate and place error in the field of a machine that has the effects: controlled without and with knowing them."""
+
+    before: Errors
+    after: Errors
+
+
+def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
+                     seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
+    """Two simulated runs of the same machine with the `planted` effects: the loop knows `nominal`, then `extended`."""
+    judged = [_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s) for known in (nominal, extended)]
+    return LoopGain(judged[0], judged[1])
+
+
+def _run(nominal: Machine, known: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
+         seconds: float, seed: int, dt_s: float) -> Errors:
+    job = with_simulated_field(job, nominal)
+    record = Record()
+    plant = simulated_machine(nominal, job, seed, dt_s, planted)
+    for step in simulated_run(plant, control_loop(known, crop, rule, job), seconds):
+        record.add(step)
+    return errors(record.columns(), record.fired, nominal.geometry.working_width_m, nominal.fall.lever_arm_m)

@@ -1,0 +1,123 @@
+"""Which cheap run would tell rivals apart: each manoeuvre is played through the model with each rival, and compared."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.machine import CATALOGUE, Machine
+
+from .data_gate import gate
+from .hypothesis import Part
+from .likelihood import projected
+from .residuals import channels
+from .result import Cause, NextRun
+from .search import Group
+from .sensitivities import GROUPS, PROBES
+from .stages_data import run_data
+
+Array = npt.NDArray[np.float64]
+
+STEP_S = 0.5
+ENOUGH_Z = 3.0
+STATIC_KG = 100.0
+
+
+class Manoeuvre(NamedTuple):
+    """A short run that costs little."""
+
+    id: str
+    plan: str
+    minutes: float
+    columns: dict[str, Array]
+
+
+def manoeuvres(machine: Machine) -> list[Manoeuvre]:
+    """What an operator can do in ten to twenty minutes, as the columns of a run log without noise."""
+    ten = np.arange(0.0, 600.0, STEP_S)
+    twenty = np.arange(0.0, 1200.0, STEP_S)
+    rpm, opening = machine.set_points.shaft_rpm, machine.set_points.opening_mm
+    stairs = 20.0 + 20.0 * (np.floor(ten / 60.0) % 4)
+    openings = 10.0 + 10.0 * (np.floor(ten / 60.0) % 4)
+    halves = np.where(np.floor(ten / 60.0) % 2 < 1, 1.0, 0.0)
+    slope = np.where(np.floor(ten / 120.0) % 2 < 1, 4.0, -4.0)
+    filled = np.where(twenty >= 600.0, 1.0, 0.0)
+    return [
+        Manoeuvre("stairs", "Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice.", 10.0,
+                  _log(ten, stairs, opening)),
+        Manoeuvre("openings", "Opening staircase: 10, 20, 30, 40 mm for a minute each at one shaft speed, twice.", 10.0,
+                  _log(ten, rpm, openings)),
+        Manoeuvre("slope", "Out and back on a slope, two minutes each way, twice.", 10.0,
+                  _log(ten, rpm, opening, pitch=slope)),
+        Manoeuvre("two_speeds", "Two ground speeds: 3 and 6 km/h in turn, two minutes each.", 10.0,
+                  _log(ten, rpm, opening, speed=np.where(np.floor(ten / 120.0) % 2 < 1, 0.83, 1.67))),
+        Manoeuvre("out_of_work", "Drive on with the shaft stopped every second minute.", 10.0,
+                  _log(ten, rpm * halves, opening)),
+        Manoeuvre("standing", "Stand still with the shaft stopped for ten minutes and watch the scale.", 10.0,
+                  _log(ten, 0.0, opening, speed=0.0 * ten)),
+        Manoeuvre("refill", "Work for ten minutes, fill up with weighed bags and write the kg down, work for ten more.",
+                  20.0, _log(twenty, rpm, opening, refill=150.0 * filled)),
+    ]
+
+
+def _log(time: Array, rpm: Array | float, opening: Array | float, pitch: Array | float = 0.0,
+         speed: Array | float = 1.25, refill: Array | float = 0.0) -> dict[str, Array]:
+    n = np.ones(len(time))
+    turns, wide = rpm * n, opening * n
+    used = np.concatenate(([0.0], np.cumsum(5.5e-3 * turns * wide / 60.0)[:-1])) * STEP_S
+    return {"time_s": time, "shaft_rpm_cmd": turns, "shaft_rpm": turns + 1e-4 * np.sin(time), "opening_mm_cmd": wide,
+            "opening_mm": wide + 1e-4 * np.sin(time), "hopper_kg": 260.0 - used + refill * n + 1e-3 * np.sin(7.0 * time),
+            "pitch_deg": pitch * n, "speed_mps": speed * n + 1e-4 * np.sin(5.0 * time),
+            "wheel_speed_mps": speed * n + 1e-4 * np.sin(3.0 * time), "supply_v": machine_volts(time)}
+
+
+def machine_volts(time: Array) -> Array:
+    """Engine idling and at rated speed in turn."""
+    return np.where(np.floor(time / 90.0) % 2 < 1, 13.5, 12.3)
+
+
+def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
+    """The shortest manoeuvre that separates the worst pair of rivals; the effect's own experiment where none does."""
+    doubtful = [c for c in causes if c.rivals]
+    if not doubtful:
+        return None
+    cause = max(doubtful, key=lambda c: c.rivals[0].probability)
+    rival = cause.rivals[0].id
+    value = cause.size.value or PROBES.get(cause.id, 1.0)
+    best: tuple[float, Manoeuvre] | None = None
+    for manoeuvre in manoeuvres(machine):
+        z = separation(manoeuvre, machine, Part(cause.id, value, None, cause.member), rival)
+        score = z / manoeuvre.minutes ** 0.5
+        if z >= ENOUGH_Z and (best is None or score > best[0]):
+            best = (score, manoeuvre)
+    why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
+    if best is None:
+        return NextRun(why, CATALOGUE[cause.id].effect.separate)
+    return NextRun(why, best[1].plan)
+
+
+def separation(manoeuvre: Manoeuvre, machine: Machine, part: Part, rival_id: str) -> float:
+    """What is left of an effect's trace, in standard deviations, once its rival is fitted to the manoeuvre's log."""
+    log = gate(manoeuvre.columns)
+    data = run_data(log, machine)
+    seen = channels(data, machine)
+    names = next(names for names in GROUPS.values() if _home(part.id) in names)
+    members = [seen[n] for n in names if n in seen]
+    if not members:
+        return 0.0
+    group = Group(members, machine, data)
+    wanted = [c for c in group.candidates if c.part.id in (part.id, rival_id)]
+    if {c.part.id for c in wanted} != {part.id, rival_id}:
+        return 0.0
+    own = min((c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size))
+    other = next(c for c in wanted if c.part.id == rival_id)
+    p, before = group.compressed((), [group.candidate_column((), other), group.candidate_column((), own)])
+    normal, _ = projected(p, np.arange(before + 1), group.noise)
+    return float(abs(part.size) * np.sqrt(max(0.0, normal[-1, -1])))
+
+
+def _home(effect_id: str) -> str:
+    stage = effect_id.split(".")[0]
+    return {"flow": "scale", "canopy": "heads"}.get(stage, stage)
