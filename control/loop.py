@@ -1,15 +1,18 @@
 """One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
 from __future__ import annotations
 
+from math import cos, isfinite, radians, sin
 from typing import NamedTuple
 
 from control.agronomy import fusion
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
 from control.field.job import Job
+from control.field.totals import Totaliser, Totals
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
 from control.machine.change_lag import ChangeLags, Lag, Settled
+from control.machine.fall import drop_s
 from control.machine.gate import GateInput, gate_start, gate_step
 from control.machine.machine import Machine
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
@@ -21,10 +24,11 @@ from control.orders import Alarm, Answer, Do, Order, State, Strategy, TargetSour
 from control.readings import DriveCommand, Measurements, Reading
 from control.safety import DriveLimits, Safety, SafetyLimits, Situation, limited
 from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
-from control.targets.canopy import CanopyDecisions
-from control.targets.fence import Fence, Fenced
+from control.targets.canopy import STRAIGHT_DEG_S, CanopyDecisions
+from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.lag_correction import ChangeQueue, Fired
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
+from control.targets.unspread import Unspread
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
 HEAD_LATENCY_S = 0.5            # a head's reading may be one period old
@@ -76,7 +80,8 @@ class ControlLoop:
         self._fused_s = float("-inf")
         stretches = Stretches(crop.fallback_rate_kg_ha)
         self._canopy = CanopyDecisions(rule, machine.geometry.heads_m, job.target.decision_hz, stretches)
-        self._manual = Everywhere(job.target.manual_rate_kg_ha)
+        self._manual = Everywhere(Target(job.target.manual_rate_kg_ha, TargetSource.MANUAL))
+        self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
         self._source = TargetSource(job.target.source)
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
@@ -94,8 +99,10 @@ class ControlLoop:
         self._time_s: float | None = None
         self._begun_s = 0.0
         self._refilled = False
-        self._area_ha = 0.0
-        self._applied_kg = 0.0
+        self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
+        self._backed = False                    # backwards at the tick before
+        self._landed_to_m = float("-inf")       # farthest place at which material has landed since START
+        self._spread_to_m = float("-inf")       # the same when it last backed up: nothing more before that
 
     # -- the operator ------------------------------------------------------------------------------------------
 
@@ -103,9 +110,14 @@ class ControlLoop:
     def strategy(self) -> Strategy:
         return self._setting.strategy
 
+    @property
+    def totals(self) -> Totals:
+        """Area, product, nitrogen and evenness so far. Takes some 50 us: not for every tick."""
+        return self._totals.snapshot()
+
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
-        return self._profile().at(track_m)
+        return self._fenced(self._wanted()).at(track_m)
 
     def order(self, order: Order) -> Answer:
         now = self._time_s or 0.0
@@ -115,31 +127,42 @@ class ControlLoop:
                 return Answer(False, "unknown_strategy")
             self._setting.switch(Strategy(str(value)), now)
         elif order.do is Do.SOURCE:
-            if value not in (TargetSource.CANOPY, TargetSource.MANUAL):
+            if value not in (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK):
                 return Answer(False, "source_not_ready")
             self._source = TargetSource(str(value))
         elif order.do is Do.NUDGE:
-            if not isinstance(value, (int, float)) or not abs(value) <= NUDGE_PERCENT:
+            percent = _number(value)
+            if percent is None or not abs(percent) <= NUDGE_PERCENT:
                 return Answer(False, "nudge_out_of_range")
-            self._nudge = float(value)
+            self._nudge = percent
         elif order.do is Do.MANUAL_RATE:
-            if not isinstance(value, (int, float)) or not 0.0 <= value <= self.crop.max_rate_kg_ha:
+            rate = _number(value)
+            if rate is None or not 0.0 <= rate <= self.crop.max_rate_kg_ha:
                 return Answer(False, "rate_out_of_range")
-            self._manual = Everywhere(float(value))
-        elif order.do is Do.LOOK_AHEAD:
-            self._look_ahead = bool(value)
-        elif order.do is Do.FLOW_TRIM:
-            self._flow_trim_on = bool(value)
-        elif order.do is Do.REFILL:
-            self._refilled = True
-            self._flow_trim.restart()
+            self._manual = Everywhere(Target(rate, TargetSource.MANUAL))
+        elif order.do in (Do.LOOK_AHEAD, Do.FLOW_TRIM):
+            if not isinstance(value, bool):
+                return Answer(False, "yes_or_no")
+            if order.do is Do.LOOK_AHEAD:
+                self._look_ahead = value
+            else:
+                self._flow_trim_on = value
         elif order.do is not Do.MARK:
             answer = self.safety.order(order, now)
             if not answer.accepted:
                 return answer
+            self._obeyed(order.do)
         if order.do is not Do.ACKNOWLEDGE:
             self._events.append(_event(order))
         return Answer(True)
+
+    def _obeyed(self, do: Do) -> None:
+        """What an order that safety accepted means here."""
+        if do is Do.REFILL:
+            self._refilled = True
+            self._flow_trim.restart()
+        elif do is Do.START:                # the operator wants flow from here on, also where some lies already
+            self._landed_to_m = self._spread_to_m = float("-inf")
 
     # -- one tick ----------------------------------------------------------------------------------------------
 
@@ -159,7 +182,8 @@ class ControlLoop:
         speed = sensed.speed_mps or 0.0
         self._look_at_fence(sensed)
         reach = _Reach(self, sensed, conditions)
-        fired = self._queue.advance(self._profile(), now, sensed.track_m, reach)
+        self._look_back(sensed)
+        fired = [] if sensed.backwards else self._queue.advance(self._profile(), now, sensed.track_m, reach)
         holding = self._queue.holding
         rate = min(self.crop.max_rate_kg_ha, holding.rate_kg_ha * (1.0 + self._nudge / 100.0))
         lag = reach.holding_lag()
@@ -173,6 +197,7 @@ class ControlLoop:
         usable = self._usable_speed(lag)
         verdict = self.safety.check(now, self._situation(
             m, sensed, holding, rate, model_flow, applied, trim, metres_left, usable,
+            reach.lag(holding, Change(sensed.track_m, OUTSIDE)),
             console_age_s, log_ok, conditions))
         command = limited(self._setting.command(pair, conditions, self._drive_trim, self._command),
                           self._drive_limits, verdict.flow_allowed,
@@ -184,9 +209,9 @@ class ControlLoop:
         if model_flow is not None and self._flow_trim_on:
             self._flow_trim.update(now, dt, model_flow, m.hopper_kg)
         self._expect(pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm), conditions, dt)
-        if model_flow is not None and verdict.state is State.WORKING and model_flow > 0.0:
-            self._applied_kg += model_flow * trim * dt
-            self._area_ha += speed * self.machine.geometry.working_width_m * dt / 10_000.0
+        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
+            self._totals.add(dt, sensed.speed_mps, applied * trim, rate)
+        self._note_landing(m, sensed)
         self._command = command
         row = self._row(m, sensed, holding, rate, command, applied, lag, trim, verdict.state, verdict.alarms)
         notes = [f"limited_{pair.limited}"] if pair.limited else []
@@ -197,9 +222,9 @@ class ControlLoop:
             place = (sensed.east_m, sensed.north_m)
         hz = 1.0 / sensed.gnss_period_s if sensed.gnss_age_s is not None else None
         return Tick(row, command, enabled, verdict.alarms, tuple(fired), verdict.why_no_flow, sensed,
-                    self._fused.dropped if self._fused else (), metres_left, self._area_ha, self._applied_kg,
-                    sensed.gnss_age_s, hz, usable if speed > usable else None, self._look_ahead, self._flow_trim_on,
-                    place, tuple(notes))
+                    self._fused.dropped if self._fused else (), metres_left,
+                    self._totals.area_ha, self._totals.applied_kg, sensed.gnss_age_s, hz,
+                    usable if speed > usable else None, self._look_ahead, self._flow_trim_on, place, tuple(notes))
 
     # -- parts of a tick -----------------------------------------------------------------------------------------
 
@@ -209,7 +234,10 @@ class ControlLoop:
         if fresh or now - self._fused_s > HEAD_LATENCY_S:
             self._head_times, self._fused_s = times, now
             self._fusion, self._fused = fusion.fuse_readings(self._fusion, m.ndvi, now)
-            self._canopy.sample(self._fused.ndvi if fresh else None, sensed.track_m, now, sensed.turn_deg_s)
+            if sensed.backwards:
+                self._canopy.pause()
+            else:
+                self._canopy.sample(self._fused.ndvi if fresh else None, sensed.track_m, now, sensed.turn_deg_s)
         self._canopy.decide(sensed.track_m, now)
 
     def _look_at_fence(self, sensed: Sensed) -> None:
@@ -220,9 +248,52 @@ class ControlLoop:
             return
         self._fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m)
 
+    def _look_back(self, sensed: Sensed) -> None:
+        """Backing up without leave to spread: what has landed is not spread upon again by itself."""
+        if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
+            self._landed_to_m = self._spread_to_m = float("-inf")
+        if sensed.backwards != self._backed and not self.safety.memory.allow.reverse:
+            self._spread_to_m = max(self._spread_to_m, self._landed_to_m)
+            self._queue.restart(Target(0.0, self._source), sensed.track_m)
+        self._backed = sensed.backwards
+
+    def _note_landing(self, m: Measurements, sensed: Sensed) -> None:
+        if m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm:
+            falls_s = drop_s(self.machine.fall, m.shaft_rpm.value)
+            falls_m = travelled_ahead_m(sensed.speed_mps or 0.0, sensed.acceleration_mps2, falls_s)
+            self._landed_to_m = max(self._landed_to_m, sensed.track_m + falls_m)
+
+    def _wanted(self) -> Profile:
+        if self._source is TargetSource.CANOPY:
+            return self._canopy.stretches
+        return self._manual if self._source is TargetSource.MANUAL else self._fallback
+
+    def _fenced(self, inner: Profile) -> Profile:
+        return inner if self._fence is None or self.safety.memory.allow.outside else Fenced(inner, self._fence)
+
     def _profile(self) -> Profile:
-        inner: Profile = self._manual if self._source is TargetSource.MANUAL else self._canopy.stretches
-        return inner if self._fence is None else Fenced(inner, self._fence)
+        """What the queue follows: wanted, not where something lies already, not outside."""
+        wanted = self._wanted()
+        if self._spread_to_m > float("-inf"):
+            wanted = Unspread(wanted, self._spread_to_m, self._source)
+        return self._fenced(wanted)
+
+    def _landing_inside(self, sensed: Sensed, holding: Target, stops: Lag) -> bool | None:
+        """Whether what is released now lands inside the field; None where no field is known. `stops`: the lag of a
+        stop."""
+        if self._fence is None:
+            return None
+        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+            return False
+        if sensed.backwards:
+            ahead_m = travelled_ahead_m(sensed.speed_mps or 0.0, sensed.acceleration_mps2, stops.total_s)
+            angle = radians(sensed.heading_deg)
+            return (self._fence.contains(sensed.east_m, sensed.north_m) and self._fence.contains(
+                sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)))
+        if self.safety.memory.allow.outside:
+            return self._fence.inside(sensed.track_m + travelled_ahead_m(
+                sensed.speed_mps or 0.0, sensed.acceleration_mps2, stops.total_s))
+        return holding != OUTSIDE
 
     def _conditions(self, m: Measurements, now: float) -> Conditions:
         return Conditions(now - self._begun_s,
@@ -261,7 +332,7 @@ class ControlLoop:
 
     def _situation(self, m: Measurements, sensed: Sensed, holding: Target, rate: float,
                    model_flow: float | None, applied: float | None, trim: float, metres_left: float | None,
-                   usable: float, console_age_s: float | None, log_ok: bool, c: Conditions) -> Situation:
+                   usable: float, stops: Lag, console_age_s: float | None, log_ok: bool, c: Conditions) -> Situation:
         speed = sensed.speed_mps
         needs_heads = self._source is TargetSource.CANOPY
         heard = [r.time_s for r in m.ndvi if r is not None]
@@ -270,7 +341,7 @@ class ControlLoop:
         return Situation(
             measurements=m, speed_used_mps=speed, gnss_period_s=sensed.gnss_period_s,
             wheel_standstill=sensed.wheel_standstill, target_source=self._source, position_ok=sensed.position_ok,
-            landing_inside=None if self._fence is None else holding.source is not TargetSource.NONE,
+            landing_inside=self._landing_inside(sensed, holding, stops),
             valid_heads=(self._fused.valid if self._fused else 0) if needs_heads else None,
             ndvi_age_s=(sensed.time_s - max(heard) if heard else None) if needs_heads else None,
             expected_rate_kg_ha=expected,
@@ -349,6 +420,10 @@ def _rate(flow_kg_s: float | None, speed_mps: float, machine: Machine) -> float 
 
 def _fresh(reading: Reading | None, now_s: float, most_s: float) -> float | None:
     return None if reading is None or now_s - reading.time_s > most_s else reading.value
+
+
+def _number(value: str | float | bool | None) -> float | None:
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value) else None
 
 
 def _event(order: Order) -> str:

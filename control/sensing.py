@@ -10,16 +10,21 @@ from math import cos, exp, radians, sin
 from typing import NamedTuple
 
 from control.geodesy import TangentPlane
-from control.readings import Measurements
+from control.readings import GnssFix, Measurements
 
-FILTER_TAU_S = 0.4              # filter `speed_used`, second order: its step response is half-way after 0.3 s;
+FILTER_TAU_S = 0.25             # filter `speed_used`, second order: its step response is half-way after 0.2 s;
                                 # a steady acceleration passes without delay
+DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
+                                # another, and a forecast that goes on for the whole lag overshoots at the end of it
 RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
 HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
 DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long
 HEADING_FROM_MPS = 0.3          # below, course over ground is noise
 HEADING_TAU_S = 0.5             # filter `heading`: first order
+STOOD_BELOW_MPS = 0.3           # slower than this, the direction of travel may turn round unseen
+COURSE_FROM_MPS = 0.2           # GNSS speed from which its course tells the direction of travel
+BACKWARDS_DEG = 120.0           # a course that differs by more across a standstill is the other direction
 
 
 class Sensed(NamedTuple):
@@ -27,15 +32,16 @@ class Sensed(NamedTuple):
     speed_mps: float | None             # the one control uses; None: both silent too long
     acceleration_mps2: float
     speed_source: str                   # both, gnss, wheel, held, none
-    track_m: float                      # distance the outlet has travelled
+    track_m: float                      # distance the outlet has travelled; backing up takes it back
     east_m: float | None                # outlet
     north_m: float | None
-    heading_deg: float | None
+    heading_deg: float | None           # where the machine points, also when it backs up
     turn_deg_s: float
     position_ok: bool
     gnss_age_s: float | None
     gnss_period_s: float
     wheel_standstill: bool
+    backwards: bool
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,7 @@ class Sensing:
         self._north: float | None = None
         self._heard_s: float | None = None
         self._wheel_s: float | None = None
+        self._direction = _Direction()
 
     def update(self, m: Measurements) -> Sensed:
         now = m.time_s
@@ -86,16 +93,16 @@ class Sensing:
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
         source = self._take_speed(m, now, dt, gnss_speed, wheel_ok and not wheel_faulty, fix_new)
         speed = self._speed if source != "none" else None
-        if speed is not None:
-            self._track_m += speed * dt
-        self._take_place(m, now, dt, fix_new, gnss_ok)
+        self._track_m += self._direction.moved_m(
+            (speed or 0.0) * dt, standstill or (speed or 0.0) < STOOD_BELOW_MPS, m.gnss if fix_new else None)
+        self._take_place(m, speed or 0.0, dt, fix_new)
         if fix_new and m.gnss is not None:
             self._fix_s = m.gnss.time_s
         position_ok = (self._east is not None and self._heading is not None and gnss_age is not None
                        and gnss_age <= max(silent_s, DEAD_RECKONING_S) and (m.gnss is None or m.gnss.fix_quality > 0))
         east, north = self._outlet()
         return Sensed(now, speed, self._acceleration, source, self._track_m, east, north, self._heading, self._turn,
-                      position_ok, gnss_age, self._period_s, standstill)
+                      position_ok, gnss_age, self._period_s, standstill, self._direction.backwards)
 
     def _take_speed(self, m: Measurements, now: float, dt: float, gnss_mps: float | None, wheel_ok: bool,
                     fix_new: bool) -> str:
@@ -137,17 +144,18 @@ class Sensing:
         if sample == 0.0 and self._speed < 0.05:
             self._speed, self._acceleration = 0.0, 0.0
 
-    def _take_place(self, m: Measurements, now: float, dt: float, fix_new: bool, gnss_ok: bool) -> None:
+    def _take_place(self, m: Measurements, speed: float, dt: float, fix_new: bool) -> None:
         fix = m.gnss
         if fix_new and fix is not None:
             if self.plane is None:
                 self.plane = TangentPlane(fix.lat_deg, fix.lon_deg)
             self._east, self._north = self.plane.to_m(fix.lat_deg, fix.lon_deg)
             if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= HEADING_FROM_MPS:
-                self._take_heading(fix.heading_deg)
+                self._take_heading(fix.heading_deg + (180.0 if self._direction.backwards else 0.0))
         elif self._east is not None and self._north is not None and self._heading is not None:
-            self._east += self._speed * dt * sin(radians(self._heading))
-            self._north += self._speed * dt * cos(radians(self._heading))
+            way = -speed * dt if self._direction.backwards else speed * dt
+            self._east += way * sin(radians(self._heading))
+            self._north += way * cos(radians(self._heading))
 
     def _take_heading(self, course: float) -> None:
         if self._heading is None:
@@ -168,17 +176,49 @@ class Sensing:
         return self._east - self._antenna_m * sin(angle), self._north - self._antenna_m * cos(angle)
 
 
+class _Direction:
+    """Forwards or backwards: the wheel cannot tell, the GNSS course flips across a standstill when it changes.
+
+    The way made between the standstill and the first course after it is put right once the direction is known.
+    """
+
+    def __init__(self) -> None:
+        self.backwards = False
+        self._course_deg: float | None = None
+        self._stood = False
+        self._unsure_m = 0.0            # signed as if the direction had not changed
+
+    def moved_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
+        """Signed way of this tick. `way_m`: unsigned; `fix`: a new one, or None."""
+        signed = -way_m if self.backwards else way_m
+        self._stood = self._stood or slow
+        self._unsure_m = self._unsure_m + signed if self._stood else 0.0
+        if fix is None or fix.speed_mps is None or fix.heading_deg is None:
+            return signed
+        if fix.speed_mps < COURSE_FROM_MPS:
+            self._stood = True
+            return signed
+        if (self._stood and self._course_deg is not None
+                and abs((fix.heading_deg - self._course_deg + 180.0) % 360.0 - 180.0) > BACKWARDS_DEG):
+            self.backwards = not self.backwards
+            signed -= 2.0 * self._unsure_m
+        self._course_deg, self._stood, self._unsure_m = fix.heading_deg, slow, 0.0
+        return signed
+
+
 def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Distance covered in `time_s` ahead; the acceleration is believed up to 1 m/s2 and never backs up, m."""
+    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
+    it, at least half of what the present speed would give."""
     a = min(1.0, max(-1.0, acceleration_mps2))
-    if a < 0.0 and speed_mps + a * time_s < 0.0:
-        return speed_mps * speed_mps / (-2.0 * a)
-    return speed_mps * time_s + 0.5 * a * time_s * time_s
+    more_m = a * DIES_OUT_S * (time_s - DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S)))
+    return speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
 
 
 def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Speed expected `time_s` ahead, bounded like `travelled_ahead_m` and to 50-150 % of the present, m/s."""
+    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
+    stays within 50-150 % of the present speed."""
     a = min(1.0, max(-1.0, acceleration_mps2))
-    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + a * time_s))
+    more = a * DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S))
+    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
 
 

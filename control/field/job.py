@@ -68,6 +68,7 @@ class Simulated(Part):
     pass_length_m: Metres = 300.0
     passes: Annotated[int, Field(ge=1, le=1000)] = 24
     run_in_m: Metres = 12.0                     # straight beyond each end of a pass
+    begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0     # of the whole way: where the machine stands at first
     gnss_hz: Annotated[float, Field(gt=0, le=20)] = 10.0
     heads_hz: Annotated[float, Field(gt=0, le=20)] = 2.0
     hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0

@@ -61,6 +61,14 @@ class Totaliser:
             self._known_kg += kg
             self._target_kg += target_rate_kg_ha * area_ha
 
+    @property
+    def area_ha(self) -> float:
+        return self._area_ha
+
+    @property
+    def applied_kg(self) -> float:
+        return self._kg
+
     def snapshot(self) -> Totals:
         """The totals so far; cheap enough for a few times a second."""
         mean = self._kg / self._area_ha if self._area_ha > 0.0 else None

@@ -58,7 +58,7 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     ground, place = landed(time, driven, mass, columns["drop_s"], BIN_M, lever_arm_m)
     centres = ground.centres_m()
     rate = ground.mass_kg / (BIN_M * width_m) * 10_000.0
-    at = np.interp(centres, driven, np.arange(len(driven)))
+    at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))     # backed up: the first time
     row = np.clip(np.round(at).astype(np.int64), 0, len(driven) - 1)
     target = columns["target_kg_ha"][row]
     inside = (columns["working"][row] > 0.0) & (columns["in_pass"][row] > 0.0) & (target > 0.0)
@@ -106,7 +106,7 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
         row = int(np.searchsorted(time, change.time_s))
         if row >= len(time) or not columns["working"][row]:
             continue
-        wanted = float(np.interp(change.place_m, track, driven))
+        wanted = float(np.interp(change.place_m, np.maximum.accumulate(track), np.maximum.accumulate(driven)))
         begin_m = float(land.place_m[row]) - EARLY_M
         end_m = begin_m + FARTHEST_M
         if k + 1 < len(fired):

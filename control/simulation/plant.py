@@ -95,7 +95,7 @@ class Plant:
         self._pitch = Slow(self._normal, sim.roughness_deg, 3.0)
         self._roll = Slow(self._normal, sim.roughness_deg, 3.0)
         self._ticks = 0
-        self._driven_m = 0.0
+        self._driven_m = sim.begin_m
         self._wheel_m = 0.0
         self._pulses = 0
         self._pulse_s: float | None = None

@@ -24,11 +24,15 @@ class CanopyDecisions:
         self._begun_s = 0.0
         self._sampled_s: float | None = None
 
+    def pause(self) -> None:
+        """Backing up: the heads see again what is decided already."""
+        self._samples.clear()
+        self._from_m = None
+
     def sample(self, ndvi: float | None, track_m: float, now_s: float, turn_deg_s: float) -> None:
         """One fused reading (None: none valid), with the outlets at `track_m`."""
         if abs(turn_deg_s) > STRAIGHT_DEG_S:
-            self._samples.clear()
-            self._from_m = None
+            self.pause()
             self.stretches.forget()
             return
         if ndvi is None:

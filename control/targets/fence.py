@@ -43,6 +43,9 @@ class Fence:
         self._inside_here = False
         self.places_m = []
 
+    def contains(self, east_m: float, north_m: float) -> bool:
+        return self._edge.contains(east_m, north_m)
+
     def inside(self, place_m: float) -> bool:
         crossed = sum(1 for place in self.places_m if place <= place_m)
         return self._inside_here != (crossed % 2 == 1)

@@ -30,10 +30,10 @@ class Profile(Protocol):
 
 
 class Everywhere:
-    """One rate wherever the machine goes: manual."""
+    """One target wherever the machine goes: manual, or the fallback rate by the operator's choice."""
 
-    def __init__(self, rate_kg_ha: float) -> None:
-        self.target = Target(rate_kg_ha, TargetSource.MANUAL)
+    def __init__(self, target: Target) -> None:
+        self.target = target
 
     def at(self, place_m: float) -> Target:
         return self.target

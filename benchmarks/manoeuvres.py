@@ -1,0 +1,192 @@
+"""Rate and place error of every manoeuvre, for every strategy: `python benchmarks/manoeuvres.py --seeds 3`
+
+Each manoeuvre is driven on the demo field by the simulated machine and judged inside its own window of time. Rate
+error is the area mean of |landed - target| over the mean target; place error the distance between a step of the
+target and the half-way point of the landed step; outside: what landed beyond the field, in metres of the working
+width at the mean target, for each crossing of the edge. The last table compares the strategies on ten minutes of
+plain work: time to 90 % of a new rate, moves an hour.
+"""
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from control.field.job import Simulated
+from control.machine.elements import Array
+from control.orders import Do, Order, Strategy
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import BIN_M, landing, place_errors
+from control.simulation.figures import moves
+from drivers.files.setup import Setup, load_setup
+
+DT_S = 0.05
+GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))
+PASS_BEGINS_M = 15.0            # of a pass belong to its start
+
+
+class Manoeuvre(NamedTuple):
+    """`speeds`: (at s, km/h, m/s2). Judged from `begin_s` to `end_s`; `edges`: only the first metres of each pass."""
+
+    name: str
+    begin_s: float
+    end_s: float
+    speeds: tuple[tuple[float, float, float], ...]
+    sim: dict[str, Any] = {}
+    edges: bool = False
+
+
+MANOEUVRES = (
+    Manoeuvre("steady 4.5 km/h", 25, 85, ()),
+    Manoeuvre("accelerating 3 to 7 km/h, 0.5 m/s2", 48, 56, ((0, 3, 0.5), (50, 7, 0.5))),
+    Manoeuvre("accelerating 3 to 7 km/h, 1.0 m/s2", 48, 56, ((0, 3, 0.5), (50, 7, 1.0))),
+    Manoeuvre("decelerating 7 to 3 km/h, 0.5 m/s2", 48, 56, ((0, 7, 0.5), (50, 3, 0.5))),
+    Manoeuvre("stop and go, 6 s standing", 48, 70, ((50, 0, 0.5), (58.5, 4.5, 0.5))),
+    Manoeuvre("reversing 4 m, going on", 48, 85, ((50, 0, 0.5), (56, -2, 0.5), (63, 0, 0.5), (66, 4.5, 0.5))),
+    Manoeuvre("turning: whole passes of 60 m", 20, 260, (), {"pass_length_m": 60.0}),
+    Manoeuvre("start of a pass, rolling", 20, 260, (), {"pass_length_m": 60.0}, True),
+    Manoeuvre("start from standstill at the edge", 3, 18, ((0, 0, 0.5), (3, 4.5, 0.5)), {"run_in_m": 0.5}),
+    Manoeuvre("start from standstill in the field", 3, 18, ((0, 0, 0.5), (3, 4.5, 0.5)),
+              {"run_in_m": 0.5, "begin_m": 20.0}),
+)
+
+
+class Judged(NamedTuple):
+    """One run inside its window. Sums, so that runs can be added up."""
+
+    missed_kg_ha: Array             # |landed - target| by bin
+    target_kg_ha: Array
+    signed_kg_ha: Array             # landed - target by bin
+    places_m: Array
+    lost: int
+    outside_m: float
+    crossings: int
+
+    @property
+    def rate_percent(self) -> float:
+        return 100.0 * float(self.missed_kg_ha.sum() / max(1e-9, self.target_kg_ha.sum()))
+
+    @property
+    def bias_percent(self) -> float:
+        return 100.0 * float(self.signed_kg_ha.sum() / max(1e-9, self.target_kg_ha.sum()))
+
+    @property
+    def place_m(self) -> float:
+        return float(np.abs(self.places_m).mean()) if len(self.places_m) else float("nan")
+
+    @property
+    def place_p95_m(self) -> float:
+        return float(np.percentile(np.abs(self.places_m), 95)) if len(self.places_m) else float("nan")
+
+
+def the_setup() -> Setup:
+    return load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+
+
+def driven(setup: Setup, strategy: Strategy, seed: int, seconds: float, sim: dict[str, Any],
+           orders: Sequence[tuple[float, Order]] | None, look_ahead: bool = True) -> Record:
+    """The record of one run."""
+    values = setup.job.simulated.model_dump() | sim
+    job = setup.job.model_copy(update={"strategy": strategy, "look_ahead": look_ahead,
+                                       "simulated": Simulated.model_validate(values)})
+    job = with_simulated_field(job, setup.machine)
+    plant = simulated_machine(setup.machine, job, seed, DT_S)
+    record = Record()
+    for step in simulated_run(plant, control_loop(setup.machine, setup.crop, setup.rule, job), seconds, orders):
+        record.add(step)
+    return record
+
+
+def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
+    columns = record.columns()
+    land = landing(columns, width_m)
+    time, way = columns["time_s"], columns["driven_m"]
+    rows = (time >= what.begin_s) & (time <= what.end_s)
+    centres = land.ground.centres_m()
+    inside = (land.inside > 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
+    begins = np.flatnonzero(np.diff(np.concatenate(([0.0], (land.target_kg_ha > 0.0).astype(float)))) > 0.0)
+    ends = np.flatnonzero(np.diff((land.target_kg_ha > 0.0).astype(float)) < 0.0)
+    if what.edges:
+        near = np.zeros(len(centres), dtype=bool)
+        for begin in begins:
+            near |= (centres >= centres[begin]) & (centres < centres[begin] + PASS_BEGINS_M)
+        inside &= near
+    fired = [f for f in record.fired if what.begin_s <= f.time_s <= what.end_s]
+    if what.edges:
+        fired = [f for f in fired if f.before.rate_kg_ha <= 0.0]
+    places, lost = place_errors(columns, fired, land, width_m)
+    beyond = land.landed_kg_ha[(land.target_kg_ha <= 0.0) & (centres >= way[rows].min())
+                               & (centres <= way[rows].max())].sum() * BIN_M
+    target = land.target_kg_ha[inside]
+    crossings = int(((centres[begins] >= way[rows].min()) & (centres[begins] <= way[rows].max())).sum()
+                    + ((centres[ends] >= way[rows].min()) & (centres[ends] <= way[rows].max())).sum())
+    return Judged(np.abs(land.landed_kg_ha[inside] - target), target, land.landed_kg_ha[inside] - target, places, lost,
+                  float(beyond / target.mean()) if len(target) else 0.0, crossings)
+
+
+def added(runs: Sequence[Judged]) -> Judged:
+    return Judged(*(np.concatenate([getattr(r, name) for r in runs]) for name in Judged._fields[:4]),
+                  sum(r.lost for r in runs), sum(r.outside_m for r in runs), sum(r.crossings for r in runs))
+
+
+def sim_of(what: Manoeuvre) -> dict[str, Any]:
+    changes = [{"at_s": at, "speed_kmh": kmh, "acceleration_mps2": most} for at, kmh, most in what.speeds]
+    return {"speed_changes": changes, **what.sim}
+
+
+def measured(what: Manoeuvre, strategy: Strategy, seeds: int, setup: Setup, look_ahead: bool = True) -> Judged:
+    width_m = setup.machine.geometry.working_width_m
+    orders = GO if what.speeds and what.speeds[0][1] == 0 else None
+    return added([judge(driven(setup, strategy, seed, what.end_s + 4.0, sim_of(what), orders, look_ahead), what,
+                        width_m) for seed in range(1, seeds + 1)])
+
+
+def table(setup: Setup, chosen: Sequence[Manoeuvre], seeds: int, look_ahead: bool) -> Iterator[str]:
+    yield (f"{'manoeuvre':38}{'strategy':15}{'rate error %':>13}{'bias %':>8}{'place m':>9}{'p95 m':>7}{'steps':>7}"
+           f"{'lost':>6}{'outside m':>11}")
+    for what in chosen:
+        for strategy in Strategy:
+            j = measured(what, strategy, seeds, setup, look_ahead)
+            yield (f"{what.name:38}{strategy.value:15}{j.rate_percent:13.2f}{j.bias_percent:+8.2f}{j.place_m:9.3f}"
+                   f"{j.place_p95_m:7.3f}{len(j.places_m):7d}{j.lost:6d}{j.outside_m / max(1, j.crossings):11.3f}")
+
+
+def strategies(setup: Setup, seconds: float) -> Iterator[str]:
+    yield (f"{'strategy':15}{'to 90 %, p50 s':>15}{'p95 s':>8}{'steps':>7}{'shaft moves/h':>15}{'gate moves/h':>14}"
+           f"{'gate travel mm/h':>18}")
+    for strategy in Strategy:
+        record = driven(setup, strategy, 1, seconds, {}, None)
+        m = moves(record.columns(), record.fired, setup.machine.geometry.working_width_m)
+        yield (f"{strategy.value:15}{m.reach_p50_s or float('nan'):15.2f}{m.reach_p95_s or float('nan'):8.2f}"
+               f"{m.steps:7d}{m.shaft_moves_per_h:15.0f}{m.gate_moves_per_h:14.0f}{m.gate_travel_mm_per_h:18.0f}")
+
+
+def run() -> None:
+    parser = argparse.ArgumentParser(description="Rate and place error by manoeuvre and strategy.")
+    parser.add_argument("--seeds", type=int, default=3, help="canopies each manoeuvre is driven on")
+    parser.add_argument("--only", default="", help="manoeuvres whose name contains this")
+    parser.add_argument("--look-ahead", choices=("on", "off"), default="on")
+    parser.add_argument("--strategies-seconds", type=float, default=600.0, help="0: leave the last table out")
+    parser.add_argument("--out", type=Path, help="write the tables there too")
+    given = parser.parse_args()
+    setup = the_setup()
+    chosen = [m for m in MANOEUVRES if given.only in m.name]
+    lines = []
+    for line in table(setup, chosen, given.seeds, given.look_ahead == "on"):
+        print(line, flush=True)
+        lines.append(line)
+    if given.strategies_seconds:
+        for line in ("", *strategies(setup, given.strategies_seconds)):
+            print(line, flush=True)
+            lines.append(line)
+    if given.out:
+        given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    run()

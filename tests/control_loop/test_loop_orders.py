@@ -1,0 +1,168 @@
+"""What orders do to the loop, and what it refuses."""
+from __future__ import annotations
+
+import datetime as dt
+from typing import Any
+
+import pytest
+
+from control.field.job import Simulated
+from control.orders import Do, Order
+from control.readings import DriveCommand
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.measuring import Measuring
+from drivers.files.setup import load_setup
+
+
+class Machine:
+    """A simulated machine and its loop, ticked by hand; `seen` rows and the truth of each tick are kept."""
+
+    def __init__(self, sim: dict[str, Any]) -> None:
+        setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+        values = setup.job.simulated.model_dump() | sim
+        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
+                                   setup.machine)
+        self.crop = setup.crop
+        self.plant = simulated_machine(setup.machine, job, 1, 0.05)
+        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+        self._measuring = Measuring(6)
+        self._command, self._enabled = None, False
+        self.ticks: list[Any] = []
+        self.truths: list[Any] = []
+
+    def order(self, do: Do, value: Any = None) -> Any:
+        return self.loop.order(Order(do, value))
+
+    def run(self, seconds: float) -> Any:
+        for _ in range(round(seconds / 0.05)):
+            sensed = self.plant.step(self._command or DriveCommand(0.0, 25.0), self._enabled)
+            tick = self.loop.tick(self._measuring.take(sensed))
+            self._command, self._enabled = tick.command, tick.enabled
+            self.ticks.append(tick)
+            self.truths.append(self.plant.truth)
+        return self.ticks[-1]
+
+    def start(self) -> Any:
+        self.run(0.1)
+        assert self.order(Do.READY).accepted
+        self.run(0.1)
+        assert self.order(Do.START).accepted
+        return self
+
+
+@pytest.fixture
+def machine() -> Any:
+    """`machine(begin_m=..., speed_kmh=..., ...)`: fields of the job's simulated part."""
+    return lambda **sim: Machine({"begin_m": 30.0, **sim})
+
+
+@pytest.mark.parametrize(("do", "value", "why"), [
+    (Do.NUDGE, True, "nudge_out_of_range"), (Do.NUDGE, 30.5, "nudge_out_of_range"),
+    (Do.NUDGE, float("nan"), "nudge_out_of_range"), (Do.MANUAL_RATE, True, "rate_out_of_range"),
+    (Do.MANUAL_RATE, 5000.0, "rate_out_of_range"), (Do.MANUAL_RATE, float("inf"), "rate_out_of_range"),
+    (Do.LOOK_AHEAD, "off", "yes_or_no"), (Do.FLOW_TRIM, 0.0, "yes_or_no"), (Do.STRATEGY, "fast", "unknown_strategy"),
+    (Do.SOURCE, "map", "source_not_ready"), (Do.REFILL, -5.0, "refill_kg"), (Do.REFILL, "much", "refill_kg"),
+    (Do.ALLOW_OUTSIDE, 1.0, "yes_or_no"),
+])
+def test_what_makes_no_sense_is_refused_and_changes_nothing(machine: Any, do: Do, value: Any, why: str) -> None:
+    one, other = machine(), machine()
+    one.start()
+    other.start()
+    assert one.order(do, value) == (False, why)
+    assert one.run(0.5).row == other.run(0.5).row
+
+
+def test_the_operator_may_choose_the_fallback_rate(machine: Any) -> None:
+    m = machine().start()
+    m.run(8.0)
+    assert m.order(Do.SOURCE, "fallback").accepted
+    row = m.run(4.0).row
+    assert (row.target_source, row.target_rate_kg_ha) == ("fallback", m.crop.fallback_rate_kg_ha)
+    assert m.order(Do.SOURCE, "canopy").accepted
+    assert m.run(4.0).row.target_source == "canopy"
+
+
+def test_nudge_and_manual_rate_are_what_is_spread(machine: Any) -> None:
+    m = machine().start()
+    m.order(Do.SOURCE, "manual")
+    m.order(Do.MANUAL_RATE, 240.0)
+    m.order(Do.NUDGE, 10.0)
+    row = m.run(10.0).row
+    assert row.target_rate_kg_ha == pytest.approx(264.0)
+    assert row.nudge_percent == 10.0
+    assert row.applied_rate_kg_ha == pytest.approx(264.0, rel=0.06)
+
+
+def test_a_refill_reaches_safety_and_the_flow_trim(machine: Any) -> None:
+    m = machine().start()
+    m.run(25.0)
+    assert m.loop.safety.memory.hopper.blocks
+    assert m.order(Do.REFILL, 100.0).accepted
+    assert not m.loop.safety.memory.hopper.blocks
+
+
+def outside_kg(m: Any) -> float:
+    return sum(t.flow_kg_s * 0.05 for t in m.truths if t.north_m > 40.5)
+
+
+def test_outside_the_field_flow_needs_the_operators_leave(machine: Any) -> None:
+    field = {"pass_length_m": 40.0, "run_in_m": 25.0, "begin_m": 45.0}
+    plain = machine(**field).start()
+    plain.run(25.0)
+    assert plain.truths[-1].north_m > 50.0
+    assert outside_kg(plain) < 1e-9
+    assert "outside_field" in plain.ticks[-1].why_no_flow
+    allowed = machine(**field).start()
+    allowed.order(Do.ALLOW_OUTSIDE, True)
+    allowed.run(25.0)
+    assert outside_kg(allowed) > 0.5
+    assert allowed.ticks[-1].row.target_rate_kg_ha > 100.0
+    allowed.order(Do.ALLOW_OUTSIDE, False)
+    ended = allowed.run(0.1)
+    assert "outside_field" in ended.why_no_flow
+    assert ended.command.shaft_rpm == 0.0
+
+
+BACK_UP = [{"at_s": 0, "speed_kmh": 4.5}, {"at_s": 14, "speed_kmh": 0}, {"at_s": 20, "speed_kmh": -2.0},
+           {"at_s": 27, "speed_kmh": 0}, {"at_s": 30, "speed_kmh": 4.5}]
+
+
+def test_backing_up_takes_the_track_back_and_nothing_is_spread_twice(machine: Any) -> None:
+    m = machine(speed_changes=BACK_UP).start()
+    m.run(45.0)
+    off = [t.sensed.track_m - truth.driven_m for t, truth in zip(m.ticks, m.truths, strict=True)]
+    assert off[-1] - off[300] == pytest.approx(0.0, abs=0.25)
+    assert min(b.driven_m - a.driven_m for a, b in zip(m.truths[400:], m.truths[440:], strict=False)) < -1.0
+    turned = max(t.driven_m for t in m.truths[:500])
+    early = [t for t in m.truths[540:] if t.driven_m + t.drop_s * t.speed_mps < turned - 0.5]
+    assert early
+    assert sum(t.flow_kg_s for t in early) < 1e-9
+    assert m.truths[-1].flow_kg_s > 0.0
+    backing = [t for t, truth in zip(m.ticks, m.truths, strict=True) if truth.speed_mps < -0.4]
+    assert backing[20].sensed.backwards
+    assert "reversing" in backing[20].why_no_flow
+    assert abs((backing[20].sensed.heading_deg + 180.0) % 360.0 - 180.0) < 10.0
+
+
+def test_with_leave_it_spreads_backwards_but_not_out_of_the_field(machine: Any) -> None:
+    back = [{"at_s": 0, "speed_kmh": 4.5}, {"at_s": 6, "speed_kmh": 0}, {"at_s": 10, "speed_kmh": -4.0}]
+    m = machine(begin_m=17.0, speed_changes=back).start()
+    m.order(Do.ALLOW_REVERSE, True)
+    m.run(28.0)
+    inside = [t for t in m.truths if t.speed_mps < -0.6 and t.north_m > 2.5]
+    outside = [t for t in m.truths if t.speed_mps < -0.6 and t.north_m + t.drop_s * t.speed_mps < -0.8]
+    assert len(outside) > 40
+    assert max(t.flow_kg_s for t in inside) > 0.03
+    assert max(t.flow_kg_s for t in outside) < 1e-3
+
+
+def test_totals_come_from_the_totaliser(machine: Any) -> None:
+    m = machine().start()
+    tick = m.run(30.0)
+    totals = m.loop.totals
+    assert (tick.area_ha, tick.applied_kg) == (totals.area_ha, totals.applied_kg)
+    released = sum(t.flow_kg_s * 0.05 for t in m.truths)
+    assert totals.applied_kg == pytest.approx(released, rel=0.02)
+    assert totals.applied_n_kg == pytest.approx(totals.applied_kg * m.crop.product_n_fraction)
+    assert totals.mean_rate_kg_ha == pytest.approx(totals.applied_kg / totals.area_ha)
+    assert totals.cuc_percent > 50.0
