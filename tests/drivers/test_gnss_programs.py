@@ -1,0 +1,136 @@
+"""Fixes from other programs: gpsd over TCP, AgOpenGPS on loopback."""
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+
+from control.readings import GnssFix
+from drivers.cab import Cab, CabConfig
+from drivers.datagrams import datagram_pair
+from drivers.devices.agopengps import AgOpenGpsDecoder
+from drivers.devices.gpsd import WATCH, GpsdDecoder
+from drivers.ports import memory_pair
+from drivers.virtual.extras import VirtualGpsd, agopengps_frames
+
+TPV = {"class": "TPV", "device": "/dev/ttyS0", "mode": 3, "status": 3, "time": "2026-04-01T06:00:00.200Z",
+       "lat": 34.28, "lon": 119.88, "track": 12.5, "speed": 1.25}
+
+
+def lines(*said: object) -> bytes:
+    return b"".join(json.dumps(one).encode() + b"\r\n" for one in said)
+
+
+def test_a_report_is_a_fix():
+    decoder = GpsdDecoder()
+    fix, = decoder.feed(lines({"class": "VERSION"}, {"class": "SKY", "uSat": 14, "hdop": 0.8}, TPV), 5.0)
+    assert fix == GnssFix(5.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.5, "2026-04-01T06:00:00.200Z")
+    assert decoder.counts.ignored == {"VERSION": 1} and decoder.counts.accepted == 2
+
+
+@pytest.mark.parametrize(("change", "kind"), [
+    ({"mode": 1}, None), ({"lat": None}, None), ({"lat": 91.0}, "impossible_value"), ({"lat": "34"}, "malformed"),
+    ({"lat": True}, "malformed"), ({"lat": float("nan")}, "impossible_value"), ({"speed": -1.0}, "impossible_value"),
+    ({"speed": 1e9}, "impossible_value"), ({"time": "yesterday"}, "malformed"), ({"lat": 0.0, "lon": 0.0},
+                                                                                "impossible_value")])
+def test_what_is_no_fix(change, kind):
+    decoder = GpsdDecoder()
+    assert decoder.feed(lines(TPV | change), 0.0) == []
+    assert dict(decoder.counts.rejected) == ({kind: 1} if kind else {})
+    assert kind or decoder.counts.ignored == {"no_fix": 1}
+
+
+def test_time_goes_forward_only_until_it_is_a_new_clock():
+    decoder = GpsdDecoder()
+    assert len(decoder.feed(lines(TPV, TPV), 0.0)) == 1
+    early = TPV | {"time": "2026-04-01T05:00:00.000Z"}
+    assert decoder.feed(lines(early), 1.0) == []
+    assert decoder.feed(lines(early), 4.0) == []
+    assert decoder.counts.rejected == {"duplicate_epoch": 1, "time_backwards": 2}
+    assert len(decoder.feed(lines(early | {"time": "2026-04-01T05:00:05.000Z"}), 6.1)) == 1
+
+
+def test_a_second_receiver_is_ignored():
+    decoder = GpsdDecoder()
+    other = TPV | {"device": "/dev/ttyS1", "lat": 35.0, "time": "2026-04-01T06:00:00.300Z"}
+    assert [fix.lat_deg for fix in decoder.feed(lines(TPV, other), 0.0)] == [34.28]
+    assert decoder.counts.ignored == {"other_device": 1}
+
+
+@pytest.mark.parametrize("junk", [b"[1,2]\n", b"{\n", b"nonsense\n", b'{"class":7}\n', b"[" * 5000 + b"\n", b"null\n"])
+def test_what_is_no_object_is_malformed(junk):
+    decoder = GpsdDecoder()
+    assert decoder.feed(junk, 0.0) == []
+    assert decoder.counts.rejected == {"malformed": 1}
+
+
+def test_gpsd_is_asked_to_speak_at_every_connect(clock, make_plant):
+    host, device = memory_pair("gpsd", clock)
+    cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}), clock, lambda *_: host)
+    cab.measure(100.0)
+    cab.measure(100.1)
+    assert device.read() == WATCH
+    host.state = lambda: device.state()._replace(connects=2)
+    cab.measure(100.2)
+    assert device.read() == WATCH
+
+
+def test_the_virtual_gpsd_speaks_when_asked(clock, fake_plant):
+    from control.readings import DriveCommand
+    host, device = memory_pair("gpsd", clock)
+    virtual = VirtualGpsd(device)
+    cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}), clock, lambda *_: host)
+    for _ in range(20):
+        virtual.before(0.0, DriveCommand(0.0, 25.0), False)
+        virtual.after(fake_plant.step(DriveCommand(0.0, 25.0), False), 0.0)
+        clock.now_s += 0.05
+        m = cab.measure(clock.now_s)
+    assert m.gnss.lat_deg == pytest.approx(34.28 + fake_plant.way_m / 111_195.0, abs=1e-9)
+    assert (m.gnss.fix_quality, m.gnss.satellites, m.gnss.speed_mps) == (4, 14, 1.25)
+    assert cab.status(clock.now_s)[0].rejected == 0
+
+
+def aog(name: int, body: bytes) -> bytes:
+    frame = b"\x80\x81\x7f" + bytes([name, len(body)]) + body
+    return frame + bytes([sum(frame[2:]) % 256])
+
+
+PLACE = aog(0x64, struct.pack("<ddd", 119.88, 34.28, -12.5))
+SPEED = aog(0xFE, (45).to_bytes(2, "little") + bytes(6))
+
+
+def test_agopengps_position_and_speed():
+    decoder = AgOpenGpsDecoder()
+    fix, = decoder.feed(SPEED + PLACE, 5.0)
+    assert fix == GnssFix(5.0, 34.28, 119.88, 1, speed_mps=pytest.approx(1.25), heading_deg=347.5)
+    assert decoder.feed(PLACE, 6.1)[0].speed_mps is None, "an old speed is not given with a new place"
+
+
+def test_agopengps_in_any_pieces():
+    decoder = AgOpenGpsDecoder()
+    data = (SPEED + PLACE + aog(0x42, b"xyz")) * 5
+    fixes = [fix for at in range(0, len(data), 7) for fix in decoder.feed(data[at:at + 7], 0.0)]
+    assert len(fixes) == 5 and decoder.counts.ignored == {"pgn_42": 5} and not decoder.counts.rejected
+
+
+@pytest.mark.parametrize(("data", "kind"), [
+    (PLACE[:-1] + bytes([PLACE[-1] ^ 1]), "bad_checksum"), (b"noise noise", "garbage"),
+    (aog(0x64, bytes(24)), "impossible_value"), (aog(0x64, struct.pack("<ddd", 200.0, 0.0, 0.0)), "impossible_value"),
+    (aog(0x64, struct.pack("<ddd", float("nan"), 34.0, 0.0)), "impossible_value"),
+    (aog(0xFE, b"\xff\xff" + bytes(6)), "impossible_value"), (aog(0x64, bytes(8)), "wrong_length")])
+def test_agopengps_wrong_frames(data, kind):
+    decoder = AgOpenGpsDecoder()
+    assert decoder.feed(data, 0.0) == []
+    assert decoder.counts.rejected == {kind: 1}
+    assert len(decoder.feed(PLACE, 0.0)) == 1, "the next good frame is heard"
+
+
+def test_agopengps_over_the_cab(clock):
+    host, device = datagram_pair("aog", clock)
+    cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "agopengps", "port": "udp://127.0.0.1:17777"}}), clock,
+              lambda *_: host)
+    for frame in agopengps_frames(GnssFix(0.0, 34.28, 119.88, 4, speed_mps=1.25, heading_deg=12.5)):
+        device.write(frame)
+    m = cab.measure(100.0)
+    assert (m.gnss.lat_deg, m.gnss.lon_deg, m.gnss.speed_mps) == (34.28, 119.88, pytest.approx(1.25))

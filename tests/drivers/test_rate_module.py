@@ -1,0 +1,249 @@
+"""Rate modules on UDP: datagrams byte by byte, the traps, and the virtual module on a datagram line."""
+from __future__ import annotations
+
+import itertools
+import math
+import struct
+
+import pytest
+
+from control.readings import DriveCommand
+from drivers.cab import Cab, CabConfig
+from drivers.datagrams import UdpPort, datagram_pair, udp_address
+from drivers.devices.rate_module import ModuleAddress, RateModule
+from drivers.devices.rate_module_frames import Relays, Target, decode_told, encode_target
+from drivers.ports import memory_pair
+from drivers.virtual.extras import VirtualRateModule
+
+
+def sealed(body: bytes) -> bytes:
+    """The checksum is computed here, not by the code under test."""
+    return body + bytes([sum(body) % 256])
+
+
+def status(rpm: float = 60.0, module: int = 0, sensor: int = 0, flags: int = 1, quantity: int = 0) -> bytes:
+    """32400 by hand."""
+    return sealed(struct.pack("<HB", 32400, module << 4 | sensor) + int(rpm * 1000).to_bytes(3, "little")
+                  + quantity.to_bytes(3, "little") + struct.pack("<hBH", 120, flags, 3600))
+
+
+def module() -> RateModule:
+    return RateModule(ModuleAddress(0, 0), 360.0, 100.0)
+
+
+def test_a_target_is_these_fourteen_bytes():
+    """60 units a minute, 360 pulses a unit, motor, master on, auto, module 2 sensor 1."""
+    data = encode_target(Target(2, 1, 60.0, 360.0, "motor", master_on=True))
+    by_hand = bytes([0xF4, 0x7E, 0x21, 0x60, 0xEA, 0x00, 0x40, 0x7E, 0x05, 0b0101_0100, 0, 0, 0])
+    assert data == sealed(by_hand)
+    assert len(data) == 14
+
+
+def test_the_first_command_brings_relays_and_target():
+    """32501 is mandatory: without a relay bit the module neither controls nor counts."""
+    told = [decode_told(data) for data in module().command(60.0, True, 0.0)]
+    assert told == [Relays(0, 0, 1), Target(0, 0, 60.0, 360.0, "motor", True, True)]
+
+
+def test_commands_go_on_change_and_as_often_as_the_module_needs():
+    driver, sent = module(), []
+    for tick in range(200):
+        rpm = 60.0 if tick < 60 else 61.0
+        sent += [(tick, decode_told(data)) for data in driver.command(rpm, True, tick * 0.05)]
+    targets = [(tick, told.units_per_min) for tick, told in sent if isinstance(told, Target)]
+    assert (60, 61.0) in targets, "a change at once"
+    gaps = [(after - before) * 0.05 for (before, _), (after, _) in itertools.pairwise(targets)]
+    assert max(gaps) <= 0.55, "far from the 4 s after which the module stops"
+    relays = [tick for tick, told in sent if isinstance(told, Relays)]
+    assert max(b - a for a, b in itertools.pairwise(relays)) <= 21
+
+
+def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
+    driver = module()
+    driver.command(60.0, True, 0.0)
+    assert driver.command(61.0, True, 0.05) == [], "changes are spaced ..."
+    stop, = [decode_told(data) for data in driver.command(60.0, False, 0.06)]
+    assert (stop.units_per_min, stop.master_on) == (0.0, False), "... a stop is not"
+    later = [decode_told(data) for tick in range(100) for data in driver.command(None, False, 0.1 + tick * 0.05)]
+    assert all(told.units_per_min == 0.0 for told in later if isinstance(told, Target))
+    assert [told.relays for told in later if isinstance(told, Relays)][:3] == [1, 1, 0]
+
+
+@pytest.mark.parametrize(("asked", "sent"), [(250.0, 100.0), (-5.0, 0.0), (16777.3, 100.0), (1e12, 100.0)])
+def test_set_points_are_cut_and_never_wrap(asked, sent):
+    told = [decode_told(data) for data in module().command(asked, True, 0.0)]
+    assert told[1].units_per_min == sent
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_set_point_that_is_not_finite_is_refused(bad):
+    with pytest.raises(ValueError, match="finite"):
+        module().command(bad, True, 0.0)
+
+
+@pytest.mark.parametrize("value", [16777.216, -0.001, math.nan])
+def test_what_does_not_fit_into_24_bits_is_refused_not_wrapped(value):
+    with pytest.raises(ValueError, match=r"allowed is 0 to 16777\.215"):
+        encode_target(Target(0, 0, 60.0, value))
+
+
+def test_a_status_is_a_reading():
+    readings, = module().feed([status(59.9)], 5.0)
+    assert (readings.shaft_rpm.value, readings.shaft_rpm.time_s, readings.pwm, readings.hears_us) == (
+        pytest.approx(59.9), 5.0, 120, True)
+
+
+@pytest.mark.parametrize(("data", "kind"), [
+    (status()[:-1], "wrong_length"), (status() + b"\0", "wrong_length"), (status() * 2, "wrong_length"),
+    (status()[:-1] + bytes([status()[-1] ^ 1]), "bad_checksum"), (status(rpm=500.0), "out_of_range")])
+def test_wrong_datagrams_are_counted_and_say_nothing(data, kind):
+    driver = module()
+    assert driver.feed([data], 0.0) == []
+    assert driver.counts.rejected == {kind: 1}
+
+
+@pytest.mark.parametrize(("data", "kind"), [
+    (status(module=1), "other_module"), (status(sensor=1), "other_module"), (b"", "unknown_message"),
+    (b"hello", "unknown_message")])
+def test_what_is_not_for_us_is_ignored(data, kind):
+    driver = module()
+    assert driver.feed([data], 0.0) == []
+    assert driver.counts.ignored == {kind: 1} and not driver.counts.rejected
+
+
+def test_turns_run_on_over_the_wrap_of_the_quantity():
+    driver = module()
+    turns = [driver.feed([status(quantity=quantity)], 0.0)[0].turns for quantity in (2**24 - 20, 2**24 - 10, 5, 25, 0)]
+    assert turns == pytest.approx([0.0, 1.0, 2.5, 4.5, 4.5]), "back to 0 is a restarted module"
+
+
+def test_a_module_that_does_not_hear_us_is_no_drive():
+    """It is set to another comm mode, or another console has it: it reports, and its report must not look fresh."""
+    driver = module()
+    found = [driver.feed([status(flags=0)], tick * 0.2)[0].shaft_rpm is None for tick in range(15)]
+    assert found == [False] * 10 + [True] * 5
+    assert driver.feed([status(flags=1)], 3.2)[0].shaft_rpm is not None
+
+
+@pytest.fixture
+def plugged(clock):
+    """A cab with a rate module and a gate set by hand, and the virtual module."""
+    host, device = datagram_pair("module", clock)
+    cab = Cab(CabConfig.model_validate({"rate_module": {"pulses_per_turn": 360.0, "fixed_opening_mm": 25.0}}), clock,
+              datagram_opener=lambda url, _clock: host)
+    return cab, VirtualRateModule(device, 360.0), device
+
+
+def steps(plugged, clock, seconds, command=None, enabled=False, silent=False):
+    """Plant and cab, 20 a second; the shaft follows at once. The last measurement, and the commanded speeds."""
+    cab, virtual, _ = plugged
+    speeds = []
+    for _ in range(round(seconds / 0.05)):
+        begin_s = clock.now_s - 100.0
+        command_now, _ = virtual.before(begin_s, DriveCommand(0.0, 25.0), False)
+        speeds.append(command_now.shaft_rpm)
+        clock.now_s += 0.05
+        from types import SimpleNamespace
+        virtual.after(SimpleNamespace(time_s=begin_s + 0.05, shaft_rpm=speeds[-1], wheel_pulses=0, work_switch=True),
+                      begin_s)
+        m = cab.measure(clock.now_s)
+        if not silent:
+            cab.command(clock.now_s, command, enabled)
+    return m, speeds
+
+
+def test_the_module_turns_the_shaft_and_tells_it(plugged, clock):
+    m, speeds = steps(plugged, clock, 2.0, DriveCommand(60.0, 25.0), True)
+    assert speeds[-1] == 60.0
+    assert m.shaft_rpm.value == pytest.approx(60.0, abs=0.01) and clock.now_s - m.shaft_rpm.time_s <= 0.2
+    assert (m.opening_mm.value, m.opening_mm.time_s) == (25.0, m.shaft_rpm.time_s), "as fresh as the module's news"
+    _, speeds = steps(plugged, clock, 0.1, DriveCommand(60.0, 25.0), False)
+    assert speeds[-1] == 0.0
+
+
+def test_the_module_stops_by_itself_only_after_four_seconds(plugged, clock):
+    steps(plugged, clock, 2.0, DriveCommand(60.0, 25.0), True)
+    _, speeds = steps(plugged, clock, 6.0, silent=True)
+    stopped_s = speeds.index(0.0) * 0.05
+    assert 3.4 < stopped_s <= 4.05, "4 s after the last target, which was half a second old at most"
+
+
+def test_a_silent_module_leaves_no_fresh_reading(plugged, clock):
+    cab, _, device = plugged
+    steps(plugged, clock, 2.0, DriveCommand(60.0, 25.0), True)
+    device.close()
+    clock.now_s += 0.6
+    m = cab.measure(clock.now_s)
+    assert clock.now_s - m.shaft_rpm.time_s > 0.5 and clock.now_s - m.opening_mm.time_s > 0.5
+    clock.now_s += 2.0
+    assert not cab.status(clock.now_s)[0].connected
+
+
+def test_without_a_relay_bit_the_module_does_nothing():
+    line = datagram_pair("m", lambda: 0.0)
+    virtual = VirtualRateModule(line[1], 360.0)
+    line[0].write(encode_target(Target(0, 0, 60.0, 360.0, "motor", True)))
+    assert virtual.before(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 0.0
+    for data in itertools.islice(module().command(60.0, True, 0.0), 1):
+        line[0].write(data)
+    assert virtual.before(0.1, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 60.0
+
+
+def test_a_wrong_number_of_pulses_shows_as_a_wrong_speed(clock):
+    line = datagram_pair("m", lambda: 0.0)
+    virtual = VirtualRateModule(line[1], 400.0)
+    for data in module().command(60.0, True, 0.0):
+        line[0].write(data)
+    assert virtual.before(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == pytest.approx(54.0)
+
+
+def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_line):
+    host, device = datagram_pair("module", clock)
+    lines = memory_pair("board", clock)
+    cab = Cab(CabConfig.model_validate({"board": {"port": "b"}, "rate_module": {"pulses_per_turn": 360.0}}), clock,
+              lambda url, baud, _clock: lines[0], lambda url, _clock: host)
+    cab.command(100.0, DriveCommand(60.0, 33.0), True)
+    assert lines[1].read() == board_line("T1,0,0.000,33.000,1")
+    assert [decode_told(data) for data in device.read_each()][1].units_per_min == 60.0
+    lines[1].write(board_line("S1,0,0,1000000,0,0,1.0,33.0,250.0,13.5,,,,1"))
+    device.write(status(59.0))
+    m = cab.measure(100.05)
+    assert (m.shaft_rpm.value, m.opening_mm.value) == (59.0, 33.0)
+    cab.command(100.1, DriveCommand(math.nan, 33.0), True)
+    assert lines[1].read() == board_line("T1,1,0.000,33.000,0"), "a number refused by one drive stops both"
+    assert [decode_told(data) for data in device.read_each()][-1] == Target(0, 0, 0.0, 360.0, "motor", False, True)
+    assert cab.refused_commands == 1
+
+
+def test_the_operator_is_told_of_the_four_seconds():
+    config = CabConfig.model_validate({"rate_module": {"pulses_per_turn": 360.0, "fixed_opening_mm": 25.0}})
+    assert any("only after 4 s" in line for line in config.warnings)
+    assert config.rate_module.url == "udp://0.0.0.0:29999?to=192.168.1.50:28888"
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"rate_module": {"pulses_per_turn": 360.0}}, "fixed_opening_mm is missing"),
+    ({"rate_module": {"pulses_per_turn": 360.0, "fixed_opening_mm": 25.0}, "board": {"port": "b"}}, "leave one"),
+    ({"rate_module": {"pulses_per_turn": 20000.0, "fixed_opening_mm": 25.0}}, "16777"),
+    ({"gnss": {"protocol": "agopengps", "port": "COM3"}}, "udp://127.0.0.1:17777"),
+    ({"gnss": {"port": "udp://127.0.0.1:17777"}}, "serial port")])
+def test_configuration_mistakes_are_said(change, said):
+    with pytest.raises(ValueError, match=said):
+        CabConfig.model_validate(change)
+
+
+@pytest.mark.parametrize("url", ["udp://nowhere", "tcp://a:1", "udp://a:1?to=b", "udp://a:99999999"])
+def test_an_address_that_cannot_be_read_is_said(url):
+    with pytest.raises(ValueError, match=r"allowed is udp://HOST:PORT"):
+        udp_address(url)
+
+
+def test_a_taken_port_is_tried_again(clock):
+    first = UdpPort("udp://127.0.0.1:0", clock)
+    second = UdpPort(f"udp://127.0.0.1:{first.number}", clock)
+    assert second.number == 0 and second.state().last_error
+    number = first.number
+    first.close()
+    clock.now_s += 1.1
+    assert second.read_each() == [] and second.number == number
+    second.close()
