@@ -1,0 +1,112 @@
+"""Polygons with attributes, as shapefile and GeoJSON have them, to zones: which column is the rate, in which unit."""
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
+from control.targets.rate_map import Floats
+from drivers.files.findings import Finding, many
+from drivers.files.prescriptions.words import (
+    Choice,
+    Imported,
+    PrescriptionError,
+    checked_rate,
+    factor_kg_ha,
+    with_choice,
+)
+
+RATE_NAMES = ("rate_kg_ha", "rate", "target_rate", "targetrate", "tgt_rate", "tgtrate", "rx", "dose", "appl_rate",
+              "app_rate", "kg_ha", "n_rate")
+
+
+class Feature(NamedTuple):
+    """`number` counts from 1 as people do. polygons_deg: each outline first, then holes, latitude and longitude."""
+
+    number: int
+    attributes: Mapping[str, Any]
+    polygons_deg: Sequence[tuple[Floats, ...]]
+
+
+def imported(path: Path, format_name: str, features: Sequence[Feature], choice: Choice, findings: list[Finding],
+             fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
+             product: str = "") -> Imported:
+    """Zones of the features, by the operator's choice. Raises PrescriptionError."""
+    if not features:
+        raise PrescriptionError(f"{path}: no polygons: allowed is at least one")
+    column = _column(path, features, choice)
+    unit = choice.unit or "kg/ha"
+    factor = factor_kg_ha(choice, unit, f"{path}: column {column}")
+    zones: list[Zone] = []
+    empty = 0
+    for feature in features:
+        value = _number(feature.attributes.get(column))
+        if value is None:
+            raise PrescriptionError(f"{path}: row {feature.number}: {column} {feature.attributes.get(column)!r}: "
+                                    "allowed is a number")
+        if math.isnan(value):
+            empty += 1
+            continue
+        rate = checked_rate(value * factor, lambda n=feature.number: f"{path}: row {n}: {column}")  # type: ignore[misc]
+        zones += [Zone(rate, rings) for rings in feature.polygons_deg]
+    if empty:
+        findings.append(Finding("empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty))
+    if not zones:
+        raise PrescriptionError(f"{path}: column {column}: empty everywhere: allowed is a number")
+    _check_degrees(path, zones)
+    data = MapData(tuple(zones), None, with_choice(fallbacks, choice, str(path)), fields_deg, title, product)
+    return Imported(path, format_name, data, unit, factor, (column,), tuple(findings))
+
+
+def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
+    """(k, 2) latitude and longitude of a ring given as longitude and latitude, its closing corner left out."""
+    lon_lat = np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
+    if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():
+        lon_lat = lon_lat[:-1]
+    return np.ascontiguousarray(lon_lat[:, ::-1])
+
+
+def _column(path: Path, features: Sequence[Feature], choice: Choice) -> str:
+    names = list(dict.fromkeys(name for feature in features[:1000] for name in feature.attributes))
+    if choice.column is not None:
+        for name in names:
+            if name == choice.column:
+                return name
+        raise PrescriptionError(f"{path}: column {choice.column}: allowed {', '.join(names) or 'none: there is none'}")
+    numeric = [name for name in names
+               if all(_number(feature.attributes.get(name)) is not None for feature in features[:1000])
+               and any(not math.isnan(_number(feature.attributes.get(name)) or 0.0) for feature in features[:1000])]
+    for wanted in RATE_NAMES:
+        for name in numeric:
+            if name.lower() == wanted:
+                return name
+    if len(numeric) == 1:
+        return numeric[0]
+    raise PrescriptionError(f"{path}: rate column not chosen: allowed {', '.join(numeric) or 'a column of numbers'}")
+
+
+def _number(value: Any) -> float | None:
+    """The number, NaN for nothing, None for what is no number."""
+    if value is None or value == "":
+        return math.nan
+    if isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return None
+    return None if math.isinf(number) else number
+
+
+def _check_degrees(path: Path, zones: Sequence[Zone]) -> None:
+    corners = np.concatenate([rings[0] for _, rings, _ in zones])
+    if not np.isfinite(corners).all():
+        raise PrescriptionError(f"{path}: a corner is not finite: allowed are degrees")
+    highest = np.abs(corners).max(axis=0)
+    if highest[0] > 90.0 or highest[1] > 180.0:
+        raise PrescriptionError(f"{path}: coordinates up to {highest[1]:.0f}, {highest[0]:.0f}: allowed are degrees "
+                                "(WGS84); export the map again in longitude and latitude")

@@ -1,0 +1,291 @@
+"""ISO 11783-10 task files, versions 3 and 4: treatment zones, grids of type 1 and 2, fallback zones."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
+from control.targets.rate_map import Floats
+from drivers.files.findings import Finding, many
+from drivers.files.prescriptions.rings import sorted_rings
+from drivers.files.prescriptions.task_files import TaskFiles, task_tree
+from drivers.files.prescriptions.words import (
+    HIGHEST_KG_HA,
+    Choice,
+    Imported,
+    PrescriptionError,
+    checked_rate,
+    factor_kg_ha,
+    with_choice,
+)
+
+# ISO 11783-11: what one step of the number is worth
+SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
+PRESENTED = {"kg/ha": "kg/ha", "l/ha": "l/ha", "L/ha": "l/ha", "t/ha": "t/ha", "g/m2": "g/m2", "g/m²": "g/m2",
+             "mg/m2": "mg/m2", "mg/m²": "mg/m2", "lb/ac": "lb/ac", "gal/ac": "gal/ac"}
+EXTERIOR, INTERIOR = "1", "2"
+
+
+class _Layer(NamedTuple):
+    """One thing to be applied: a task's process data of one identifier and one product."""
+
+    task: Element
+    ddi: int
+    product: str
+
+    @property
+    def id(self) -> str:
+        return "/".join(part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part)
+
+
+def read_isoxml(files: TaskFiles, path: Path, choice: Choice) -> Imported:
+    """A prescription out of a task file. Raises PrescriptionError."""
+    root = task_tree(files)
+    layer, ids = _picked(root, files.label, choice)
+    where = f"{files.label}: task {layer.id}"
+    values = {_code(zone, where): _value(zone, layer, where) for zone in layer.task.findall("TZN")}
+    unit, factor, findings = _meaning(root, layer, where, choice)
+    rates = {code: None if value is None else value * factor for code, value in values.items()}
+    for code, rate in rates.items():
+        if rate is not None:
+            checked_rate(rate, lambda code=code: f"{where}: zone {code}")  # type: ignore[misc]
+    fallbacks = with_choice(_fallbacks(layer.task, rates, where, findings), choice, where)
+    fields = _fields(root, layer.task, files.label, findings)
+    product = next((p.get("B", "") for p in root.findall("PDT") if p.get("A") == layer.product), layer.product)
+    grid_element = layer.task.find("GRD")
+    grid = None
+    zones: tuple[Zone, ...] = ()
+    if grid_element is not None:
+        grid = _grid(files, grid_element, layer, rates, factor, where, findings)
+    else:
+        zones = _zones(layer.task, rates, where)
+    data = MapData(zones, grid, fallbacks, fields, layer.task.get("B", ""), product)
+    return Imported(path, "isoxml", data, unit, factor, ids, tuple(findings))
+
+
+def _picked(root: Element, label: str, choice: Choice) -> tuple[_Layer, tuple[str, ...]]:
+    layers: list[_Layer] = []
+    others: set[int] = set()
+    for task in root.findall("TSK"):
+        for variable in task.findall("TZN/PDV"):
+            ddi = _number(variable.get("A", ""), 16, f"{label}: task {task.get('A')}: PDV A")
+            layer = _Layer(task, ddi, variable.get("C", ""))
+            if ddi not in SETPOINTS:
+                others.add(ddi)
+            elif layer.id not in [known.id for known in layers]:
+                layers.append(layer)
+    ids = tuple(layer.id for layer in layers)
+    if not layers:
+        found = f"only DDI {', '.join(f'{ddi:04X}' for ddi in sorted(others))}" if others else "no treatment zones"
+        raise PrescriptionError(f"{label}: {found}: allowed are tasks with zones of DDI 0001 (volume per area) or "
+                                "0006 (mass per area)")
+    if choice.layer is None and len(layers) == 1:
+        return layers[0], ids
+    for layer in layers:
+        if choice.layer == layer.id:
+            return layer, ids
+    raise PrescriptionError(f"{label}: layer {choice.layer or 'not chosen'}: allowed {', '.join(ids)}")
+
+
+def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[str, float, list[Finding]]:
+    """Unit of the numbers, kg/ha for one of them, and what had to be said about it.
+
+    The data dictionary tells what a number is worth; the file's own presentation (VPN) should agree. Where it does
+    not, a wrong guess is a wrong dose: the operator says which holds.
+    """
+    unit, step = SETPOINTS[layer.ddi]
+    by_ddi = factor_kg_ha(choice, unit, where) * step
+    for presentation in _presentations(root, layer):
+        shown_unit = PRESENTED.get(presentation.get("E", "").strip())
+        if shown_unit is None:
+            continue
+        scale = _float(presentation, "C", where)
+        by_shown = factor_kg_ha(choice, shown_unit, where) * scale
+        if abs(by_shown - by_ddi) <= 0.01 * by_ddi:
+            continue
+        shown = (f"{where}: 100 is {100 * by_ddi / choice.scale:g} kg/ha by DDI {layer.ddi:04X} but "
+                 f"{100 * by_shown / choice.scale:g} kg/ha as presented ({presentation.get('A')})")
+        if choice.rate_from is None:
+            raise PrescriptionError(f"{shown}: rate source not chosen: allowed ddi, presentation")
+        taken = Finding("presentation", f"{shown}: taken by {choice.rate_from}")
+        if choice.rate_from == "presentation":
+            return shown_unit, by_shown, [taken]
+        return unit, by_ddi, [taken]
+    return unit, by_ddi, []
+
+
+def _presentations(root: Element, layer: _Layer) -> list[Element]:
+    named = {variable.get("E") for variable in layer.task.findall("TZN/PDV")
+             if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product}
+    return [presentation for presentation in root.findall("VPN") if presentation.get("A") in named]
+
+
+def _value(zone: Element, layer: _Layer, where: str) -> int | None:
+    for variable in zone.findall("PDV"):
+        if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product:
+            return _number(variable.get("B", ""), 10, f"{where}: zone {zone.get('A')}: PDV B")
+    return None
+
+
+def _fallbacks(task: Element, rates: dict[int, float | None], where: str, findings: list[Finding]) -> Fallbacks:
+    found = {}
+    for field, attribute, name in (("default_kg_ha", "H", "default"), ("lost_kg_ha", "I", "position-lost"),
+                                   ("outside_kg_ha", "J", "out-of-field")):
+        text = task.get(attribute)
+        if text is None:
+            findings.append(Finding(f"no_{field[:-6]}_zone", f"no {name} zone: 0 kg/ha there"))
+            continue
+        code = _number(text, 10, f"{where}: {attribute}")
+        if code not in rates:
+            raise PrescriptionError(f"{where}: {name} zone {code}: allowed {_listed(rates)}")
+        found[field] = rates[code] or 0.0
+    return Fallbacks(**found)
+
+
+def _zones(task: Element, rates: dict[int, float | None], where: str) -> tuple[Zone, ...]:
+    zones = []
+    for zone in task.findall("TZN"):
+        code = int(zone.get("A", "0"))
+        rate = rates[code]
+        for polygon in zone.findall("PLN"):
+            for rings in _rings(polygon, f"{where}: zone {code}"):
+                if rate is not None:
+                    zones.append(Zone(rate, rings, zone.get("B", "")))
+    if not zones:
+        raise PrescriptionError(f"{where}: neither a grid nor zones with a polygon and a rate")
+    return tuple(zones)
+
+
+def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -> tuple[tuple[Floats, ...], ...]:
+    """Outlines of the task's field; what cannot be one is left out, and said."""
+    from control.field.boundary import Boundary
+
+    outlines: list[tuple[Floats, ...]] = []
+    for field in root.findall("PFD"):
+        if field.get("A") != task.get("E"):
+            continue
+        for polygon in field.findall("PLN"):
+            if polygon.get("A") == "1":
+                outlines += _rings(polygon, f"{label}: field {field.get('A')}")
+    usable = []
+    for rings in outlines:
+        try:
+            Boundary(*([(float(a), float(b)) for a, b in rings[0]],
+                       [[(float(a), float(b)) for a, b in hole] for hole in rings[1:]]))
+            usable.append(rings)
+        except ValueError as error:
+            findings.append(Finding("field_outline", f"the field's outline was left out: {error}"))
+    return tuple(usable)
+
+
+def _rings(polygon: Element, where: str) -> list[tuple[Floats, ...]]:
+    outer: list[Floats] = []
+    inner: list[Floats] = []
+    for line in polygon.findall("LSG"):
+        if line.get("A") in (EXTERIOR, INTERIOR):
+            (outer if line.get("A") == EXTERIOR else inner).append(_ring(line, where))
+    return sorted_rings(outer, inner)
+
+
+def _ring(line: Element, where: str) -> Floats:
+    points = line.findall("PNT")
+    if any(point.get("J") for point in points):
+        raise PrescriptionError(f"{where}: points in a binary file ({points[0].get('J')}): allowed are points in the "
+                                "XML")
+    corners = np.array([(_float(point, "C", where), _float(point, "D", where)) for point in points])
+    if len(corners) > 1 and (corners[0] == corners[-1]).all():
+        corners = corners[:-1]
+    if len(corners) < 3:
+        raise PrescriptionError(f"{where}: polygon of {many(len(corners), 'corner')}: allowed 3 or more")
+    return corners
+
+
+def _grid(files: TaskFiles, grid: Element, layer: _Layer, rates: dict[int, float | None], factor: float, where: str,
+          findings: list[Finding]) -> GridDeg:
+    name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
+    columns, rows = (_number(grid.get(key, ""), 10, f"{where}: grid {key}") for key in ("E", "F"))
+    cell_lat, cell_lon = _float(grid, "C", f"{where}: grid"), _float(grid, "D", f"{where}: grid")
+    if not (rows > 0 and columns > 0 and cell_lat > 0.0 and cell_lon > 0.0):
+        raise PrescriptionError(f"{where}: grid of {rows} rows, {columns} columns, cell {cell_lat:g} x {cell_lon:g} "
+                                "deg: allowed is above 0")
+    data = files.read(name)
+    if data is None:
+        raise PrescriptionError(f"{where}: {name}, which the grid names, is not there")
+    if kind == "1":
+        rate = _by_code(_cells(data, rows, columns, 1, np.dtype("u1"), name, where)[:, :, 0], rates, findings)
+    elif kind == "2":
+        order = _template(layer, grid, where)
+        values = _cells(data, rows, columns, len(order), np.dtype("<i4"), name, where)
+        rate = values[:, :, order.index((layer.ddi, layer.product))] * factor
+        bad = np.argwhere(~((rate >= 0.0) & (rate <= HIGHEST_KG_HA)))
+        if len(bad):
+            row, column = bad[0].tolist()
+            checked_rate(float(rate[row, column]), lambda: f"{where}: {name}: row {row}, column {column}")
+    else:
+        raise PrescriptionError(f"{where}: grid type {kind}: allowed 1 and 2")
+    return GridDeg(_float(grid, "A", where), _float(grid, "B", where), cell_lat, cell_lon, rate)
+
+
+def _cells(data: bytes, rows: int, columns: int, depth: int, kind: np.dtype[np.generic], name: str,
+           where: str) -> Floats:
+    wanted = rows * columns * depth * kind.itemsize
+    if len(data) != wanted:
+        raise PrescriptionError(f"{where}: {name}: {len(data)} bytes: allowed {wanted} ({rows} rows, {columns} "
+                                f"columns, {depth} x {kind.itemsize} bytes a cell)")
+    return np.frombuffer(data, dtype=kind).reshape(rows, columns, depth).astype(np.float64)
+
+
+def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Finding]) -> Floats:
+    table = np.full(256, np.nan)
+    for code, rate in rates.items():
+        if rate is not None and 0 <= code < 256:
+            table[code] = rate
+    unknown = sorted(set(np.unique(codes).astype(int).tolist()) - set(rates))
+    if unknown:
+        count = int(np.isin(codes, unknown).sum())
+        findings.append(Finding("unknown_codes", f"{many(count, 'cell')} with codes that no zone has "
+                                f"({', '.join(map(str, unknown[:5]))}): without a rate", rows=count))
+    return np.asarray(table[codes.astype(np.int64)], dtype=np.float64)
+
+
+def _template(layer: _Layer, grid: Element, where: str) -> list[tuple[int, str]]:
+    """Which process data a cell of a type 2 grid holds, in order."""
+    code = grid.get("J")
+    for zone in layer.task.findall("TZN"):
+        if zone.get("A") == code:
+            order = [(int(v.get("A", "0"), 16), v.get("C", "")) for v in zone.findall("PDV")]
+            if (layer.ddi, layer.product) in order:
+                return order
+    raise PrescriptionError(f"{where}: grid of type 2 names zone {code}: allowed is a zone with this layer's data")
+
+
+def _code(zone: Element, where: str) -> int:
+    return _number(zone.get("A", ""), 10, f"{where}: zone code")
+
+
+def _listed(rates: dict[int, float | None]) -> str:
+    codes = sorted(rates)
+    return ", ".join(map(str, codes[:8])) + (", ..." if len(codes) > 8 else "")
+
+
+def _number(text: str, base: int, where: str) -> int:
+    try:
+        return int(text, base)
+    except ValueError:
+        raise PrescriptionError(f"{where}: {text!r}: allowed is a whole number") from None
+
+
+def _float(element: Element, attribute: str, where: str) -> float:
+    text = element.get(attribute, "")
+    try:
+        value = float(text)
+    except ValueError:
+        raise PrescriptionError(f"{where}: {element.tag} {attribute}: {text!r}: allowed is a number") from None
+    limit = {"PNT": {"C": 90.0, "D": 180.0}, "GRD": {"A": 90.0, "B": 180.0}}.get(element.tag, {}).get(attribute)
+    if not np.isfinite(value) or (limit is not None and abs(value) > limit):
+        allowed = "a finite number" if limit is None else f"-{limit:g} to {limit:g}"
+        raise PrescriptionError(f"{where}: {element.tag} {attribute}: {value:g}: allowed {allowed}")
+    return value

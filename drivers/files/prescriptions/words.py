@@ -1,0 +1,90 @@
+"""What an operator chooses at an import, what comes out of it, and what goes wrong."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Literal
+
+from control.targets.prescription import Fallbacks, MapData
+from drivers.files.findings import Finding
+
+HIGHEST_KG_HA = 20_000.0
+LB_AC_KG_HA = 0.45359237 / 0.40468564224        # kg/ha
+GAL_AC_L_HA = 3.785411784 / 0.40468564224       # l/ha
+
+MASS_UNITS: dict[str, float] = {"kg/ha": 1.0, "t/ha": 1000.0, "g/m2": 10.0, "mg/m2": 0.01, "lb/ac": LB_AC_KG_HA}
+VOLUME_UNITS: dict[str, float] = {"l/ha": 1.0, "mm3/m2": 0.01, "m3/ha": 1000.0, "gal/ac": GAL_AC_L_HA}
+NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
+UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
+
+
+class PrescriptionError(Exception):
+    """The file cannot be used; one line that names file, place, value and what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What the operator picks; None: what the file says, or the plain default."""
+
+    column: str | None = None           # of a shapefile or GeoJSON; None: the one numeric column, or a known name
+    unit: str | None = None             # one of UNITS; None: kg/ha
+    scale: float = 1.0                  # on top of the unit
+    density_kg_l: float | None = None   # of the product; needed for volumes
+    n_fraction: float | None = None     # N in the product; needed for rates of nitrogen
+    default_kg_ha: float | None = None
+    outside_kg_ha: float | None = None
+    lost_kg_ha: float | None = None
+    layer: str | None = None            # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
+    rate_from: Literal["ddi", "presentation"] | None = None    # where a task file contradicts itself
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imported:
+    """A prescription as read. `unit`: what the file's numbers are in; `factor`: to kg of product per ha from there."""
+
+    path: Path
+    format: str                         # isoxml, shapefile, geojson
+    data: MapData
+    unit: str
+    factor: float
+    layers: tuple[str, ...] = ()        # all that the file holds
+    findings: tuple[Finding, ...] = ()
+
+
+def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
+    """kg of product per ha for one `unit`, the operator's scale included. Raises PrescriptionError."""
+    if not (isfinite(choice.scale) and choice.scale > 0.0):
+        raise PrescriptionError(f"{where}: scale {choice.scale:g}: allowed is above 0")
+    if unit in MASS_UNITS:
+        return MASS_UNITS[unit] * choice.scale
+    if unit in VOLUME_UNITS:
+        if choice.density_kg_l is None or not 0.1 <= choice.density_kg_l <= 5.0:
+            raise PrescriptionError(f"{where}: rates in {unit}, density {choice.density_kg_l}: allowed with the "
+                                    "product's density, 0.1 to 5 kg/l")
+        return VOLUME_UNITS[unit] * choice.density_kg_l * choice.scale
+    if unit in NITROGEN_UNITS:
+        if choice.n_fraction is None or not 0.0 < choice.n_fraction <= 1.0:
+            raise PrescriptionError(f"{where}: rates in {unit}, nitrogen {choice.n_fraction}: allowed with the "
+                                    "product's share of N, above 0 to 1")
+        return NITROGEN_UNITS[unit] / choice.n_fraction * choice.scale
+    raise PrescriptionError(f"{where}: unit {unit}: allowed {', '.join(UNITS)}")
+
+
+def checked_rate(rate_kg_ha: float, where: Callable[[], str]) -> float:
+    """The rate, where it can be one. Raises PrescriptionError."""
+    if not 0.0 <= rate_kg_ha <= HIGHEST_KG_HA:
+        raise PrescriptionError(f"{where()}: rate {rate_kg_ha:g} kg/ha: allowed 0 to {HIGHEST_KG_HA:g} "
+                                "(is the unit right?)")
+    return rate_kg_ha
+
+
+def with_choice(found: Fallbacks, choice: Choice, where: str) -> Fallbacks:
+    """Fallbacks of a file, those that the operator picked instead. Raises PrescriptionError."""
+    picked = {name: value for name, value in (("default_kg_ha", choice.default_kg_ha),
+                                              ("outside_kg_ha", choice.outside_kg_ha),
+                                              ("lost_kg_ha", choice.lost_kg_ha)) if value is not None}
+    for name, value in picked.items():
+        checked_rate(value, lambda name=name: f"{where}: {name}")  # type: ignore[misc]
+    return found._replace(**picked)

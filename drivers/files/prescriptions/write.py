@@ -1,0 +1,162 @@
+"""Writing a prescription: ISO 11783-10 task (zones, grid of type 1 or 2), GeoJSON, shapefile."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import shapefile
+
+from control.targets.prescription import GridDeg, MapData, Zone, statistics
+from control.targets.rate_map import Floats
+from drivers.files.atomic import write_atomically
+from drivers.files.prescriptions.geojson import OURS
+from drivers.files.prescriptions.task_folder import WGS84_PRJ, degrees, task_root, write_task
+
+MG_M2_PER_KG_HA = 100.0
+DEFAULT, LOST, OUTSIDE, GRID_CELL = "0", "1", "2", "3"
+FIRST_CODE = 3
+MOST_LEVELS = 252            # codes of one byte, less the three fallbacks and the one that says nothing
+
+
+def write_prescription(data: MapData, path: Path) -> None:
+    """By the ending: .geojson or .json, .shp, .zip (task), else a folder for a task. Raises ValueError, OSError.
+
+    Task files hold whole mg/m2 (0.01 kg/ha). A shapefile has no place for fallbacks and field.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in (".geojson", ".json"):
+        _write_geojson(data, path)
+    elif suffix == ".shp":
+        _write_shapefile(data, path)
+    else:
+        root, files = prescription_task(data)
+        write_task(path, root, files)
+
+
+def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
+    """The task file's tree and the files beside it."""
+    root = task_root(from_terminal=False)
+    SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
+    if data.product:
+        SubElement(root, "PDT", A="PDT1", B=data.product)
+    task = Element("TSK", A="TSK1", B=data.title or "prescription", G="1", H=DEFAULT, I=LOST, J=OUTSIDE)
+    if data.fields_deg:
+        field = SubElement(root, "PFD", A="PFD1", C=data.title or "field", D=str(round(_field_area_m2(data))))
+        for rings in data.fields_deg:
+            _polygon(field, rings, "1")
+        task.set("E", "PFD1")
+    files: dict[str, bytes] = {}
+    fallbacks = data.fallbacks
+    for code, title, rate in ((DEFAULT, "default", fallbacks.default_kg_ha),
+                              (LOST, "position lost", fallbacks.lost_kg_ha),
+                              (OUTSIDE, "out of field", fallbacks.outside_kg_ha)):
+        _variable(SubElement(task, "TZN", A=code, B=title), rate, data)
+    if data.grid is not None:
+        files["GRD00001.bin"] = _grid(task, data.grid, data)
+    else:
+        for number, zone in enumerate(data.zones, start=FIRST_CODE):
+            element = SubElement(task, "TZN", A=str(number), B=zone.title or f"{zone.rate_kg_ha:g} kg/ha")
+            _polygon(element, zone.rings_deg, "2")
+            _variable(element, zone.rate_kg_ha, data)
+    root.append(task)
+    return root, files
+
+
+def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
+    rows, columns = grid.rate_kg_ha.shape
+    steps = np.round(grid.rate_kg_ha * MG_M2_PER_KG_HA)
+    levels = np.unique(steps[np.isfinite(steps)])
+    few = len(levels) <= MOST_LEVELS
+    if few:
+        for k, level in enumerate(levels.tolist()):
+            zone = SubElement(task, "TZN", A=str(FIRST_CODE + k), B=f"{level / MG_M2_PER_KG_HA:g} kg/ha")
+            _variable(zone, level / MG_M2_PER_KG_HA, data)
+        nothing = FIRST_CODE + len(levels)
+        if not np.isfinite(steps).all():
+            SubElement(task, "TZN", A=str(nothing), B="no rate")
+        codes = np.where(np.isfinite(steps), FIRST_CODE + np.searchsorted(levels, steps), nothing)
+        cells = codes.astype("u1").tobytes()
+    else:
+        elsewhere = data.fallbacks.default_kg_ha if data.fields_deg else data.fallbacks.outside_kg_ha
+        _variable(SubElement(task, "TZN", A=GRID_CELL, B="cell"), 0.0, data)
+        cells = np.where(np.isfinite(steps), steps, round(elsewhere * MG_M2_PER_KG_HA)).astype("<i4").tobytes()
+    grid_element = SubElement(task, "GRD", A=degrees(grid.south_deg), B=degrees(grid.west_deg),
+                              C=degrees(grid.cell_lat_deg), D=degrees(grid.cell_lon_deg), E=str(columns), F=str(rows),
+                              G="GRD00001", H=str(len(cells)), I="1" if few else "2")
+    if not few:
+        grid_element.set("J", GRID_CELL)
+    return cells
+
+
+def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
+    variable = SubElement(zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1")
+    if data.product:
+        variable.set("C", "PDT1")
+
+
+def _polygon(parent: Element, rings: tuple[Floats, ...], kind: str) -> None:
+    polygon = SubElement(parent, "PLN", A=kind)
+    for k, corners in enumerate(rings):
+        line = SubElement(polygon, "LSG", A="1" if k == 0 else "2")
+        for lat, lon in [*corners.tolist(), corners[0].tolist()]:
+            SubElement(line, "PNT", A="2", C=degrees(lat), D=degrees(lon))
+
+
+def _field_area_m2(data: MapData) -> float:
+    alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
+    return 10_000.0 * sum(share.area_ha for share in statistics(alone))
+
+
+def _write_geojson(data: MapData, path: Path) -> None:
+    features = [{"type": "Feature", "properties": {"rate_kg_ha": zone.rate_kg_ha, "title": zone.title},
+                 "geometry": {"type": "Polygon", "coordinates": [_closed_lon_lat(r) for r in zone.rings_deg]}}
+                for zone in zones_of(data)]
+    ours = {"format": "topdress-prescription/1", "product": data.product, "fallbacks": data.fallbacks._asdict(),
+            "fields": [[_closed_lon_lat(ring) for ring in rings] for rings in data.fields_deg]}
+    write_atomically(path, json.dumps({"type": "FeatureCollection", "name": data.title, OURS: ours,
+                                       "features": features}, ensure_ascii=False))
+
+
+def _write_shapefile(data: MapData, path: Path) -> None:
+    with shapefile.Writer(str(path), shapeType=shapefile.POLYGON, encoding="utf-8") as writer:
+        writer.field("rate_kg_ha", "N", 18, 8)
+        writer.field("title", "C", 60)
+        for zone in zones_of(data):
+            writer.poly([[*ring, ring[0]] for ring in _oriented(zone.rings_deg)])
+            writer.record(zone.rate_kg_ha, zone.title)
+    write_atomically(path.with_suffix(".prj"), WGS84_PRJ)
+    write_atomically(path.with_suffix(".cpg"), "UTF-8")
+
+
+def zones_of(data: MapData) -> tuple[Zone, ...]:
+    """The zones, or one for each cell of the grid that has a rate."""
+    if data.grid is None:
+        return data.zones
+    grid = data.grid
+    zones = []
+    for row, column in np.argwhere(np.isfinite(grid.rate_kg_ha)).tolist():
+        south, west = grid.south_deg + row * grid.cell_lat_deg, grid.west_deg + column * grid.cell_lon_deg
+        north = grid.south_deg + (row + 1) * grid.cell_lat_deg
+        east = grid.west_deg + (column + 1) * grid.cell_lon_deg
+        corners = np.array([(south, west), (south, east), (north, east), (north, west)])
+        zones.append(Zone(float(grid.rate_kg_ha[row, column]), (corners,)))
+    return tuple(zones)
+
+
+def _closed_lon_lat(ring: Floats) -> list[list[float]]:
+    return [[lon, lat] for lat, lon in [*ring.tolist(), ring[0].tolist()]]
+
+
+def _oriented(rings: tuple[Floats, ...]) -> list[list[tuple[float, float]]]:
+    """Longitude and latitude; the outline clockwise, holes the other way."""
+    found = []
+    for k, corners in enumerate(rings):
+        lat, lon = corners[:, 0] - corners[0, 0], corners[:, 1] - corners[0, 1]
+        clockwise = float(np.sum(lon * np.roll(lat, -1) - np.roll(lon, -1) * lat)) < 0.0
+        ordered = corners if clockwise == (k == 0) else corners[::-1]
+        found.append([(lon, lat) for lat, lon in ordered.tolist()])
+    return found
+
