@@ -22,6 +22,7 @@ NEEDED = {
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
 LEAST_ROWS = 40
+HELD_AT_MOST_S = 3.0
 
 
 class Clean(NamedTuple):
@@ -55,7 +56,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
         found[name] = _without_sentinels(name, values, findings)
     _units(found, findings)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
-        found[name] = _without_held(name, found[name], findings)
+        found[name] = _without_held(name, found[name], float(np.median(np.diff(time))), findings)
     stages = []
     for stage, needed in NEEDED.items():
         missing = [name for name in needed if np.isfinite(found[name]).sum() < LEAST_ROWS]
@@ -117,8 +118,11 @@ def _units(found: dict[str, Array], findings: list[str]) -> None:
             return
 
 
-def _without_held(name: str, values: Array, findings: list[str]) -> Array:
-    """Readings held through a dropout say nothing new: only the first of an improbably long run of equals is kept."""
+def _without_held(name: str, values: Array, step_s: float, findings: list[str]) -> Array:
+    """Readings held through a dropout say nothing new: only the first of an improbably long run of equals is kept.
+
+    A run longer than HELD_AT_MOST_S is no dropout: the cell would be empty by then.
+    """
     same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
     known = np.isfinite(values)
     share = same.sum() / max(1, known.sum())
@@ -128,7 +132,8 @@ def _without_held(name: str, values: Array, findings: list[str]) -> Array:
     starts = np.flatnonzero(~same)
     lengths = np.diff(np.append(starts, len(values)))
     held = np.zeros(len(values), bool)
-    for start, length in zip(starts[lengths > longest], lengths[lengths > longest], strict=True):
+    odd = (lengths > longest) & (lengths * step_s < HELD_AT_MOST_S)
+    for start, length in zip(starts[odd], lengths[odd], strict=True):
         held[start + 1:start + length] = True
     if held.any():
         findings.append(f"column {name}: {int(held.sum())} cells only repeat an older reading and are not used")

@@ -8,7 +8,7 @@ from control.machine.machine import CATALOGUE
 from .likelihood import projected
 from .naming import THRESHOLD, Named
 from .result import Detectable, NotShown
-from .sensitivities import LADDERS
+from .sensitivities import LADDERS, THRESHOLDS
 
 
 def not_shown(one: Named) -> list[NotShown]:
@@ -26,6 +26,8 @@ def not_shown(one: Named) -> list[NotShown]:
         if CATALOGUE[effect_id].effect.onset_only or stiff <= 0.0:
             continue
         size = float(np.sqrt(THRESHOLD / stiff))
+        if effect_id in THRESHOLDS:
+            size = abs(candidate.part.size) if size <= abs(candidate.part.size) else np.inf
         if effect_id in LADDERS and size > abs(candidate.part.size) * 2.0:
             continue
         if effect_id not in best or size < best[effect_id]:

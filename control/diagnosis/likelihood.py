@@ -96,7 +96,7 @@ def _solve(normal: Array, right: Array, p: Problem, chosen: Indices) -> tuple[Ar
     part = normal[np.ix_(chosen, chosen)]
     trust = 1.0 / p.sd[chosen] ** 2
     stiff = part + np.diag(trust)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(stiff), 1e-300))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(stiff), 1e-12))
     stiff = stiff * scale[:, None] * scale + 1e-10 * np.eye(len(chosen))
     covariance = np.linalg.inv(stiff) * scale[:, None] * scale
     return covariance @ (right[chosen] + trust * p.mean[chosen]), covariance

@@ -54,13 +54,13 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
         better = _extended(group, current, threshold)
         if better is None:
             break
-        group.settle(better.parts)
+        group.unsettle()
         better = group.refit(better.parts, better.noise)
+        better = group.refit(group.settle(better.parts), better.noise)
         current = _pruned(group, _swapped(group, better), threshold)
     if current.parts:
         group.tame(current.parts)
-        group.settle(current.parts)
-        current, null = group.refit(current.parts, current.noise), group.refit(())
+        current, null = group.refit(group.settle(current.parts), current.noise), group.refit(())
         if any(part.onset_s is not None for part in current.parts):
             current = refined(group, current, group.data)
         current = _pruned(group, with_onset(group, current, group.data, ONSET_THRESHOLD), threshold)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,7 @@ class Manoeuvre(NamedTuple):
     id: str
     plan: str
     minutes: float
-    columns: dict[str, Array]
+    columns: dict[str, npt.NDArray[Any]]
 
 
 def manoeuvres(machine: Machine) -> list[Manoeuvre]:
@@ -63,17 +63,19 @@ def manoeuvres(machine: Machine) -> list[Manoeuvre]:
 
 
 def _log(time: Array, rpm: Array | float, opening: Array | float, pitch: Array | float = 0.0,
-         speed: Array | float = 1.25, refill: Array | float = 0.0) -> dict[str, Array]:
+         speed: Array | float = 1.25, refill: Array | float = 0.0) -> dict[str, npt.NDArray[Any]]:
     n = np.ones(len(time))
     turns, wide = rpm * n, opening * n
+    events = np.full(len(time), "", object)
+    events[np.flatnonzero(np.diff(refill * n) > 0.0) + 1] = f"refill {np.max(refill * n):g}"
     used = np.concatenate(([0.0], np.cumsum(5.5e-3 * turns * wide / 60.0)[:-1])) * STEP_S
     return {"time_s": time, "shaft_rpm_cmd": turns, "shaft_rpm": turns + 1e-4 * np.sin(time), "opening_mm_cmd": wide,
             "opening_mm": wide + 1e-4 * np.sin(time), "hopper_kg": 260.0 - used + refill * n + 1e-3 * np.sin(7.0 * time),
             "pitch_deg": pitch * n, "speed_mps": speed * n + 1e-4 * np.sin(5.0 * time),
-            "wheel_speed_mps": speed * n + 1e-4 * np.sin(3.0 * time), "supply_v": machine_volts(time)}
+            "wheel_speed_mps": speed * n + 1e-4 * np.sin(3.0 * time), "supply_v": _volts(time), "events": events}
 
 
-def machine_volts(time: Array) -> Array:
+def _volts(time: Array) -> Array:
     """Engine idling and at rated speed in turn."""
     return np.where(np.floor(time / 90.0) % 2 < 1, 13.5, 12.3)
 

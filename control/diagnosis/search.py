@@ -124,8 +124,11 @@ class Group:
         probe = part._replace(size=PROBES[part.id])
         return self.difference((), probe)[self._touched(part.id)[0]] / probe.size
 
-    def settle(self, parts: Parts) -> None:
-        """Nominal values moved, within their tolerances, to where they fit best: their slopes are then taken there."""
+    def settle(self, parts: Parts) -> Parts:
+        """Nominal values moved, within their tolerances, to where they fit best: their slopes are then taken there.
+
+        The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned.
+        """
         best = self._at_rest(parts)
         for _ in range(SETTLE_ROUNDS):
             before = dict(self._off)
@@ -133,20 +136,29 @@ class Group:
             amplitude = fitted(p, np.arange(count), self.noise).amplitude
             step = {n.key: (n, amplitude[p.keys.index(n.key)]) for c in self.channels
                     for n in nuisances(c.name, self.machine)}
+            sizes = {int(key.split()[1]): amplitude[k] for k, key in enumerate(p.keys) if key.startswith("slope ")}
             if all(abs(size) < 0.05 * n.sd for n, size in step.values()):
                 break
+            tried = parts
             for share in (1.0, 0.4, 0.15):
                 self._move({key: float(np.clip(before.get(key, 0.0) + share * size, -3.0 * n.sd, 3.0 * n.sd))
                             for key, (n, size) in step.items()})
-                now = self._at_rest(parts)
+                tried = tuple(part._replace(size=float(np.clip(part.size + share * sizes.get(k, 0.0), *bounds(part.id))))
+                              for k, part in enumerate(parts))
+                now = self._at_rest(tried)
                 if now > best:
                     break
             if now <= best:
                 self._move(before)
                 break
-            gained, best = now - best, now
+            gained, best, parts = now - best, now, tried
             if gained < 0.5:
                 break
+        return parts
+
+    def unsettle(self) -> None:
+        """Nominal values back to the machine file's: what they took upon themselves may be an effect's."""
+        self._move({})
 
     def _at_rest(self, parts: Parts) -> float:
         """Log-likelihood with the nominal values exactly where they stand."""

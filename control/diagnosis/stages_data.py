@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import savgol_filter
 
 from control.machine.machine import Machine
 
@@ -21,6 +22,7 @@ STILL_AFTER_S = 1.5         # it has run down by then
 REFILL_KG = 3.0
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
+SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 
 
@@ -266,9 +268,8 @@ def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
     wheel_there = wheel[rows]
     trust = machine.noise.gnss_mps ** 2 / (machine.noise.gnss_mps ** 2 + machine.noise.wheel_mps ** 2 + 1e-12)
     both = (1.0 - trust) * gnss[rows] + trust * wheel_there
-    half = max(1, int(round(0.4 / step)))
-    kernel = np.ones(2 * half + 1) / (2 * half + 1)
-    smooth = np.convolve(np.pad(both, half, mode="edge"), kernel, mode="valid")
+    window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
+    smooth = savgol_filter(both, window, 2) if window > 3 else both
     moving = smooth > MOVING_MPS
     grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step)
     return Speed(at, smooth, working[rows], pitch[rows], wheel_there, gnss[rows], grid)

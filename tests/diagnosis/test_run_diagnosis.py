@@ -1,0 +1,217 @@
+"""Run logs with and without something wrong, from columns to verdict. The logs are made by the compiled model."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from control.diagnosis.extend import extend
+from control.diagnosis.next_run import manoeuvres, separation
+from control.diagnosis.hypothesis import Part
+from control.diagnosis.run import Cancelled, diagnose_run
+from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
+from control.machine.flow import FlowInput, FlowOutput, flow_start
+from control.machine.gate import GateInput, GateOutput, gate_start
+from control.machine.machine import Machine, effect_sizes, with_effect
+from control.machine.over_log import MOST_STEP_S, input_rows, one_set
+from control.machine.scale import ScaleInput
+from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
+from control.machine.speed import SpeedInput, SpeedOutput, speed_start
+
+STEP_S = 0.1
+
+
+def levels(rng, time, low, high, hold_s):
+    """Random steps held for `hold_s`."""
+    values = rng.uniform(low, high, int(time[-1] / hold_s) + 2)
+    return np.round(values[(time / hold_s).astype(int)], 1)
+
+
+def a_run(machine, seed=1, seconds=900.0, still_opening=False):
+    """Columns of a run of `machine` with its sensors' noise: random set-points, headlands, a slope, a wandering supply."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, STEP_S)
+    n, noise = len(time), machine.noise
+    work = (time % 120.0) > 12.0
+    shaft_cmd = np.where(work, levels(rng, time, 30.0, 90.0, 4.0), 0.0)
+    gate_cmd = np.full(n, 25.0) if still_opening else levels(rng, time, 15.0, 40.0, 5.0)
+    supply = 13.2 + 0.5 * np.sin(time / 40.0)
+    pitch = 3.0 * np.sin(time / 60.0)
+    gates, none = one_set(machine.gate)
+    gate = gate_run(gates, none, gate_start(gate_cmd[0]), GateOutput(gate_cmd[0], gate_cmd[0]),
+                    input_rows(GateInput, n, command_mm=gate_cmd), time, MOST_STEP_S)
+    shafts, none = one_set(machine.shaft)
+    shaft = shaft_run(shafts, none, shaft_start(0.0), ShaftOutput(0.0, 0.0),
+                      input_rows(ShaftInput, n, command_rpm=shaft_cmd, opening_mm=gate[:, 0], supply_v=supply), time,
+                      MOST_STEP_S)
+    flows, none = one_set(machine.flow)
+    flow = flow_run(flows, none, flow_start(280.0), FlowOutput(0.0, 280.0),
+                    input_rows(FlowInput, n, shaft_rpm=shaft[:, 0], opening_mm=gate[:, 0], pitch_deg=pitch), time,
+                    MOST_STEP_S)
+    scale = scale_run(machine.scale, input_rows(ScaleInput, n, hopper_kg=flow[:, 1], time_s=time, pitch_deg=pitch))
+    true_speed = 1.3 + 0.2 * np.sin(time / 7.0)
+    speeds, none = one_set(machine.speed)
+    speed = speed_run(speeds, none, speed_start(1.3), SpeedOutput(1.3, 1.3),
+                      input_rows(SpeedInput, n, speed_mps=true_speed, working=work.astype(float), pitch_deg=pitch),
+                      time, MOST_STEP_S)
+    keep = np.exp(-STEP_S / noise.scale_correlation_s)
+    slow = np.empty(n)
+    slow[0] = noise.scale_kg * rng.standard_normal()
+    kicks = noise.scale_kg * np.sqrt(1.0 - keep * keep) * rng.standard_normal(n)
+    for k in range(1, n):
+        slow[k] = keep * slow[k - 1] + kicks[k]
+    ndvi = 0.5 + 0.05 * np.sin(time / 11.0)
+    columns = {
+        "time_s": time, "shaft_rpm_cmd": shaft_cmd, "opening_mm_cmd": gate_cmd, "supply_v": supply, "pitch_deg": pitch,
+        "roll_deg": np.cos(time / 33.0), "heading_deg": np.where(np.floor(time / 120.0) % 2 < 1, 0.0, 180.0),
+        "shaft_rpm": shaft[:, 1] + noise.shaft_rpm * rng.standard_normal(n),
+        "opening_mm": gate[:, 1] + noise.opening_mm * rng.standard_normal(n),
+        "hopper_kg": np.round((scale + slow) / 0.05) * 0.05,
+        "wheel_speed_mps": speed[:, 0] + noise.wheel_mps * rng.standard_normal(n),
+        "speed_mps": speed[:, 1] + noise.gnss_mps * rng.standard_normal(n),
+    }
+    for head in range(1, 7):
+        columns[f"ndvi_{head}"] = ndvi + noise.ndvi * rng.standard_normal(n)
+    return columns
+
+
+def ids(diagnosis):
+    return sorted(cause.id for cause in diagnosis.causes)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_wrong_is_called_nothing(seed):
+    found = diagnose_run(a_run(Machine(), seed), Machine())
+    assert found.verdict == "none", found.causes
+    assert not found.unexplained
+    assert {c.channel for c in found.channels} == {"shaft", "gate", "flow", "scale", "speed", "heads"}
+    for channel in found.channels:
+        if channel.channel in ("shaft", "gate"):
+            assert channel.rmse == pytest.approx(channel.noise_floor, rel=0.1)
+
+
+@pytest.mark.parametrize(("effect", "size"), [
+    ("shaft.gain", 1.5), ("shaft.slow", 0.12), ("shaft.dead_time", 0.1), ("shaft.voltage_sag", 2.0),
+    ("shaft.load_droop", 4.0), ("gate.home_error", 0.4), ("gate.backlash", 0.8), ("gate.slow", 6.0),
+    ("flow.fill_falloff", 12.0), ("flow.slope", 1.0), ("scale.tilt", 0.2),
+])
+def test_one_effect_is_named_with_its_size(effect, size):
+    found = diagnose_run(a_run(with_effect(Machine(), effect, size), seed=5), Machine())
+    assert ids(found) == [effect]
+    cause = found.causes[0]
+    assert cause.size.value == pytest.approx(size, rel=0.15)
+    assert cause.size.low < cause.size.value < cause.size.high
+    assert cause.advice
+
+
+def test_late_gnss_speed_is_named():
+    columns = a_run(Machine(), seed=5)
+    true = 1.3 + 0.2 * np.sin((columns["time_s"] - 0.4) / 7.0)      # the wheel's, made in rows, is 0.1 s late itself
+    columns["speed_mps"] = true + 0.03 * np.random.default_rng(2).standard_normal(len(true))
+    found = diagnose_run(columns, Machine())
+    assert ids(found) == ["speed.gnss_latency"]
+    assert found.causes[0].size.value == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_wrong_read_back_is_seen_in_gate_and_flow_at_once():
+    found = diagnose_run(a_run(with_effect(Machine(), "gate.offset", 0.5), seed=6), Machine())
+    assert ids(found) == ["gate.offset"] and not found.causes[0].rivals
+
+
+def test_two_effects_on_two_stages():
+    machine = with_effect(with_effect(Machine(), "shaft.load_droop", 5.0), "flow.slope", 1.2)
+    found = diagnose_run(a_run(machine, seed=7), Machine())
+    assert ids(found) == ["flow.slope", "shaft.load_droop"]
+
+
+def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell():
+    found = diagnose_run(a_run(with_effect(Machine(), "flow.gain", 6.0), seed=8), Machine())
+    assert found.verdict == "ambiguous"
+    assert {c.id for c in found.causes} | {r.id for c in found.causes for r in c.rivals} >= {"flow.gain", "scale.gain"}
+    assert found.next_run is not None and found.next_run.plan
+    assert sum(r.probability for r in found.causes[0].rivals) + found.causes[0].probability <= 1.0 + 1e-9
+
+
+def test_what_no_effect_explains_is_said_with_its_variable():
+    columns = a_run(Machine(), seed=9)
+    columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * (1.0 + 0.02 * columns["roll_deg"])
+    found = diagnose_run(columns, Machine())
+    assert found.verdict == "unexplained"
+    assert (found.unexplained[0].channel, found.unexplained[0].variable) == ("speed", "roll_deg")
+    extended = extend(Machine(), found, date="2026-01-01")
+    assert extended.tables_over == {"speed": "roll_deg"}
+    assert max(extended.speed.table_percent) == pytest.approx(2.0, abs=0.4)
+
+
+def test_a_stall_is_named_with_its_time():
+    columns = a_run(Machine(), seed=10)
+    late = columns["time_s"] > 600.0
+    columns["shaft_rpm"] = np.where(late, 0.3 * np.sin(columns["time_s"] * 9.0), columns["shaft_rpm"])
+    found = diagnose_run(columns, Machine())
+    cause = next(c for c in found.causes if c.id == "shaft.stall")
+    assert cause.onset_s == pytest.approx(600.0, abs=0.5)
+    assert "shaft.slow" not in ids(found)
+
+
+def test_missing_pulses_show_as_dips():
+    columns = a_run(Machine(), seed=11)
+    rng = np.random.default_rng(0)
+    dips = rng.random(len(columns["time_s"])) < 0.03
+    columns["wheel_speed_mps"] = np.where(dips, 0.5, 1.0) * columns["wheel_speed_mps"]
+    found = diagnose_run(columns, Machine())
+    assert ids(found) == ["speed.missed_pulses"]
+    assert found.causes[0].size.value == pytest.approx(1.5, rel=0.15)
+
+
+def test_bridging_is_named_by_its_share_of_time():
+    found = diagnose_run(a_run(with_effect(Machine(), "flow.bridging", 15.0), seed=12), Machine())
+    assert "flow.bridging" in ids(found)
+    assert next(c for c in found.causes if c.id == "flow.bridging").size.value == pytest.approx(15.0, abs=6.0)
+
+
+def test_rows_missing_give_the_same_name():
+    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=13)
+    keep = np.random.default_rng(1).random(len(columns["time_s"])) > 0.05
+    found = diagnose_run({name: series[keep] for name, series in columns.items()}, Machine())
+    assert ids(found) == ["shaft.load_droop"]
+    assert any("missing" in sentence for sentence in found.findings)
+
+
+def test_what_is_not_named_has_a_smallest_size_or_none_at_all():
+    found = diagnose_run(a_run(Machine(), seed=14), Machine())
+    sizes = {n.id: n.smallest_detectable.value for n in found.not_shown}
+    assert sizes["flow.pulsation"] is None and sizes["lag.offset"] is None
+    assert 0.0 < sizes["shaft.gain"] < 1.0
+    assert len(sizes) == 44
+
+
+def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_nothing():
+    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=15)
+    first = diagnose_run(columns, Machine(), path="run.csv")
+    extended = extend(Machine(), first, date="2026-01-01", sha256="ab")
+    assert effect_sizes(extended)["shaft.load_droop"] == pytest.approx(5.0, rel=0.1)
+    assert extended.adopted[0].data == "run.csv" and extended.adopted[0].valid["opening_mm"][0] >= 14.0
+    assert diagnose_run(columns, extended).verdict == "none"
+    gain = next(g for g in first.gain if g.channel == "shaft")
+    assert gain.after < gain.before and gain.low <= gain.after <= gain.high
+
+
+def test_the_same_log_gives_the_same_diagnosis():
+    columns = a_run(with_effect(Machine(), "flow.slope", 1.0), seed=16)
+    assert diagnose_run(columns, Machine()).to_json() == diagnose_run(columns, Machine()).to_json()
+
+
+def test_progress_is_told_and_cancel_obeyed():
+    shares = []
+    columns = a_run(Machine(), seed=17, seconds=120.0)
+    diagnose_run(columns, Machine(), progress=lambda share, word: shares.append(share))
+    assert shares == sorted(shares) and shares[-1] <= 1.0
+    with pytest.raises(Cancelled):
+        diagnose_run(columns, Machine(), cancelled=lambda: True)
+
+
+def test_manoeuvres_separate_what_they_are_for():
+    plans = {m.id: m for m in manoeuvres(Machine())}
+    gain = Part("flow.gain", 5.0)
+    assert separation(plans["openings"], Machine(), gain, "flow.zero_offset") > 3.0
+    assert separation(plans["standing"], Machine(), gain, "flow.zero_offset") < 1.0
+    assert separation(plans["refill"], Machine(), gain, "scale.gain") > 3.0
