@@ -56,6 +56,8 @@ def test_same_seed_same_case_whatever_is_made_beside_it(hidden: Any) -> None:
     assert lone.truth == again.truth
     for name, column in lone.columns.items():
         assert np.array_equal(column, again.columns[name])
+    before = hidden.cases.one(6, 3, "tuning", ("single",), ("catch", "lag", "heads"))
+    assert {**before.truth, "case": "", "number": 7} != {**lone.truth, "case": ""}
     other = hidden.cases.one(7, 4, "tuning", ("single",), ("catch", "lag", "heads"))
     assert other.truth != lone.truth
 
@@ -119,6 +121,21 @@ def test_z_is_the_length_that_monte_carlo_finds(hidden: Any, short_eye: Any) -> 
     assert 0.75 < scores.std() < 1.3
 
 
+@pytest.mark.parametrize("kind", ["ar1", "drift", "quantised"])
+def test_whitened_noise_is_white_and_of_unit_size(hidden: Any, kind: str) -> None:
+    rng = np.random.default_rng(8)
+    clean = np.cumsum(rng.normal(size=60_000)) * 0.01                        # moves across the resolution's steps
+    for name, noise in hidden.noise.noises(kind, 0.05, np.random.default_rng(3)).items():
+        seen = hidden.noise.readings(clean, 0.05, noise, rng)
+        fresh = hidden.noise.fresh_samples(clean.size, noise)
+        white = noise.whitened((seen - clean)[None, fresh], fresh * 0.05)[0]
+        if noise.step > noise.sd:                                            # such rounding is white only roughly
+            continue
+        near = 4.0 / np.sqrt(fresh.size)
+        assert white.std() == pytest.approx(1.0, abs=near), name
+        assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < near, name
+
+
 def test_sizes_get_the_z_that_was_drawn(hidden: Any, short_eye: Any) -> None:
     made = hidden.run_cases.sized(short_eye, hidden.nominal.Effect("shaft.voltage_sag", 0.2), 12.0, 30.0)
     assert made is not None
@@ -168,6 +185,7 @@ def test_catalogue_and_examination_hold_the_same_ids(hidden: Any) -> None:
     ("named", [("scale.gain", [])], True, True),                                  # equal on this data
     ("ambiguous", [("flow.gain", ["scale.gain"])], True, True),
     ("ambiguous", [("flow.slope", ["flow.gain"])], False, False),                 # a rival that data rule out
+    ("ambiguous", [("flow.gain", ["flow.slope"])], False, False),
     ("ambiguous", [("flow.leak", ["flow.gain"])], False, True),                   # near: honest, not exact
     ("named", [("flow.gain", []), ("flow.slope", [])], False, False),
     ("none", [], False, False),

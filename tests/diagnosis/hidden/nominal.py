@@ -41,7 +41,7 @@ class Physics(NamedTuple):
 TOLERANCE = {"shaft_ratio": 0.0005, "shaft_dead_s": 0.010, "shaft_tau_s": 0.015, "gate_dead_s": 0.010,
              "gate_slew_mm_s": 0.6, "opening_off_mm": 0.01, "flow_ratio": 0.001, "wheel_ratio": 0.0005}
 HEAD_TOLERANCE = 0.001
-LEVEL_TOLERANCE_KG = (50.0, 0.3)
+LEVEL_TOLERANCE_KG = (50.0, 0.05)
 
 
 class Kind(NamedTuple):
