@@ -7,14 +7,15 @@ from control.machine.effect import Entry
 
 HEAD = """# Effects
 
-Everything that the machine model knows how to get wrong. Each effect is one parameter of one stage, switched off by its
-neutral value; diagnosis looks for it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file carries it.
+Everything that the machine model knows how to get wrong. Each effect is one parameter of one stage, switched off by
+its neutral value; diagnosis looks for it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file
+carries it.
 An effect is judged only on data where it can be seen; elsewhere a diagnosis lists it as not shown.
 
 This page is written by `topdress effects --markdown docs/effects.md`; change the parameters, not the page.
 """
-STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out of the hopper", "scale": "Hopper scale",
-          "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place"}
+STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out of the hopper",
+          "scale": "Hopper scale", "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place"}
 
 
 def markdown(catalogue: Mapping[str, Entry]) -> str:

@@ -1,0 +1,98 @@
+"""A residual against a variable: means with bands, and the variable along which an effect shows most."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+BINS = 14
+LEAST_IN_BIN = 3
+Z90 = 1.645
+CLEARLY = 0.03          # of what an effect does, by which a later axis must show more of it to be taken
+
+
+class Axis(NamedTuple):
+    """Something that a residual (n,) may depend on."""
+
+    label: str
+    values: Array                       # (n,), NaN where it does not apply
+    sign: Array | None = None           # (n,) the residual is turned by it, so that ups and downs do not cancel
+    names: tuple[str, ...] = ()         # of the values 0, 1, ...: then it is not a scale
+
+
+class Binned(NamedTuple):
+    """Means (k,) over the bins of an axis, and half of their 90 % intervals."""
+
+    at: Array
+    mean: Array
+    half: Array
+
+
+def binned(axis: Axis, values: Array, memory: float = 0.0) -> Binned:
+    """`memory`: correlation of neighbouring values (n,); the intervals are wider for it."""
+    index, count = bins_of(axis)
+    y = values if axis.sign is None else values * axis.sign
+    keep = (index >= 0) & np.isfinite(y)
+    index, y, x = index[keep], y[keep], axis.values[keep]
+    number = np.bincount(index, minlength=count).astype(float)
+    there = number >= LEAST_IN_BIN if len(y) > 4 * LEAST_IN_BIN else number > 0
+    safe = np.maximum(number, 1.0)
+    mean = np.bincount(index, y, minlength=count) / safe
+    at = np.bincount(index, x, minlength=count) / safe
+    spread = np.sqrt(np.bincount(index, (y - mean[index]) ** 2, minlength=count) / np.maximum(number - 1.0, 1.0))
+    memory = min(0.98, max(0.0, memory))
+    own = np.maximum(1.0, number * (1.0 - memory) / (1.0 + memory))
+    return Binned(at[there], mean[there], (Z90 * spread / np.sqrt(own))[there])
+
+
+def bins_of(axis: Axis) -> tuple[npt.NDArray[np.int64], int]:
+    """Bin of each value (n,), -1 for none, and how many bins there are."""
+    x = axis.values
+    known = np.isfinite(x) & (np.ones(len(x), bool) if axis.sign is None else axis.sign != 0.0)
+    index = np.full(len(x), -1, np.int64)
+    if not known.any():
+        return index, 1
+    kinds = np.unique(x[known])
+    if axis.names or len(kinds) <= BINS:
+        index[known] = np.searchsorted(kinds, x[known])
+        return index, len(kinds)
+    low, high = np.percentile(x[known], (0.5, 99.5))
+    by_rank = np.quantile(x[known], np.linspace(0.0, 1.0, BINS + 1))
+    even = np.linspace(low, high, BINS + 1)
+    edges = np.unique(0.5 * (by_rank + even))[1:-1]
+    index[known] = np.searchsorted(edges, x[known])
+    return index, len(edges) + 1
+
+
+def shown_share(axis: Axis, effect: Array) -> float:
+    """Share of what an effect does to the rows (n,) that its means over the axis hold, 0 to 1."""
+    total = float(np.sum(effect ** 2))
+    if total <= 0.0:
+        return 0.0
+    index, count = bins_of(axis)
+    y = effect if axis.sign is None else effect * axis.sign
+    keep = index >= 0
+    sums = np.bincount(index[keep], y[keep], minlength=count)
+    numbers = np.maximum(np.bincount(index[keep], minlength=count), 1)
+    return float(np.sum(sums ** 2 / numbers)) / total
+
+
+def telling(axes: Sequence[Axis], effect: Array) -> Axis:
+    """The axis along which the effect shows most; of near equals the one that stands first."""
+    best, most = axes[0], shown_share(axes[0], effect)
+    for axis in axes[1:]:
+        share = shown_share(axis, effect)
+        if share > most + CLEARLY:
+            best, most = axis, share
+    return best
+
+
+def memory_of(values: Array) -> float:
+    """Correlation of neighbouring values."""
+    centred = values - values.mean()
+    total = float(np.sum(centred ** 2))
+    return float(np.sum(centred[1:] * centred[:-1])) / total if total > 0.0 and len(values) > 2 else 0.0

@@ -1,0 +1,183 @@
+"""A diagnosis as one HTML file that needs nothing else: verdict, causes with pictures, what to do, where it is from."""
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from console.reports.bars import interval_bar, share_bar
+from console.reports.figure import need_matplotlib
+from console.reports.html import escape, facts, figure, items, paragraph, section, table
+from console.reports.numbers import number, p_value, percent, span_of, with_interval
+from console.reports.page_style import STYLE
+from console.reports.pictures import Pictures, pictures_of
+from console.reports.verdict import WORDS, cost, member_of, others, sentence, title_of
+from control.diagnosis.result import Cause, Diagnosis, Gain, NextRun
+from control.machine.machine import CATALOGUE
+
+STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
+
+
+def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
+    """The page.
+
+    `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable], "machine": Machine};
+    besides, where known, "date" (text), "sha256" (path -> checksum) and "version" (of this program). Checksums that are
+    not given are taken from the files where they can be read. Raises NoPictures, a ValueError with one line, without
+    matplotlib.
+    """
+    need_matplotlib()
+    pictures = pictures_of(found, tools)
+    name = escape(found.data.path or "data")
+    parts = (
+        _head(found),
+        section("Causes", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
+        section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained)))),
+        _next_run(found.next_run),
+        section("Gain on data that the naming never saw", _gains(found.gain)),
+        section("Channels", _channels(found), *(figure(picture) for picture in pictures.data)),
+        section("About the data", items(found.findings) if found.findings else ""),
+        _not_shown(found),
+        _provenance(found, tools))
+    body = "\n".join(part for part in parts if part)
+    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<meta name="viewport" '
+            f'content="width=device-width, initial-scale=1">\n<title>Diagnosis of {name}</title>\n'
+            f"<style>{STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
+
+
+def _head(found: Diagnosis) -> str:
+    data = found.data
+    span = "" if data.duration_s is None else f", {span_of(data.duration_s)}"
+    kind = "run log" if data.kind == "run" else f"{data.kind.replace('+', ' and ')} table"
+    return (f'<header><h1>Diagnosis of {escape(data.path or "data")}</h1>\n'
+            f'<p class="verdict">{escape(sentence(found))}</p>\n'
+            f'<p><span class="word">{escape(WORDS[found.verdict])}</span> '
+            f'<span class="dim">{escape(kind)}, {data.rows} rows{span}, against the machine '
+            f"{escape(data.machine)}</span></p></header>")
+
+
+def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
+    entry = CATALOGUE.get(cause.id)
+    unit = "" if entry is not None and entry.effect.onset_only else cause.size.unit
+    pairs = [("Size", _size(cause, unit))] if unit else []
+    if member_of(cause):
+        pairs.append(("Which", escape(member_of(cause))))
+    if cause.onset_s is not None:
+        pairs.append(("Since", escape(f"{span_of(cause.onset_s)} into the log")))
+    pairs += [("Probability", _shares(cause)), ("In the field", escape(cost(cause.field_cost))),
+              ("What to do", f'<span class="do">{escape(cause.advice)}</span>')]
+    physics = paragraph(entry.effect.physics, "dim") if entry else ""
+    kind = "cause open" if others(cause) else "cause"
+    return (f'<section class="{kind}"><h3>{escape(title_of(cause.id))} <span class="id">{escape(cause.id)}</span></h3>'
+            f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>")
+
+
+def _size(cause: Cause, unit: str) -> str:
+    size = cause.size
+    if size.value is None:
+        return "not known"
+    value, interval = with_interval(size.value, size.low, size.high)
+    said = f'<span class="big">{escape(value)} {escape(unit)}</span>'
+    if not interval or size.low is None or size.high is None:
+        return said
+    words = f"90 % interval: {interval}"
+    return (f"{said}{interval_bar(size.value, size.low, size.high, escape(words))} "
+            f'<span class="dim">{escape(words)}</span>')
+
+
+def _shares(cause: Cause) -> str:
+    """The cause's own probability and those of what could be in its place."""
+    if not others(cause):
+        said = percent(cause.probability)
+        return f'<span class="big">{said}</span>{share_bar(cause.probability, said, True)}'
+    rows = [(cause.id, cause.probability), *others(cause)]
+    cells = "".join(f"<span>{escape(title_of(effect_id))} <span class=\"id\">{escape(effect_id)}</span></span>"
+                    f'<span class="number">{percent(share)}</span>{share_bar(share, percent(share), k == 0)}'
+                    for k, (effect_id, share) in enumerate(rows))
+    return f'<div class="rivals">{cells}</div><span class="dim">This data cannot tell these apart.</span>'
+
+
+def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
+    left = found.unexplained[k]
+    share = percent(left.explained_share)
+    text = (f"{left.channel} depends on {left.variable}: {share} of what is left there follows it, and no catalogued "
+            "effect says why.")
+    return paragraph(text) + figure(pictures.left[k])
+
+
+def _next_run(plan: NextRun | None) -> str:
+    if plan is None:
+        return ""
+    steps = [step.strip(" ;.") for step in STEP.split(plan.plan) if step.strip(" ;.")]
+    return section("Next run", paragraph(f"Why: {plan.why}."), items([f"{step}." for step in steps], ordered=True))
+
+
+def _gains(gains: Sequence[Gain]) -> str:
+    if not gains:
+        return ""
+    rows = []
+    for gain in gains:
+        after, interval = with_interval(gain.after, gain.low, gain.high)
+        less = 100.0 * (1.0 - gain.after / gain.before) if gain.before > 0.0 else 0.0
+        change = f"{abs(less):.0f} % {'less' if less >= 0.0 else 'more'}"
+        rows.append((gain.channel, gain.metric, number(gain.before), after, interval, change, gain.held_out))
+    return table(("channel", "error", "nominal", "with the causes", "90 % interval", "change", "held out"), rows,
+                 frozenset({2, 3, 4, 5}))
+
+
+def _channels(found: Diagnosis) -> str:
+    if not found.channels:
+        return ""
+    rows = [(c.channel, c.unit, str(c.n), number(c.bias), number(c.rmse), number(c.noise_floor),
+             number(100.0 * c.explained_by_nominal), p_value(c.structure_p)) for c in found.channels]
+    return table(("channel", "unit", "rows", "bias", "rms error", "noise", "explained by nominal, %",
+                  "p of structure"), rows, frozenset(range(2, 8))) + paragraph(
+        "Errors of the nominal machine. p of structure: how often noise alone would show so much; below 0.01 the model "
+        "lacks something.", "dim")
+
+
+def _not_shown(found: Diagnosis) -> str:
+    seen, blind = [], []
+    for one in found.not_shown:
+        size = one.smallest_detectable
+        if size.value is None:
+            blind.append((one.id, title_of(one.id)))
+        else:
+            seen.append((one.id, title_of(one.id), f"{number(abs(size.value), 2)} {size.unit}"))
+    inside = []
+    if seen:
+        inside += [paragraph("Not found; each would have been seen from this size on:"),
+                   table(("effect", "what happens", "smallest size seen"), seen)]
+    if blind:
+        inside += [paragraph("Cannot be seen in this data at all:"), table(("effect", "what happens"), blind)]
+    return section("Not shown", *inside)
+
+
+def _provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
+    from drivers.files.run_meta import software_version
+    pairs = []
+    for path in [p for p in found.data.path.split(" + ") if p]:
+        pairs.append(("Data", escape(path)))
+        checksum = _checksum(path, tools.get("sha256"))
+        if checksum:
+            pairs.append(("sha256", f"<code>{escape(checksum)}</code>"))
+    pairs += [("Machine", escape(found.data.machine)),
+              ("Written by", f"topdress {escape(tools.get('version') or software_version())}")]
+    if tools.get("date"):
+        pairs.append(("Date", escape(tools["date"])))
+    if found.extended_machine:
+        pairs.append(("Extended machine", escape(found.extended_machine)))
+    return section("Where this is from", facts(pairs))
+
+
+def _checksum(path: str, given: Mapping[str, str] | str | None) -> str:
+    if isinstance(given, str):
+        return given
+    if given and path in given:
+        return given[path]
+    from drivers.files.config import sha256_of
+    try:
+        return sha256_of(Path(path))
+    except OSError:
+        return ""

@@ -1,0 +1,65 @@
+"""Numbers as people write them: few digits, no powers of ten, an interval with the digits that it deserves."""
+from __future__ import annotations
+
+from math import floor, isfinite, log10
+
+MINUS = "\N{MINUS SIGN}"
+MOST_DECIMALS = 6
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Value with so many significant digits; a dash where it is not known."""
+    if value is None or not isfinite(value):
+        return "\N{EN DASH}"
+    if abs(value) < 0.5 * 10.0 ** -MOST_DECIMALS:
+        return "0"
+    return fixed(value, digits - 1 - floor(log10(abs(value))))
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Value with so many decimals; negative ones round to tens, hundreds."""
+    decimals = min(MOST_DECIMALS, decimals)
+    text = f"{round(value, decimals):.{max(0, decimals)}f}"
+    if not text.strip("-0."):
+        return text.lstrip("-")
+    return text.replace("-", MINUS)
+
+
+def decimals_of(half_width: float) -> int:
+    """Decimals that an interval of this half width deserves: two of its own digits."""
+    if not isfinite(half_width) or half_width <= 0.0:
+        return 3
+    return 1 - floor(log10(half_width))
+
+
+def with_interval(value: float, low: float | None, high: float | None) -> tuple[str, str]:
+    """Value, and its interval in words ("" where there is none), to the same decimals."""
+    if low is None or high is None or not high > low:
+        return number(value), ""
+    decimals = max(0, decimals_of(0.5 * (high - low)))
+    return fixed(value, decimals), f"{fixed(low, decimals)} to {fixed(high, decimals)}"
+
+
+def percent(share: float) -> str:
+    """A probability in words that do not claim certainty."""
+    if share > 0.995:
+        return "over 99 %"
+    if share < 0.005:
+        return "under 1 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def p_value(value: float) -> str:
+    return f"{value:.3f}" if value >= 0.001 else "< 0.001"
+
+
+def span_of(duration_s: float) -> str:
+    """A duration as one reads it on a clock."""
+    seconds = int(round(duration_s))
+    if seconds < 120:
+        return f"{seconds} s"
+    minutes, rest = divmod(seconds, 60)
+    if minutes < 120:
+        return f"{minutes} min {rest:02d} s" if rest else f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min"

@@ -1,0 +1,56 @@
+"""Which pictures a diagnosis has: by the kind of its data."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from console.reports import run_pictures, table_pictures
+from console.reports.picture import Picture
+from console.reports.run_views import parts_of, run_views
+from console.reports.table_views import IN_STEPS, table_views
+from control.diagnosis.result import Diagnosis
+
+
+class Pictures(NamedTuple):
+    """`causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of the whole."""
+
+    causes: tuple[tuple[Picture, ...], ...]
+    left: tuple[Picture | None, ...]
+    data: tuple[Picture, ...]
+
+
+def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
+    """All pictures; none of the data where `tools` holds neither columns nor tables."""
+    if "columns" in tools:
+        return _of_run(found, tools)
+    if "tables" in tools:
+        return _of_tables(found, tools)
+    return Pictures(tuple(() for _ in found.causes), tuple(None for _ in found.unexplained), ())
+
+
+def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
+    views = run_views(tools["columns"], tools["machine"])
+    parts = parts_of(found.causes)
+    causes = []
+    for k, cause in enumerate(found.causes):
+        own = parts_of([cause])
+        causes.append(tuple(run_pictures.cause_pictures(views, parts, own[0], f"cause{k}")) if own else ())
+    left = []
+    for k, one in enumerate(found.unexplained):
+        fit = found.tables[k] if k < len(found.tables) else None
+        left.append(run_pictures.left_picture(views, parts, one, fit, f"left{k}"))
+    over_time = run_pictures.time_lines(views, parts, "time")
+    return Pictures(tuple(causes), tuple(left), (over_time,) if over_time else ())
+
+
+def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
+    views = table_views(tools["tables"], tools["machine"], found.causes)
+    causes = []
+    for k, cause in enumerate(found.causes):
+        phase = None
+        if cause.id == IN_STEPS and cause.size.value:
+            phase = table_pictures.phase_picture(views, cause.size.value, f"cause{k}")
+        causes.append((phase,) if phase else ())
+    left = tuple(table_pictures.left_picture(views, one, f"left{k}") for k, one in enumerate(found.unexplained))
+    return Pictures(tuple(causes), left, tuple(table_pictures.table_picture(view, f"table{k}")
+                                               for k, view in enumerate(views)))

@@ -1,0 +1,215 @@
+"""Pictures of a run: what each cause does and what is left, stretches in full, every channel over time."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from console.reports.binned import Axis, binned, memory_of, shown_share
+from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, THIRD, drawn, svg
+from console.reports.html import escape
+from console.reports.panels import (
+    EXTENDED,
+    MEASURED,
+    NOMINAL,
+    legend_below,
+    residual_panel,
+    smooth_line,
+    zero_line,
+)
+from console.reports.picture import Picture
+from console.reports.run_views import View
+from control.diagnosis.hypothesis import Part
+from control.diagnosis.result import TableFit, Unexplained
+from control.machine.machine import CATALOGUE
+
+Array = npt.NDArray[np.float64]
+
+LEAST_SHARE = 0.25          # of what an effect does: below it, means over the axis do not tell it
+STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}    # views whose rows are shown in full, and how long
+TIME_BINS = 90
+BAND = "The band is the 90 % interval of each mean."
+
+
+def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, name: str) -> list[Picture]:
+    """One cause: its residual before and after along the variable that tells it, and a stretch where it shows most."""
+    found = _view_of(views, parts, part)
+    if found is None:
+        return []
+    view, effect = found
+    before, after = view.residual(()), view.residual(parts)
+    axis = view.axis_of(part, effect)
+    panels: list[str] = []
+    if shown_share(axis, effect) >= LEAST_SHARE:
+        panels.append("means")
+    if view.name in STRETCH_S:
+        panels.append("stretch")
+    if not panels:
+        panels.append("means")
+    with drawn(9.4 if len(panels) == 2 else 6.4, 3.4, columns=len(panels)) as (figure, grid):
+        for axes, panel in zip(grid[0], panels, strict=True):
+            if panel == "means":
+                residual_panel(axes, axis, before, after, memory_of(after), view.unit)
+                axes.set_title("residual: measured less predicted")
+            else:
+                _stretch(axes, view, view.own(parts), effect, part)
+        legend_below(figure, grid)
+        said = f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after"
+        text = svg(figure, name, escape(said))
+    told = []
+    if "means" in panels:
+        where = axis.label or " / ".join(axis.names)
+        told.append(f"{_sentence(view.title)}, against {where}, with the nominal machine and with the causes in it. "
+                    + BAND)
+    if "stretch" in panels:
+        told.append("The stretch is the one in which the effect does most." if part.onset_s is None else
+                    "The stretch is the one about the onset.")
+    return [Picture(text, " ".join(told))]
+
+
+def _view_of(views: Sequence[View], parts: Sequence[Part], part: Part) -> tuple[View, Array] | None:
+    """The view of the effect's own stage where it shows there, else the one in which it shows most."""
+    best: tuple[float, View, Array] | None = None
+    for view in views:
+        own = view.own(parts)
+        if part not in own:
+            continue
+        effect = view.predict(own) - view.predict(tuple(one for one in own if one != part))
+        z = float(np.sqrt(np.sum(effect ** 2)) / max(1e-12, float(np.std(view.residual(parts)))))
+        if view.name == CATALOGUE[part.id].stage:
+            z *= 1e6
+        if z > 0.0 and (best is None or z > best[0]):
+            best = (z, view, effect)
+    return None if best is None else (best[1], best[2])
+
+
+def _stretch(axes: Any, view: View, own: tuple[Part, ...], effect: Array, part: Part) -> None:
+    wide = STRETCH_S[view.name]
+    step = float(np.median(np.diff(view.time_s)))
+    count = min(len(effect), max(8, int(round(wide / step))))
+    if part.onset_s is None:
+        total = np.concatenate(([0.0], np.cumsum(effect ** 2)))
+        begin = int(np.argmax(total[count:] - total[:-count])) if count < len(effect) else 0
+    else:
+        begin = int(np.searchsorted(view.time_s, part.onset_s - 0.5 * wide))
+    begin = max(0, min(begin, len(effect) - count))
+    rows = slice(begin, begin + count)
+    at = view.time_s[rows]
+    axes.plot(at, view.measured[rows], linestyle="none", marker=".", markersize=3.5, color=INK, alpha=0.55,
+           label=MEASURED)
+    axes.plot(at, view.predict(())[rows], color=BEFORE, linestyle="--", linewidth=1.5, label=NOMINAL)
+    axes.plot(at, view.predict(own)[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(f"{view.title.split(':')[0]}, {view.unit}")
+    axes.set_title("a stretch of the log")
+    if part.onset_s is not None:
+        axes.axvline(part.onset_s, color=INK, linestyle=":", linewidth=1.4, label="onset")
+
+
+def left_picture(views: Sequence[View], parts: Sequence[Part], left: Unexplained, fit: TableFit | None,
+                 name: str) -> Picture | None:
+    """What no effect explains: the residual along the variable named, and the smooth function that takes it up."""
+    view = next((v for v in views if v.name == left.channel and left.variable in v.axes), None)
+    if view is None:
+        return None
+    axis = view.axes[left.variable]
+    after = view.residual(parts)
+    named = bool(view.own(parts))
+    with drawn(9.4 if fit else 6.4, 3.4, columns=2 if fit else 1) as (figure, grid):
+        axes = grid[0, 0]
+        zero_line(axes)
+        means = binned(axis, after, memory_of(after))
+        colour = AFTER if named else BEFORE
+        axes.errorbar(means.at, means.mean, yerr=means.half, color=colour, marker="s" if named else "o",
+                      linestyle="none", capsize=3, markerfacecolor=colour if named else PAPER,
+                      label=EXTENDED if named else NOMINAL)
+        axes.set_xlabel(axis.label)
+        axes.set_ylabel(f"residual, {view.unit}")
+        axes.set_title("residual: measured less predicted")
+        if fit:
+            _extension(grid[0, 1], fit, axis)
+        elif not axis.names:
+            known = np.isfinite(axis.values)
+            smooth_line(axes, axis.values[known], after[known])
+        legend_below(figure, grid)
+        text = svg(figure, name, escape(f"{view.title}, against {axis.label}"))
+    return Picture(text, f"{_sentence(view.title)}, against {axis.label}: what is left"
+                         f"{' beside the causes named' if named else ''}, and the smooth function that an adopted "
+                         f"machine file takes up for it. {BAND}")
+
+
+def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:
+    unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
+    nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
+    zero_line(axes)
+    axes.plot(nodes, fit.values, color=THIRD, marker="o", markersize=4.0, linewidth=2.0, label="smooth function")
+    axes.set_xlabel(axis.label)
+    axes.set_ylabel(f"{fit.stage} more than nominal, {unit}")
+    axes.set_title("the extension, between its nodes")
+
+
+def time_lines(views: Sequence[View], parts: Sequence[Part], name: str) -> Picture | None:
+    """Residual of every channel over the run, before and after, with the onsets."""
+    if not views:
+        return None
+    with drawn(9.4, 1.1 + 1.35 * len(views), rows=len(views), sharex=True) as (figure, grid):
+        for axes, view in zip(grid[:, 0], views, strict=True):
+            own = view.own(parts)
+            rows, title = _rows_for_time(view, own)
+            before = view.residual(())[rows]
+            after = view.residual(parts)[rows] if own else None
+            over = Axis("time, min", view.time_s[rows] / 60.0)
+            memory = memory_of(before if after is None else after)
+            even = _in_even_bins(over, TIME_BINS)
+            zero_line(axes)
+            for series, colour, line, label in ((before, BEFORE, "--", NOMINAL), (after, AFTER, "-", EXTENDED)):
+                if series is not None:
+                    at, mean, half = even(series, memory)
+                    axes.fill_between(at, mean - half, mean + half, color=colour, alpha=0.22, linewidth=0)
+                    axes.plot(at, mean, color=colour, linestyle=line, linewidth=1.2, label=label)
+            for part in own:
+                if part.onset_s is not None:
+                    axes.axvline(part.onset_s / 60.0, color=INK, linestyle=":", linewidth=1.4, label="onset")
+                    axes.annotate(part.id, (part.onset_s / 60.0, 1.0), xycoords=("data", "axes fraction"),
+                                  xytext=(3, -2), textcoords="offset points", va="top", fontsize=8.5, color=INK)
+            axes.set_title(f"{title}, {view.unit}", color=INK if own else DIM)
+            axes.margins(x=0.01)
+        grid[-1, 0].set_xlabel("time since the log began, min")
+        legend_below(figure, grid)
+        text = svg(figure, name, "residual of every channel over time")
+    return Picture(text, "Residual of every channel over the run, in means of equal times. " + BAND)
+
+
+def _rows_for_time(view: View, own: Sequence[Part]) -> tuple[npt.NDArray[np.bool_], str]:
+    """All rows; of the heads, those of the head that is named or stands off most."""
+    if view.member is None:
+        return np.ones(len(view.measured), bool), view.title.split(":")[0]
+    heads = np.unique(view.member).tolist()
+    named = [part.member for part in own if part.member in heads]
+    off = view.residual(())
+    head = named[0] if named else max(heads, key=lambda k: abs(float(off[view.member == k].mean())))
+    return view.member == head, f"head {head} less the mean of all heads"
+
+
+def _in_even_bins(axis: Axis, count: int) -> Callable[[Array, float], tuple[Array, Array, Array]]:
+    low, high = float(axis.values.min()), float(axis.values.max())
+    count = max(2, min(count, len(axis.values) // 2))
+    width = (high - low) / count or 1.0
+    index = np.minimum(count - 1, ((axis.values - low) / width).astype(int))
+
+    def means(series: Array, memory: float) -> tuple[Array, Array, Array]:
+        middle = low + (np.arange(count) + 0.5) * width
+        cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
+        found = binned(cell, series, memory)
+        at = np.full(count, np.nan)
+        half = np.full(count, np.nan)
+        at[np.round(found.at).astype(int)] = found.mean
+        half[np.round(found.at).astype(int)] = found.half
+        return middle, at, half
+    return means
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]

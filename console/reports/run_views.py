@@ -1,0 +1,182 @@
+"""A run log's channels as a report shows them: residuals under any set of effects, and what they may depend on."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from console.reports.binned import Axis, telling
+from control.diagnosis.data_gate import gate
+from control.diagnosis.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
+from control.diagnosis.residuals import Channel, channels
+from control.diagnosis.result import Cause
+from control.diagnosis.stages_data import Drive, RunData, run_data
+from control.machine.machine import CATALOGUE, Machine
+from control.machine.over_log import MOST_STEP_S
+
+Array = npt.NDArray[np.float64]
+
+FLOW_WINDOW_S = 10.0        # flow is read off the scale over so long
+REFILL_KG = 1.0             # a rise of the reading within a window is a refill
+AFTER_CHANGE_S = 3.0        # a drive has answered by then
+STAGE_OF_VIEW = {"shaft": ("shaft",), "gate": ("gate",), "flow": ("flow", "gate"), "scale": ("scale", "flow", "gate"),
+                 "speed": ("speed",), "heads": ("heads",)}
+RUN_WITH_TIME = ("time_s", "hopper_kg", "moved")
+OWN_AXIS = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}       # though time may tell as much
+LABELS = {"shaft_rpm": "shaft speed commanded, r/min", "opening_mm": "opening commanded, mm", "supply_v": "supply, V",
+          "pitch_deg": "pitch, degrees nose up", "roll_deg": "roll, degrees right side down",
+          "hopper_kg": "hopper, kg", "speed_mps": "ground speed, m/s", "heading_deg": "heading, degrees",
+          "time_s": "time, min"}
+
+
+class View(NamedTuple):
+    """One channel. `predict(parts)` is what the machine with these effects would have read, (n,) in `unit`."""
+
+    name: str
+    title: str                          # "shaft speed: measured less predicted"
+    unit: str
+    time_s: Array
+    measured: Array
+    predict: Callable[[tuple[Part, ...]], Array]
+    axes: dict[str, Axis]
+    member: npt.NDArray[np.int64] | None = None         # head of each row
+
+    def residual(self, parts: Sequence[Part]) -> Array:
+        return self.measured - self.predict(self.own(parts))
+
+    def axis_of(self, part: Part, effect: Array) -> Axis:
+        """The axis along which what the effect does to the rows (n,) shows most."""
+        own = self.axes.get(OWN_AXIS.get(part.id, ""))
+        return own if own is not None else telling(tuple(self.axes.values()), effect)
+
+    def own(self, parts: Sequence[Part]) -> tuple[Part, ...]:
+        """Those effects that this channel can feel, as many onsets as one run may have."""
+        mine = [part for part in parts if CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name]]
+        late = [part for part in mine if part.onset_s is not None]
+        dropped = late[MOST_SWITCHES:]
+        return tuple(part for part in mine if part not in dropped)
+
+
+def parts_of(causes: Sequence[Cause]) -> tuple[Part, ...]:
+    """Causes as the model takes them; those without a size are left out."""
+    found = []
+    for cause in causes:
+        entry = CATALOGUE.get(cause.id)
+        if entry is None or (cause.size.value is None and not entry.effect.onset_only):
+            continue
+        size = 1.0 if entry.effect.onset_only else float(cause.size.value or 0.0)
+        onset_s = cause.size.value if entry.effect.onset_only and cause.onset_s is None else cause.onset_s
+        found.append(Part(cause.id, size, onset_s, cause.member))
+    return tuple(found)
+
+
+def run_views(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tuple[View, ...]:
+    """Views of a run log's columns (contract of the run log), in the order of the stages.
+
+    Raises ValueError with one line where the log has no usable time column.
+    """
+    data = run_data(gate(columns), machine)
+    found: list[View] = []
+    for name, channel in channels(data, machine).items():
+        if name == "scale":
+            found.append(_flow(channel, data, machine))
+        found.append(_view(name, channel, data, machine))
+    return tuple(found)
+
+
+def _predictor(channel: Channel, machine: Machine) -> Callable[[tuple[Part, ...]], Array]:
+    base = stages_of(machine)
+    known: dict[tuple[Part, ...], Array] = {}
+
+    def predict(parts: tuple[Part, ...]) -> Array:
+        if parts not in known:
+            known[parts] = channel.predict(schedule(base, parts), MOST_STEP_S)
+        return known[parts]
+    return predict
+
+
+def _view(name: str, channel: Channel, data: RunData, machine: Machine) -> View:
+    titles = {"shaft": "shaft speed", "gate": "opening", "scale": "scale reading", "speed": "wheel less GNSS speed",
+              "heads": "head less the mean of all heads"}
+    copies = channel.copies
+    time_s = np.tile(channel.grid.even_s, copies)
+    axes = _recorded(data, time_s)
+    member = None
+    drive = data.shaft if name == "shaft" else data.gate if name == "gate" else None
+    if drive is not None:
+        axes = {**axes, **_after_changes(drive, channel.grid.even_s)}
+    if name == "speed" and data.speed is not None:
+        axes["working"] = Axis("", np.round(np.interp(time_s, data.speed.time_s, data.speed.working)),
+                               names=("out of work", "in work"))
+        gained = np.gradient(data.speed.true_mps, data.speed.time_s)
+        axes["gain_of_speed"] = Axis("acceleration, m/s per s", np.interp(time_s, data.speed.time_s, gained))
+    if name == "heads" and data.heads is not None:
+        used = np.flatnonzero(np.isfinite(data.heads.ndvi).any(axis=1))
+        member = np.repeat(used + 1, len(channel.grid.even_s))
+        heads = tuple(str(k + 1) for k in range(used.max() + 1))
+        axes = {"head": Axis("head", member.astype(float) - 1.0, names=heads),
+                "ndvi": Axis("NDVI, mean of all heads", np.tile(channel.grid.of(data.heads.mean), copies)), **axes}
+    return View(name, f"{titles[name]}: measured less predicted", channel.unit, time_s, channel.measured,
+                _predictor(channel, machine), _time_last(axes), member)
+
+
+def _recorded(data: RunData, time_s: Array) -> dict[str, Axis]:
+    found = {}
+    for name, values in data.variables.items():
+        if name == "time_s":
+            found[name] = Axis(LABELS[name], time_s / 60.0)
+        elif np.nanmax(values) > np.nanmin(values):
+            found[name] = Axis(LABELS.get(name, name), np.interp(time_s, data.time_s, values))
+    return found
+
+
+def _time_last(axes: dict[str, Axis]) -> dict[str, Axis]:
+    """Anything that changes also changes in time: time counts after what varies, but before what only runs with it."""
+    first = {name: axis for name, axis in axes.items() if name not in RUN_WITH_TIME}
+    return {**first, **{name: axes[name] for name in RUN_WITH_TIME if name in axes}}
+
+
+def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
+    """Seconds since the command changed, turned by the way it went; the way itself; the distance moved so far."""
+    change = np.diff(drive.command, prepend=drive.command[0])
+    change[~np.isfinite(change)] = 0.0
+    rows = np.flatnonzero(np.abs(change) > 1e-9)
+    if not len(rows):
+        return {}
+    newest = np.searchsorted(drive.time_s[rows], time_s, side="right") - 1
+    since = np.where(newest >= 0, time_s - drive.time_s[rows][np.maximum(newest, 0)], np.nan)
+    way = np.where(newest >= 0, np.sign(change[rows])[np.maximum(newest, 0)], 0.0)
+    moved = np.interp(time_s, drive.time_s, np.cumsum(np.abs(change)))
+    ways = ("slowing down", "speeding up") if drive.name == "shaft" else ("closing", "opening")
+    unit = "r/min" if drive.name == "shaft" else "mm"
+    late = "seconds since the command changed (residual turned so that up is the way of the change)"
+    return {"way": Axis("last change of the command", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
+            "since_change": Axis(late, np.where(since < AFTER_CHANGE_S, since, np.nan), way),
+            "moved": Axis(f"distance moved so far, {unit}", moved)}
+
+
+def _flow(channel: Channel, data: RunData, machine: Machine) -> View:
+    """Flow read off the scale's fall over FLOW_WINDOW_S, g/s; windows with a refill are left out."""
+    time_s = channel.grid.even_s
+    hop = max(1, int(round(FLOW_WINDOW_S / channel.grid.step_s)))
+    starts = np.arange(0, len(time_s) - hop, hop)
+    predicted = _predictor(channel, machine)
+    plain = predicted(())
+    levels = [channel.measured, plain]
+    rise = np.array([max(float(np.max(np.diff(level[k:k + hop + 1]))) for level in levels) for k in starts.tolist()])
+    starts = starts[rise < REFILL_KG]
+    span_s = hop * channel.grid.step_s
+
+    def falls(level: Array) -> Array:
+        return -1000.0 * (level[starts + hop] - level[starts]) / span_s
+    axes = {}
+    middle = time_s[starts] + 0.5 * span_s
+    for name, values in data.variables.items():
+        total = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(data.time_s))))
+        mean = (np.interp(time_s[starts] + span_s, data.time_s, total) - np.interp(time_s[starts], data.time_s, total))
+        axes[name] = Axis(LABELS.get(name, name), middle / 60.0 if name == "time_s" else mean / span_s)
+    axes = {name: axis for name, axis in axes.items() if np.ptp(axis.values) > 0.0 or name == "time_s"}
+    return View("flow", "flow, read off the scale: measured less predicted", "g/s", middle, falls(channel.measured),
+                lambda parts: falls(predicted(parts)), _time_last(axes))

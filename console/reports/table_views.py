@@ -1,0 +1,113 @@
+"""A bench table's measured columns as a report shows them: rows beside the nominal and the extended machine."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.calibration.bench_table import BenchTable, usable
+from control.diagnosis.result import Cause
+from control.diagnosis.tables.diagnose import BUILDERS
+from control.diagnosis.tables.piece import Choice, Piece, Sized, with_more
+from control.machine.machine import CATALOGUE, Machine
+
+Array = npt.NDArray[np.float64]
+
+IN_STEPS = "lag.coarse_clock"   # shows in how the times heap, not in what the machine does
+CLEARLY_WORSE = 4.0             # in variances of a row: by so much an effect must hurt before it is not held here
+LABELS = {"shaft_rpm": "shaft speed, r/min", "opening_mm": "opening, mm", "duration_s": "duration, s",
+          "speed_mps": "ground speed, m/s", "target_kg": "target, kg", "area_m2": "area, m2", "outlet": "outlet",
+          "ndvi_reference": "NDVI of the reference", "head": "head", "warm_min": "minutes since switched on",
+          "height_m": "height, m", "corrected_lag_s": "lag corrected for, s", "replicate": "replicate"}
+UNSORTED = ("replicate", "area_m2", "duration_s")       # shown against only where nothing else varies
+
+
+class Group(NamedTuple):
+    """Rows of one label (all rows, "", where the table has none), and which effects hold in them."""
+
+    label: str
+    rows: npt.NDArray[np.bool_]
+    held: tuple[str, ...]
+    not_held: tuple[str, ...]
+
+
+class TableView(NamedTuple):
+    """One measured column. Arrays (n,) in `unit`."""
+
+    name: str
+    channel: str
+    unit: str
+    observed: Array
+    nominal: Array
+    extended: Array
+    variables: dict[str, Array]
+    main: str                           # the variable to show it against, "" where none varies
+    groups: tuple[Group, ...]
+
+    @property
+    def before(self) -> Array:
+        return self.observed - self.nominal
+
+    @property
+    def after(self) -> Array:
+        return self.observed - self.extended
+
+
+def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]) -> tuple[TableView, ...]:
+    """Views of every measured column, in the order of the tables.
+
+    Raises ValueError with one line for tables that cannot be used.
+    """
+    parts = tuple(Sized(Choice(cause.id, cause.member), cause.size.value) for cause in causes
+                  if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
+    return tuple(_view(piece, machine, parts) for table in map(usable, tables)
+                 for piece in BUILDERS[table.kind](table, machine))
+
+
+def _view(piece: Piece, machine: Machine, parts: tuple[Sized, ...]) -> TableView:
+    nominal = piece.predict(machine)
+    sets = [held for count in range(len(parts), -1, -1) for held in combinations(parts, count)]
+    rows_of = {held: piece.predict(with_more(machine, held)) if held else nominal for held in sets}
+    felt = [part.choice.id for part in parts if np.any(rows_of[(part,)] != nominal)]
+    extended = nominal.copy()
+    groups = []
+    texts = list(dict.fromkeys(piece.group.tolist()))
+    for text in texts:
+        rows = piece.group == text
+        held = _held(piece.observed[rows], {k: v[rows] for k, v in rows_of.items()}, sets) if len(texts) > 1 else parts
+        extended[rows] = rows_of[held][rows]
+        names = [part.choice.id for part in held]
+        groups.append(Group(text, rows, tuple(n for n in names if n in felt), tuple(n for n in felt if n not in names)))
+    variables = dict(piece.variables)
+    return TableView(piece.name, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
+                     _main(variables, extended - nominal, nominal), tuple(groups))
+
+
+def _held(observed: Array, predictions: dict[tuple[Sized, ...], Array],
+          sets: Sequence[tuple[Sized, ...]]) -> tuple[Sized, ...]:
+    """The largest set of effects that no smaller one beats clearly: an effect may hold in rows of one label only."""
+    losses = {held: float(np.sum((observed - predictions[held]) ** 2)) for held in sets}
+    least = min(losses.values())
+    spread = least / max(1, len(observed) - 1)
+    return next(held for held in sets if losses[held] <= least + CLEARLY_WORSE * spread)
+
+
+def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
+    """The variable that the effects follow most, else the one that the machine does."""
+    names = [name for name in variables if name not in UNSORTED] or list(variables)
+    if not names:
+        return ""
+    series = effect if np.ptp(effect) > 1e-9 * (1.0 + float(np.abs(effect).max())) else nominal
+
+    def told(name: str) -> float:
+        kinds, index = np.unique(variables[name], return_inverse=True)
+        if len(kinds) > 0.6 * len(series) and len(kinds) > 3:
+            rank = np.argsort(np.argsort(variables[name]))
+            index = rank * 6 // len(rank)
+        counts = np.maximum(np.bincount(index), 1)
+        means = np.bincount(index, series - series.mean()) / counts
+        return round(float(np.sum(counts * means ** 2)), 12)
+    return max(names, key=told)

@@ -1,0 +1,70 @@
+"""A diagnosis in one sentence, and its consequences in plain words."""
+from __future__ import annotations
+
+from console.reports.numbers import fixed, number
+from control.diagnosis.result import Cause, Diagnosis, FieldCost
+from control.machine.machine import CATALOGUE
+
+WORDS = {"none": "nothing found", "named": "named", "ambiguous": "not told apart", "unexplained": "unexplained"}
+PLACE_DIGITS = 2
+
+
+def title_of(effect_id: str) -> str:
+    entry = CATALOGUE.get(effect_id)
+    return entry.effect.title if entry else effect_id
+
+
+def sentence(found: Diagnosis) -> str:
+    """The verdict with the causes by name."""
+    titles = [_small(title_of(cause.id)) for cause in found.causes]
+    named = f"{_count(len(titles))}: {'; '.join(titles)}"
+    if found.verdict == "none":
+        return "Nothing beyond noise: the machine model predicts this data as well as its sensors allow."
+    if found.verdict == "named":
+        return f"{named}."
+    if found.verdict == "ambiguous":
+        doubtful = sum(1 for cause in found.causes if others(cause))
+        which = "It" if len(titles) == 1 else "One of them" if doubtful == 1 else "Some of them"
+        return f"{named}. {which} could also be something else: this data does not tell."
+    left = " and ".join(f"{one.channel} depends on {one.variable.removesuffix('_s').replace('_', ' ')}"
+                        for one in found.unexplained) or "something is left"
+    beside = f" Beside it: {'; '.join(titles)}." if titles else ""
+    return f"There is structure that no known effect explains: {left}.{beside}"
+
+
+def others(cause: Cause) -> tuple[tuple[str, float], ...]:
+    """Rivals of a cause beside itself, likeliest first."""
+    return tuple(sorted(((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]))
+
+
+def cost(of: FieldCost) -> str:
+    """What an effect does to dose and place when nobody compensates it."""
+    if of.rate_error_percent is None and of.place_error_m is None:
+        return "not known"
+    said = []
+    if of.rate_error_percent:
+        said.append(f"{number(abs(of.rate_error_percent))} % too {'much' if of.rate_error_percent > 0 else 'little'} "
+                    "is spread")
+    if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0 ** -PLACE_DIGITS:
+        word = "beyond" if of.place_error_m > 0 else "short of"
+        said.append(f"material lands {fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place")
+    if of.rate_error_percent is None:
+        said.append("dose not known")
+    return "; ".join(said) or "nothing in dose or place"
+
+
+def member_of(cause: Cause) -> str:
+    """Which head or outlet, "" where there is no which."""
+    if cause.member is None:
+        return ""
+    stage = cause.id.split(".")[0]
+    return f"{'head' if stage == 'canopy' else 'outlet' if stage == 'flow' else 'number'} {cause.member}"
+
+
+def _count(many: int) -> str:
+    words = ("No cause", "One cause", "Two causes", "Three causes", "Four causes")
+    return words[many] if many < len(words) else f"{many} causes"
+
+
+def _small(title: str) -> str:
+    return title if title[:2].isupper() or title.startswith(("GNSS", "NDVI")) else title[:1].lower() + title[1:]
