@@ -13,7 +13,9 @@ from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import HeadDecoder
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import WATCH, GpsdDecoder
+from drivers.devices.lag_rig import LagRig, RigReadings
 from drivers.devices.lines import Counts
+from drivers.devices.point_dose import Dose
 from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.slave_board import BoardReadings, DriveLimits, SlaveBoard
 from drivers.devices.wheel import WheelGeometry
@@ -87,6 +89,7 @@ class Cab:
                  datagram_opener: DatagramOpener = open_datagrams) -> None:
         self.refused_commands = 0
         self.board: BoardReadings | None = None      # the newest status line, flags included
+        self.rig: RigReadings | None = None          # the newest line of the lag rig
         self._told_to_turn_s: float | None = None    # since when the board has been sent enable 1
         self._clock = clock
         self._fix: GnssFix | None = None
@@ -107,6 +110,11 @@ class Cab:
                 WheelGeometry(config.board.wheel_circumference_m, config.board.wheel_pulses_per_turn))
             port = opener(config.board.port, config.board.baud, clock)
             self._drives = _Line("board", "slave-board/1", port, board.counts), board
+        self._rig: tuple[_Line, LagRig] | None = None
+        if config.lag_rig is not None:
+            rig = LagRig()
+            port = opener(config.lag_rig.port, config.lag_rig.baud, clock)
+            self._rig = _Line("lag_rig", "lag-rig/1", port, rig.counts), rig
 
     def measure(self, now_s: float) -> Measurements:
         """Read what has arrived and give the newest accepted value of everything, however old.
@@ -123,6 +131,8 @@ class Cab:
             self._readings.update(self._module.read(now_s))
             if self._module.work_switch is not None:
                 self._note_work_switch(*self._module.work_switch)
+        if self._rig is not None:
+            self._read_rig(*self._rig, now_s)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
                             drive_stopped=self._drive_stopped())
@@ -139,8 +149,30 @@ class Cab:
             self.refused_commands += 1
             self._send(now_s, None, False)
 
+    def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> Dose | None:
+        """Send one dose of a point applicator; None without a board. Raises ValueError as `PointDose.give` does.
+
+        What became of it is in `dose` at every later tick.
+        """
+        if self._drives is None:
+            return None
+        line, board = self._drives
+        line.port.write(board.give_dose(angle_deg, shaft_rpm, now_s))
+        return board.dose.newest
+
+    @property
+    def dose(self) -> Dose | None:
+        """The newest dose, as far as is known."""
+        return self._drives[1].dose.newest if self._drives else None
+
+    def order_rig(self, run: int, arm: bool) -> None:
+        """Arm the lag rig for a run, or let it idle; without a rig nothing happens."""
+        if self._rig is not None:
+            line, rig = self._rig
+            line.port.write(rig.order(run, arm))
+
     def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
-        """Every device, in the order gnss, heads, board, rate module."""
+        """Every device, in the order gnss, heads, board, rate module, lag rig."""
         return tuple(line.status(now_s) for line in self._lines())
 
     def close(self) -> None:
@@ -174,6 +206,8 @@ class Cab:
             lines.append(self._drives[0])
         if self._module is not None:
             lines.append(self._module.line)
+        if self._rig is not None:
+            lines.append(self._rig[0])
         return lines
 
     def _drive_fault(self) -> bool:
@@ -213,6 +247,13 @@ class Cab:
                 value = getattr(readings, name)
                 if value is not None and not (name == "shaft_rpm" and self._module is not None):
                     self._readings[name] = value
+        board.dose.look(now_s)
+        line.note(readings.time_s for readings in accepted)
+
+    def _read_rig(self, line: _Line, rig: LagRig, now_s: float) -> None:
+        data = line.port.read()
+        accepted = rig.feed(data, now_s) if data else []
+        self.rig = accepted[-1] if accepted else self.rig
         line.note(readings.time_s for readings in accepted)
 
 

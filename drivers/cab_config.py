@@ -121,6 +121,13 @@ class RateModuleConfig(_Config):
         return f"udp://{self.listen}:{self.listen_port}?to={to}:{self.port}"
 
 
+class LagRigConfig(_Config):
+    """The lag rig, where it is mounted for calibrating."""
+
+    port: str
+    baud: Baud = 115200
+
+
 class CabConfig(_Config):
     """Which devices a machine has and where they are plugged in; None: not fitted.
 
@@ -135,6 +142,7 @@ class CabConfig(_Config):
     heads: HeadsConfig | None = None
     board: BoardConfig | None = None
     rate_module: RateModuleConfig | None = None
+    lag_rig: LagRigConfig | None = None
 
     @model_validator(mode="after")
     def _can_meter(self) -> Self:

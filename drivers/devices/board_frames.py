@@ -104,25 +104,25 @@ def encode_status(frame: StatusFrame) -> bytes:
 
 def decode_command(frame: bytes) -> CommandFrame:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    fields = _open(frame, COMMAND, 4)
-    seq, enable = _whole(fields[0], SEQUENCES - 1), _whole(fields[3], 1)
-    return CommandFrame(seq, _number(fields[1], *COMMAND_SHAFT_RPM), _number(fields[2], *COMMAND_OPENING_MM),
+    fields = open_frame(frame, COMMAND, 4)
+    seq, enable = whole(fields[0], SEQUENCES - 1), whole(fields[3], 1)
+    return CommandFrame(seq, plain_number(fields[1], *COMMAND_SHAFT_RPM), plain_number(fields[2], *COMMAND_OPENING_MM),
                         bool(enable))
 
 
 def decode_status(frame: bytes) -> StatusFrame:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    fields = _open(frame, STATUS, 13)
-    seq, echo = (_whole(text, SEQUENCES - 1) for text in fields[:2])
-    micros, pulses, pulse_micros = (_whole(text, COUNTERS - 1) for text in fields[2:5])
-    shaft_rpm = _number(fields[5], *STATUS_RANGES["shaft_rpm"])
-    opening_mm = _number(fields[6], *STATUS_RANGES["opening_mm"])
-    fitted = [_number(text, *STATUS_RANGES[name]) if text else None
+    fields = open_frame(frame, STATUS, 13)
+    seq, echo = (whole(text, SEQUENCES - 1) for text in fields[:2])
+    micros, pulses, pulse_micros = (whole(text, COUNTERS - 1) for text in fields[2:5])
+    shaft_rpm = plain_number(fields[5], *STATUS_RANGES["shaft_rpm"])
+    opening_mm = plain_number(fields[6], *STATUS_RANGES["opening_mm"])
+    fitted = [plain_number(text, *STATUS_RANGES[name]) if text else None
               for name, text in zip(MEASURED[2:], fields[7:11], strict=True)]
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
-    work_switch = bool(_whole(fields[11], 1)) if fields[11] else None
+    work_switch = bool(whole(fields[11], 1)) if fields[11] else None
     return StatusFrame(seq, echo, micros, pulses, pulse_micros, shaft_rpm, opening_mm, hopper_kg, supply_v,
-                       pitch_deg, roll_deg, work_switch, _whole(fields[12], 255))
+                       pitch_deg, roll_deg, work_switch, whole(fields[12], 255))
 
 
 def _seal(payload: str) -> bytes:
@@ -130,7 +130,7 @@ def _seal(payload: str) -> bytes:
     return b"$%b*%04X\r\n" % (data, crc16(data))
 
 
-def _open(frame: bytes, kind: str, count: int) -> list[str]:
+def open_frame(frame: bytes, kind: str, count: int) -> list[str]:
     """The fields after the frame's name, once CRC, name and number of fields are right."""
     payload, star, crc = frame.partition(b"*")
     text_crc = crc.strip().decode("latin-1")
@@ -146,7 +146,8 @@ def _open(frame: bytes, kind: str, count: int) -> list[str]:
     return fields
 
 
-def _whole(text: str, high: int) -> int:
+def whole(text: str, high: int) -> int:
+    """A number of 1 to 10 digits up to `high`. Raises `BadFrame`."""
     if not _WHOLE.fullmatch(text):
         raise BadFrame("not_a_number")
     if int(text) > high:
@@ -154,7 +155,8 @@ def _whole(text: str, high: int) -> int:
     return int(text)
 
 
-def _number(text: str, low: float, high: float) -> float:
+def plain_number(text: str, low: float, high: float) -> float:
+    """A decimal number without exponent, from `low` to `high`. Raises `BadFrame`."""
     if not _NUMBER.fullmatch(text):
         raise BadFrame("not_a_number")
     value = float(text)

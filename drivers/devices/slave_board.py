@@ -18,7 +18,10 @@ from drivers.devices.board_frames import (
     is_repeat,
 )
 from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.point_dose import REPORT, DoseReport, PointDose, decode_report
 from drivers.devices.wheel import WheelGeometry, WheelSpeed
+
+DOSE_REPORT = REPORT.encode() + b","
 
 
 class DriveLimits(NamedTuple):
@@ -52,7 +55,7 @@ class SlaveBoard:
 
     Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version), `wrong_length` (number
     of fields), `not_a_number`, `out_of_range`, `repeated_sequence`, `garbage`, `overlong`. `missed` counts the status
-    lines that the sequence numbers say were sent and never came.
+    lines that the sequence numbers say were sent and never came. `dose`: what became of the doses sent by `give_dose`.
     """
 
     def __init__(self, limits: DriveLimits | None = None, wheel: WheelGeometry | None = None) -> None:
@@ -65,6 +68,7 @@ class SlaveBoard:
         self._last_seq: int | None = None
         self._next_command = 0
         self._sent_opening_mm = 0.0
+        self.dose = PointDose(self._limits.max_shaft_rpm)
 
     def feed(self, data: bytes, time_s: float) -> list[BoardReadings]:
         """Readings completed by `data`, which arrived at `time_s`; oldest first."""
@@ -101,6 +105,12 @@ class SlaveBoard:
         self._sent_opening_mm = opening_mm
         return line
 
+    def give_dose(self, angle_deg: float, shaft_rpm: float, now_s: float) -> bytes:
+        """The line of one dose of a point applicator. Raises ValueError as `PointDose.give` does."""
+        line = self.dose.give(angle_deg, shaft_rpm, self._next_command, now_s)
+        self._next_command = (self._next_command + 1) % SEQUENCES
+        return line
+
     def _read(self, lines: list[bytes], time_s: float) -> list[BoardReadings]:
         readings = []
         for line in lines:
@@ -109,19 +119,30 @@ class SlaveBoard:
                 self.counts.reject("garbage")
             for frame in frames:
                 try:
-                    readings.append(self._take(decode_status(frame), time_s))
+                    if frame.startswith(DOSE_REPORT):
+                        self._take_report(decode_report(frame), time_s)
+                    else:
+                        readings.append(self._take(decode_status(frame), time_s))
                 except BadFrame as kind:
                     self.counts.reject(str(kind))
         return readings
 
-    def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
-        if is_repeat(status.seq, self._last_seq):
+    def _take_report(self, report: DoseReport, time_s: float) -> None:
+        self._count(report.seq)
+        self.dose.hear(report, time_s)
+
+    def _count(self, seq: int) -> None:
+        """Raises BadFrame for a frame that was there before."""
+        if is_repeat(seq, self._last_seq):
             raise BadFrame("repeated_sequence")
         if self._last_seq is not None:
-            skipped = (status.seq - self._last_seq - 1) % SEQUENCES
+            skipped = (seq - self._last_seq - 1) % SEQUENCES
             self.missed += skipped if skipped < SEQUENCES // 2 else 0
-        self._last_seq = status.seq
+        self._last_seq = seq
         self.counts.accept()
+
+    def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
+        self._count(status.seq)
         speed_mps = self._wheel.update(status.micros, status.pulses, status.pulse_micros)
 
         def reading(value: float | None) -> Reading | None:

@@ -12,6 +12,7 @@ from drivers.ports import Clock, Port, PortState
 from drivers.virtual.encoders import Plant
 from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualGpsd, VirtualRateModule
 from drivers.virtual.faults import PortFaults, Spoiler
+from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
 from drivers.virtual.pseudo_terminal import TerminalPort
@@ -40,7 +41,7 @@ class Serve:
     def devices(self) -> tuple[str, ...]:
         heads = tuple(f"head_{n}" for n in range(1, self.heads + 1))
         more = [name for name, there in (("rate_module", self.rate_module), ("agopengps", self.agopengps)) if there]
-        return ("gnss", *heads, "board", "gpsd", *more)
+        return ("gnss", *heads, "board", "gpsd", "lag_rig", *more)
 
     def with_faults(self, faults: Sequence[TimedFault]) -> Serve:
         return replace(self, faults=faults)
@@ -163,8 +164,8 @@ class ServedMachine:
     @property
     def addresses(self) -> tuple[Address, ...]:
         """Where each device is to be found."""
-        protocols = {"gnss": "nmea0183", "board": "slave-board/1", "gpsd": "gpsd", "rate_module": "rate-module/udp",
-                     "agopengps": "agopengps"}
+        protocols = {"gnss": "nmea0183", "board": "slave-board/1", "gpsd": "gpsd", "lag_rig": "lag-rig/1",
+                     "rate_module": "rate-module/udp", "agopengps": "agopengps"}
         return tuple(
             Address(device, protocols.get(device, self._serve.protocol), url)
             for device, line in self._lines.items()
@@ -189,9 +190,10 @@ class ServedMachine:
 
     def _built(self, plant: Plant, serve: Serve) -> VirtualMachine:
         heads = [f"head_{n}" for n in range(1, serve.heads + 1)]
-        for place, device in enumerate(("gnss", *heads, "board", "gpsd")):
+        for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):
             self._lines[device] = self._line(device, serve, place)
-        extras: list[Extra] = [VirtualGpsd(self._lines["gpsd"])]
+        extras: list[Extra] = [VirtualGpsd(self._lines["gpsd"]),
+                               VirtualLagRig(self._lines["lag_rig"], lambda: getattr(plant, "truth", None))]
         if serve.rate_module is not None:
             host, number = serve.rate_module
             module = self._datagrams("rate_module", f"udp://{host}:{number}?to={serve.console[0]}:{serve.console[1]}")

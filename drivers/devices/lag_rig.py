@@ -1,0 +1,130 @@
+"""Host side of the lag rig: its lines to readings, orders to lines. See docs/protocol-lag-rig.md; lag paper, 1.2."""
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from control.readings import Reading
+from drivers.devices.board_frames import (
+    COUNTERS,
+    SEQUENCES,
+    BadFrame,
+    crc16,
+    is_repeat,
+    open_frame,
+    plain_number,
+    whole,
+)
+from drivers.devices.lines import Counts, LineCutter
+
+ORDER, STATUS = "R1", "L1"
+IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
+FLAG_TURNED_BEFORE, FLAG_PLATE_BEFORE = 1, 2
+CLOCK_BLOCK_S = 10.0        # crystals drift by some 50 ppm: the least delay is looked for in the last two blocks
+
+
+class RigStatus(NamedTuple):
+    """One line of the rig. Times are its own 32-bit clock; None: not yet."""
+
+    seq: int
+    run: int
+    state: int
+    micros: int
+    shaft_rpm: float
+    plate: int
+    start_micros: int | None
+    land_micros: int | None
+    flags: int
+
+
+class RigReadings(NamedTuple):
+    """One accepted line. `start_s` on the host's clock; `drop_s` on the rig's own, which no link delays."""
+
+    time_s: float
+    run: int
+    state: int
+    shaft_rpm: Reading
+    start_s: float | None
+    drop_s: float | None
+    turned_before: bool
+    plate_before: bool
+
+
+class LagRig:
+    """Bytes of the rig to readings, orders to bytes. Opens nothing and reads no clock.
+
+    The rig's clock is laid over the host's by the line of the last 10 to 20 s that came with the least delay: `start_s`
+    is late by that least delay (1 to 3 ms at 115 200 Bd, and less than one tick where bytes are stamped once a tick).
+
+    Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`.
+    """
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self._cutter = LineCutter(longest=200)
+        self._last_seq: int | None = None
+        self._next_order = 0
+        self._micros: int | None = None     # the rig's clock, run on over its wraps
+        self._offsets_s = [math.inf, math.inf]      # host's clock less the rig's: least of the last block, of this one
+        self._block_s = -math.inf
+
+    def feed(self, data: bytes, time_s: float) -> list[RigReadings]:
+        """Readings completed by `data`, which arrived at `time_s`; oldest first."""
+        readings = []
+        for line in self._cutter.feed(data):
+            before, *frames = line.split(b"$")
+            if before.strip():
+                self.counts.reject("garbage")
+            for frame in frames:
+                try:
+                    readings.append(self._take(decode_status(frame), time_s))
+                except BadFrame as kind:
+                    self.counts.reject(str(kind))
+        return readings
+
+    def order(self, run: int, arm: bool) -> bytes:
+        """Arm the rig for a run of that number, or let it idle. Sent again and again, it does no harm."""
+        payload = f"{ORDER},{self._next_order},{run % SEQUENCES},{arm:d}".encode()
+        self._next_order = (self._next_order + 1) % SEQUENCES
+        return b"$%b*%04X\r\n" % (payload, crc16(payload))
+
+    def _take(self, status: RigStatus, time_s: float) -> RigReadings:
+        if is_repeat(status.seq, self._last_seq):
+            raise BadFrame("repeated_sequence")
+        restarted = self._last_seq is not None and (self._last_seq - status.seq) % SEQUENCES < SEQUENCES // 2
+        self._last_seq = status.seq
+        self.counts.accept()
+        if restarted:
+            self._micros, self._offsets_s = None, [math.inf, math.inf]
+        if self._micros is None:
+            self._micros = status.micros
+        self._micros += (status.micros - self._micros) % COUNTERS
+        if time_s - self._block_s > CLOCK_BLOCK_S:
+            self._block_s, self._offsets_s = time_s, [self._offsets_s[1], math.inf]
+        self._offsets_s[1] = min(self._offsets_s[1], time_s - self._micros * 1e-6)
+        start_us = self._before(status, status.start_micros)
+        land_us = self._before(status, status.land_micros)
+        return RigReadings(
+            time_s, status.run, status.state, Reading(status.shaft_rpm, time_s),
+            None if start_us is None else start_us * 1e-6 + min(self._offsets_s),
+            None if start_us is None or land_us is None else (land_us - start_us) * 1e-6,
+            bool(status.flags & FLAG_TURNED_BEFORE), bool(status.flags & FLAG_PLATE_BEFORE))
+
+    def _before(self, status: RigStatus, micros: int | None) -> int | None:
+        """A moment of the past on the rig's clock, run on."""
+        assert self._micros is not None
+        return None if micros is None else self._micros - (status.micros - micros) % COUNTERS
+
+
+def decode_status(frame: bytes) -> RigStatus:
+    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    fields = open_frame(frame, STATUS, 9)
+    seq, run = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
+    state, micros = whole(fields[2], LANDED), whole(fields[3], COUNTERS - 1)
+    shaft_rpm = plain_number(fields[4], -400.0, 400.0)
+    plate = int(plain_number(fields[5], -999999.0, 999999.0))
+    start = whole(fields[6], COUNTERS - 1) if fields[6] else None
+    land = whole(fields[7], COUNTERS - 1) if fields[7] else None
+    if (start is None) != (state < TURNING) or (land is None) != (state < LANDED):
+        raise BadFrame("wrong_length")
+    return RigStatus(seq, run, state, micros, shaft_rpm, plate, start, land, whole(fields[8], 255))

@@ -1,0 +1,172 @@
+"""The lag paper's measuring procedure (section 1.2 and tables 2 to 4): shaft speeds in steps of 10 r/min, ten repeats.
+
+Each run: the shaft stands and the plate is quiet; the rig is armed; the set-point is sent; at 2 r/min the rig starts
+its clock, the first granule on the plate stops it. Response = command to 2 r/min, drop = 2 r/min to landing.
+Pure: readings and times in, set-points and orders out. It never starts a shaft by itself: the caller's safety does.
+"""
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+from drivers.devices.lag_rig import ARMED, IDLE, LANDED, RigReadings
+
+STANDING_RPM = 0.5
+Phase = Literal["settling", "arming", "running", "done"]
+
+
+class Plan(NamedTuple):
+    """Which runs, and how long to wait for what."""
+
+    shaft_rpm: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
+    repeats: int = 10
+    settle_s: float = 3.0           # standing, so that what was in the tubes has landed
+    arm_s: float = 1.0              # the rig must say "armed" within
+    longest_s: float = 8.0          # from command to landing
+    tries: int = 3                  # of one run, before it is left out
+
+
+class LagRun(NamedTuple):
+    """One measured run."""
+
+    shaft_rpm: float
+    replicate: int
+    response_s: float
+    drop_s: float
+
+    @property
+    def lag_s(self) -> float:
+        return self.response_s + self.drop_s
+
+
+class Wish(NamedTuple):
+    """What the procedure wants at this tick. `run`: number to order of the rig, with `arm`."""
+
+    shaft_rpm: float
+    run: int
+    arm: bool
+    phase: Phase
+    said: str = ""                  # a run that failed, and why
+
+
+class LagTest:
+    """Runs through a plan, one `tick` after the other; measured runs are in `runs`, those given up in `left_out`.
+
+    `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run begins again later.
+    """
+
+    def __init__(self, plan: Plan | None = None) -> None:
+        plan = plan or Plan()
+        self.runs: list[LagRun] = []
+        self.left_out: list[tuple[float, int, str]] = []
+        self._plan = plan
+        self._todo = [(rpm, repeat) for repeat in range(1, plan.repeats + 1) for rpm in plan.shaft_rpm]
+        self._total = len(self._todo)
+        self._tries = 0
+        self._number = 0
+        self._phase: Phase = "settling" if self._todo else "done"
+        self._since_s: float | None = None
+        self._sent_s = 0.0
+
+    @property
+    def done(self) -> bool:
+        return self._phase == "done"
+
+    @property
+    def progress(self) -> float:
+        """Share of the plan behind us, 0 to 1."""
+        return 1.0 - len(self._todo) / self._total if self._total else 1.0
+
+    def tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> Wish:
+        """`rig`: the newest reading, however old; `now_s` on the clock that stamped it.
+
+        In the tick whose wish turns to the run's speed, that speed must be sent at `now_s`: the response is counted
+        from then.
+        """
+        if self._phase == "done":
+            return self._wish()
+        if not allowed:
+            self._restart()
+            return self._wish()
+        if self._phase == "settling":
+            self._settle(now_s, rig)
+        elif self._phase == "arming":
+            self._arm(now_s, rig)
+        else:
+            return self._wish(self._watch(now_s, rig))
+        return self._wish()
+
+    def _settle(self, now_s: float, rig: RigReadings | None) -> None:
+        standing = rig is not None and now_s - rig.time_s < 0.5 and abs(rig.shaft_rpm.value) < STANDING_RPM
+        if not standing:
+            self._since_s = None
+            return
+        if self._since_s is None:
+            self._since_s = now_s
+        if now_s - self._since_s >= self._plan.settle_s:
+            self._number += 1
+            self._phase, self._since_s = "arming", now_s
+
+    def _arm(self, now_s: float, rig: RigReadings | None) -> None:
+        if rig is not None and rig.run == self._number and rig.state == ARMED:
+            self._phase, self._sent_s = "running", now_s
+        elif self._since_s is not None and now_s - self._since_s > self._plan.arm_s:
+            self._restart()
+
+    def _watch(self, now_s: float, rig: RigReadings | None) -> str:
+        rpm, repeat = self._todo[0]
+        if rig is not None and rig.run == self._number and rig.state == LANDED:
+            assert rig.start_s is not None and rig.drop_s is not None
+            response_s = rig.start_s - self._sent_s
+            if rig.plate_before or rig.turned_before:
+                return self._fail("the plate was touched before the shaft turned" if rig.plate_before
+                                  else "the shaft turned before it was told to")
+            if response_s <= 0.0:
+                return self._fail(f"the shaft turned {-response_s:.3f} s before it was told to")
+            self.runs.append(LagRun(rpm, repeat, response_s, rig.drop_s))
+            self._next()
+            return ""
+        if now_s - self._sent_s > self._plan.longest_s:
+            told = rig.state if rig is not None and rig.run == self._number else IDLE
+            return self._fail("nothing landed" if told > ARMED else "the shaft did not turn")
+        return ""
+
+    def _fail(self, why: str) -> str:
+        rpm, repeat = self._todo[0]
+        self._tries += 1
+        if self._tries >= self._plan.tries:
+            self.left_out.append((rpm, repeat, why))
+            self._next()
+        else:
+            self._restart()
+        return f"{rpm:g} r/min, repeat {repeat}: {why}"
+
+    def _next(self) -> None:
+        self._todo.pop(0)
+        self._tries = 0
+        self._restart()
+        if not self._todo:
+            self._phase = "done"
+
+    def _restart(self) -> None:
+        self._phase, self._since_s = "settling", None
+
+    def _wish(self, said: str = "") -> Wish:
+        running = self._phase == "running"
+        return Wish(self._todo[0][0] if running else 0.0, self._number, self._phase in ("arming", "running"),
+                    self._phase, said)
+
+
+Column = Literal["lag_s", "drop_s", "response_s"]
+
+
+def bench_table(runs: Iterable[LagRun], column: Column = "lag_s") -> str:
+    """The runs as a lag bench table (CSV): shaft_rpm, replicate and one of the three times; times to a millisecond."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("shaft_rpm", "replicate", column))
+    for run in sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate)):
+        writer.writerow((f"{run.shaft_rpm:g}", run.replicate, f"{getattr(run, column):.3f}"))
+    return text.getvalue()

@@ -1,0 +1,94 @@
+"""A virtual lag rig: the board's own program, with the plant's shaft for an encoder and its granules on the plate."""
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from typing import Protocol
+
+from control.readings import DriveCommand
+from drivers.board.lag_rig import LagRig, RigPins, RigSettings
+from drivers.ports import Port
+from drivers.virtual.encoders import Sensed
+
+ROUNDS = 10                     # of the rig's program, a step of the plant
+PLATE_AT_REST = 500
+GRANULE = 80
+LEAST_FLOW_KG_S = 1e-4
+
+
+class TruthNow(Protocol):
+    """What really happened in a step; `control.simulation.plant.Truth` has this shape."""
+
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def shaft_rpm(self) -> float: ...
+    @property
+    def flow_kg_s(self) -> float: ...
+    @property
+    def drop_s(self) -> float: ...
+
+
+class _Pins(RigPins):
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.turns = 0.0
+        self.counts = self.newest_us = self.before_us = 0
+        self.value = PLATE_AT_REST
+
+    def read(self) -> bytes:
+        return self._port.read()
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def encoder(self) -> tuple[int, int, int]:
+        return self.counts, self.newest_us, self.before_us
+
+    def plate(self) -> int:
+        return self.value
+
+
+class VirtualLagRig:
+    """An extra of the virtual machine. `truth` gives what the plant really did in the newest step."""
+
+    def __init__(self, port: Port, truth: Callable[[], TruthNow | None]) -> None:
+        self._pins = _Pins(port)
+        self._settings = RigSettings()
+        self._program = LagRig(self._pins, self._settings)
+        self._truth = truth
+        self._falling: list[float] = []             # when granules land, plant time; they overtake: a heap
+        self._rounds = 0
+        self._last_s = 0.0
+        self._rpm = 0.0
+
+    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
+        return command, enabled
+
+    def after(self, sensed: Sensed, begin_s: float) -> None:
+        truth = self._truth()
+        if truth is None:
+            return
+        if truth.flow_kg_s > LEAST_FLOW_KG_S:
+            heapq.heappush(self._falling, truth.time_s + truth.drop_s)
+        step_s, from_rpm = truth.time_s - self._last_s, self._rpm
+        for part in range(1, ROUNDS + 1):
+            share = part / ROUNDS
+            self._round(self._last_s + share * step_s, from_rpm + share * (truth.shaft_rpm - from_rpm), step_s / ROUNDS)
+        self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
+
+    def _round(self, now_s: float, rpm: float, dt_s: float) -> None:
+        pins = self._pins
+        pins.turns += rpm / 60.0 * dt_s
+        counts = int(pins.turns * self._settings.counts_per_turn)
+        if counts > pins.counts:
+            between_us = round(60e6 / (rpm * self._settings.counts_per_turn)) if rpm > 0.0 else 0
+            pins.before_us = round(now_s * 1e6) - between_us
+            pins.counts, pins.newest_us = counts, round(now_s * 1e6)
+        landed = False
+        while self._falling and self._falling[0] <= now_s:
+            heapq.heappop(self._falling)
+            landed = True
+        self._rounds += 1
+        pins.value = PLATE_AT_REST + GRANULE * landed + self._rounds * 7 % 5
+        self._program.tick(round(now_s * 1e6))
