@@ -20,10 +20,11 @@ class Space(NamedTuple):
     basis: Array            # (m, q) orthonormal: the tolerances
     extra_rss: float
     extra_dof: float
+    least_variance: float = 1e-9
 
 
 class Subset(NamedTuple):
-    """`rss` is at least `dof`: rows that scatter less than their noise do not make the tolerances any narrower."""
+    """`rss` has a floor: rows that scatter less than their noise do not make the tolerances any narrower."""
 
     sizes: Array
     se: Array
@@ -37,15 +38,15 @@ class Subset(NamedTuple):
 
 def space_of(problem: Problem, parts: Sequence[Sized] = ()) -> Space:
     """Linearised about the parts."""
-    slopes = np.column_stack([problem.slope(choice, parts) for choice in problem.choices])
-    residual = problem.observed - problem.predicted(parts)
+    base, slopes = problem.slopes(parts)
+    residual = problem.observed - base
     for choice, size in parts:
         residual = residual + size * slopes[:, problem.choices.index(choice)]
     extra = problem.nuisances.shape[1]
     y = np.concatenate([residual / problem.sd, np.zeros(extra)])
     return Space(y, widened(problem, slopes), orthonormal(np.vstack([problem.nuisances / problem.sd[:, None],
                                                                      np.eye(extra)])),
-                 problem.prior_rss, problem.prior_dof)
+                 problem.prior_rss, problem.prior_dof, problem.least_variance)
 
 
 def widened(problem: Problem, columns: Array) -> Array:
@@ -77,7 +78,7 @@ def subset(space: Space, index: Sequence[int]) -> Subset | None:
     if dof <= 0.0:
         return None
     if len(index) == 0:
-        return Subset(np.zeros(0), np.zeros(0), max(float(y @ y) + space.extra_rss, dof), dof)
+        return Subset(np.zeros(0), np.zeros(0), max(float(y @ y) + space.extra_rss, space.least_variance * dof), dof)
     raw = space.x[:, list(index)]
     x = without(space.basis, raw)
     length = np.linalg.norm(x, axis=0)
@@ -88,7 +89,7 @@ def subset(space: Space, index: Sequence[int]) -> Subset | None:
         return None
     sizes = np.linalg.solve(gram, (x / length).T @ y)
     rest = y - (x / length) @ sizes
-    rss = max(float(rest @ rest) + space.extra_rss, dof)
+    rss = max(float(rest @ rest) + space.extra_rss, space.least_variance * dof)
     se = np.sqrt(np.diag(np.linalg.inv(gram)) * rss / dof) / length
     return Subset(sizes / length, se, rss, dof)
 
@@ -101,17 +102,24 @@ class Refit(NamedTuple):
 
 def refitted(problem: Problem, chosen: Sequence[Choice], rounds: int = 4) -> Refit | None:
     """Gauss-Newton through the machine model for the sizes of the chosen effects. None: they cannot be told apart."""
+    found, parts = sizes_of(problem, chosen, rounds)
+    if found is None:
+        return None
+    return Refit(parts, found, space_of(problem, parts))
+
+
+def sizes_of(problem: Problem, chosen: Sequence[Choice], rounds: int = 4) -> tuple[Subset | None, tuple[Sized, ...]]:
+    """The fit alone; None in place of the subset where the effects cannot be told apart."""
+    alone = problem._replace(choices=tuple(chosen))
     parts: tuple[Sized, ...] = ()
-    best: Refit | None = None
-    for _ in range(rounds):
-        space = space_of(problem, parts)
-        found = subset(space, [problem.choices.index(choice) for choice in chosen])
+    found = None
+    for _ in range(rounds if chosen else 1):
+        found = subset(space_of(alone, parts), range(len(chosen)))
         if found is None:
-            return None
+            return None, ()
         before = parts
         parts = tuple(Sized(choice, float(size)) for choice, size in zip(chosen, found.sizes, strict=True))
-        best = Refit(parts, found, space)
         if before and max(abs(a.size - b.size) / (s + 1e-12)
                           for a, b, s in zip(parts, before, found.se, strict=True)) < 1e-3:
             break
-    return best
+    return found, parts

@@ -12,6 +12,7 @@ from control.machine.machine import Machine
 from .piece import Array, Choice, Piece, varying
 
 SMALL_SHARE = 0.1           # of the median mass: below it even proportional noise is constant
+LEVELS_KEPT = 3             # shaft speeds that free shapes of a fall-off must leave, or they would pass for a gain
 FAST_TURNS = 3.0            # flute passages in a catch, above which it is too slow to show a pulsation
 
 
@@ -39,7 +40,8 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     if angle.min() / (2.0 * pi) < FAST_TURNS and len(np.unique(lasts_s)) > 2:
         choices.append(Choice("flow.pulsation"))
     fast = rpm / 100.0
-    shapes = [fast, fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.4), np.maximum(0.0, fast - 0.6)]
+    shapes = [fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
+    shapes = shapes[:max(1, len(np.unique(rpm)) - LEVELS_KEPT)]
     wide = machine.model_copy(update={"flow": machine.flow._replace(zero_offset_g_rev=machine.flow.zero_offset_g_rev
                                       + machine.flow.grams_per_rev_mm * machine.tolerance.opening_mm)})
     variables = {"shaft_rpm": rpm, "opening_mm": opening, "duration_s": lasts_s,
@@ -50,7 +52,8 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     return (Piece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
                   spreads, label, tuple(choices),
                   ("flow.gain",), varying(variables),
-                  {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal},
+                  {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
+                   **_each_outlet(nominal, outlet, machine)},
                   {"flow.fill_falloff": np.column_stack([nominal * shape for shape in shapes]),
                    "flow.pulsation": _twice_as_quick(nominal, angle)}),)
 
@@ -61,6 +64,14 @@ def _mass(flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array 
     if outlet is None:
         return mass * (1.0 + (flow.uneven_percent / outlets / 100.0 if flow.uneven_outlet > 0.0 else 0.0))
     return mass / outlets * (1.0 + np.where(outlet == flow.uneven_outlet, flow.uneven_percent / 100.0, 0.0))
+
+
+def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict[str, Array]:
+    """Outlets differ by as much as leaves their sum within its tolerance."""
+    if outlet is None:
+        return {}
+    share = machine.tolerance.flow_percent / 100.0 * float(np.sqrt(machine.geometry.outlets))
+    return {f"outlet_{k:g}": np.where(outlet == k, nominal * share, 0.0) for k in np.unique(outlet).tolist()}
 
 
 def _pulse(angle: Array, begins: float) -> Array:

@@ -13,13 +13,18 @@ from scipy.stats import t as student
 from .piece import Array
 
 LEVEL = 0.002
-DRAWS = 400                 # of smooth scatter, for the mean and the spread of the statistic
-CHECKED = 1500              # further draws near the level
+DRAWS = 1500                # of smooth scatter
+BATCH = 100
+ENOUGH = 5                  # draws that heap as clearly, after which it is plain
+PLAIN_Z = 3.5               # of the best of hundreds of steps: below it nothing is to be tested
+LIMIT_Z = 4.5               # what a step must reach to be found
+LEAST_SPREAD = 0.3
+PHASES = 6.0                # steps tried for each turn that the phase of the longest time makes
+MOST_STEPS = 3000
 FINEST_DIGITS = 8.0         # steps below this many printed digits are not tried
-STEPS_A_DECADE = 700
 LEAST_ROWS = 8
 COARSEST = 4.0              # times the scatter: coarser steps have no phases left
-AS_CLEAR = 0.85             # of the clearest heaping: of steps as clear as this the coarsest is meant
+AS_CLEAR = 0.95             # of the clearest heaping: a multiple of the step that heaps as well is meant instead
 UNDECIDED = 0.5
 COARSE_DIGIT_S = 0.1        # nobody writes lags so roughly by choice
 PRINTED_S = 0.001
@@ -55,28 +60,16 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     coarsest = COARSEST * max(scatter, 0.5 * spread)
     if rows < LEAST_ROWS or scatter <= 0.0 or coarsest <= 1.2 * finest:
         return None
-    count = int(np.ceil(np.log10(coarsest / finest) * STEPS_A_DECADE * max(1.0, float(np.ptp(times_s)) / coarsest)))
-    steps = np.exp(np.linspace(np.log(finest), np.log(coarsest), min(count, 3000)))
-    rng = np.random.default_rng(seed)
-    smooth = _heaping(_smooth(fitted_s, rest, rng, DRAWS), steps)
-    mean, sd = smooth.mean(axis=0), np.maximum(smooth.std(axis=0), 0.3 / np.sqrt(rows))
+    count = int((1.0 / finest - 1.0 / coarsest) * PHASES * float(np.abs(times_s).max()))
+    steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, 50), MOST_STEPS))
+    mean, sd = _of_smooth(fitted_s, scatter, steps)
     seen = _heaping(times_s[None, :], steps)[0]
     z = (seen - mean) / sd
     highest = float(z.max())
-    null = ((smooth - mean) / sd).max(axis=1)
-    p = (int(np.sum(null >= highest)) + 1) / (DRAWS + 1)
-    if p <= 3.0 / (DRAWS + 1):
-        further = np.concatenate([((_heaping(_smooth(fitted_s, rest, rng, 250), steps) - mean) / sd).max(axis=1)
-                                  for _ in range(CHECKED // 250)])
-        p = (int(np.sum(further >= highest)) + 1) / (CHECKED + 1)
-    clear = np.flatnonzero((seen >= AS_CLEAR * seen[int(np.argmax(z))]) & (z >= max(3.0, 0.3 * highest)))
-    last = clear[-1] if len(clear) else int(np.argmax(z))
-    clear = np.append(clear, last)
-    near = clear[clear >= last - 3]
-    step = float(steps[near[int(np.argmax(seen[near]))]])
+    p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
+    step = _coarsest(times_s, float(steps[int(np.argmax(z))]), coarsest)
     step, half = _refined(times_s, step)
-    return Clock(step, step - half, step + half, p, float(seen.max()), _smallest(steps, mean, sd, float(np.quantile(
-        null, 0.99))))
+    return Clock(step, step - half, step + half, p, _heap(times_s, step), _smallest(steps, mean, sd))
 
 
 def _few_values(times: Array, digit_s: float) -> Clock | None:
@@ -90,7 +83,7 @@ def _few_values(times: Array, digit_s: float) -> Clock | None:
     gaps = np.diff(kinds)
     if len(gaps) and gaps.min() < FINEST_DIGITS * digit_s:
         return None
-    p = UNDECIDED if len(gaps) == 0 and kinds[0] < 10.0 * FINEST_DIGITS * digit_s else 1.0 / (CHECKED + 1)
+    p = UNDECIDED if len(gaps) == 0 and kinds[0] < 10.0 * FINEST_DIGITS * digit_s else 1.0 / (DRAWS + 1)
     for count in range(1, 40):
         step = float(kinds[0]) / count
         if np.all(np.abs(kinds / step - np.round(kinds / step)) * step < 2.0 * digit_s):
@@ -106,18 +99,59 @@ def rounding_s(clock: Clock | None, scatter_s: float) -> float:
     return clock.step_s / float(np.sqrt(12.0))
 
 
-def _smooth(fitted: Array, rest: Array, rng: np.random.Generator, draws: int) -> Array:
-    """Draws of the same means with normal scatter as large, (draws, n)."""
-    return np.asarray(fitted + rng.standard_normal((draws, len(rest))) * np.std(rest, ddof=1))
+def _of_smooth(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Array]:
+    """Mean and s.d. of the heaping of normal times about their means, (steps,), in closed form."""
+    turn = 2.0 * np.pi / steps[:, None]
+    one, two = np.exp(-0.5 * (turn * scatter) ** 2), np.exp(-2.0 * (turn * scatter) ** 2)
+    mean = np.cos(turn * fitted) * one
+    variance = 0.5 * (1.0 + np.cos(2.0 * turn * fitted) * two) - mean ** 2
+    rows = len(fitted)
+    return mean.mean(axis=1), np.maximum(np.sqrt(variance.mean(axis=1) / rows), LEAST_SPREAD / np.sqrt(rows))
+
+
+def _p_value(highest: float, fitted: Array, scatter: float, steps: Array, mean: Array, sd: Array, seed: int) -> float:
+    """Share of draws of smooth times that heap as clearly at any step; few draws where it is plain that many do."""
+    if highest < PLAIN_Z:
+        return 1.0
+    rng = np.random.default_rng(seed)
+    reached = drawn = 0
+    while drawn < DRAWS and reached < ENOUGH:
+        times = fitted + scatter * rng.standard_normal((BATCH, len(fitted)))
+        reached += int(np.sum(((_heaping(times, steps) - mean) / sd).max(axis=1) >= highest))
+        drawn += BATCH
+    return (reached + 1) / (drawn + 1)
 
 
 def _heaping(times: Array, steps: Array) -> Array:
     """Mean cosine of the phase, (draws, steps); single precision is ample and quick."""
-    out = np.empty((len(times), len(steps)))
     turns = (2.0 * np.pi * times).astype(np.float32)
-    for k, step in enumerate(steps.tolist()):
-        out[:, k] = np.cos(turns / np.float32(step)).mean(axis=1)
+    rates = (1.0 / steps).astype(np.float32)
+    out = np.empty((len(times), len(steps)))
+    for row, one in enumerate(turns):
+        out[row] = np.cos(np.outer(rates, one)).sum(axis=1) / len(one)
     return out
+
+
+def _coarsest(times: Array, step: float, coarsest: float) -> float:
+    """The step about `step` at which the times heap most, or the largest multiple of it at which they do as well."""
+    best = step = _peak(times, step)
+    for factor in range(2, 13):
+        if factor * step > coarsest:
+            break
+        tried = _peak(times, factor * step)
+        if _heap(times, tried) >= AS_CLEAR * _heap(times, step):
+            best = tried
+    return best
+
+
+def _peak(times: Array, step: float) -> float:
+    reach = 0.5 / float(np.abs(times).max())
+    near = 1.0 / np.maximum(1.0 / step + np.linspace(-reach, reach, 81), 1e-6)
+    return float(near[int(np.argmax(_heaping(times[None, :], near)[0]))])
+
+
+def _heap(times: Array, step: float) -> float:
+    return float(np.mean(np.cos(2.0 * np.pi * times / step)))
 
 
 def _refined(times: Array, step: float) -> tuple[float, float]:
@@ -135,7 +169,7 @@ def _refined(times: Array, step: float) -> tuple[float, float]:
     return step, float(student.ppf(0.95, dof) * max(sd, 1e-6) / np.sqrt(np.sum(whole[keep] ** 2)))
 
 
-def _smallest(steps: Array, mean: Array, sd: Array, limit: float) -> float | None:
+def _smallest(steps: Array, mean: Array, sd: Array) -> float | None:
     """The finest step whose full heaping would have stood out."""
-    shown = np.flatnonzero((1.0 - mean) / sd > limit)
+    shown = np.flatnonzero((1.0 - mean) / sd > LIMIT_Z)
     return float(steps[shown[0]]) if len(shown) else None

@@ -7,7 +7,7 @@ import numpy as np
 
 from control.diagnosis.result import Gain
 
-from .algebra import refitted
+from .algebra import sizes_of
 from .piece import Sized
 from .problem import Problem
 
@@ -23,9 +23,9 @@ def gains(problem: Problem, parts: Sequence[Sized], seed: int) -> tuple[Gain, ..
     for kind in kinds.tolist():
         out = problem.setting == kind
         held = problem._replace(sd=np.where(out, 1e6 * problem.sd, problem.sd))
-        fit = refitted(held, [part.choice for part in parts], rounds=2)
-        if fit is not None:
-            after[out] = (problem.observed - problem.predicted(fit[0]))[out]
+        fitted, sized = sizes_of(held, [part.choice for part in parts], rounds=2)
+        if fitted is not None:
+            after[out] = (problem.observed - problem.predicted(sized))[out]
     before = problem.observed - problem.nominal
     rng = np.random.default_rng(seed)
     found = []

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from control.machine.machine import CATALOGUE
 
-from .algebra import Space, Subset, orthonormal, refitted, space_of, subset, widened, without
+from .algebra import Space, Subset, orthonormal, refitted, sizes_of, space_of, subset, widened, without
 from .null import largest_p, normalised
 from .piece import Array, Choice, Sized
 from .problem import Problem
@@ -20,7 +20,7 @@ LEVEL = 0.005               # of a false alarm by the best single effect; pairs 
 PAIR_LEVEL = 0.001
 ONE_SIDED = {"lag.asymmetry": ("lag.offset", "shaft.dead_time")}    # what half of it looks like on one side only
 MOST = 3                    # effects at once
-SAME_LEVEL = 0.05           # rivals: the 95 % confidence set
+SAME_LEVEL = 0.03           # rivals: a confidence set of 97 %, a little wider than what is reported
 UNEVEN_P = 0.05             # settings differ by more than replicates do: intervals are widened
 
 
@@ -87,7 +87,8 @@ def named(problem: Problem, seed: int) -> Named:
     parts, found = _beside_forms(problem, parts, found, space)
     causes = tuple(_with_rivals(problem, space, parts, k, found, float(found.se[k] * wider), dof, ps[k])
                    for k in range(len(parts)))
-    kept = tuple(c for c in causes if (wider == 1.0 or _still(c, dof, len(problem.choices)))
+    best_dof = found.dof
+    kept = tuple(c for c in causes if (wider == 1.0 or _still(c, best_dof, len(problem.choices)))
                  and not _half_of_another(c, causes))
     if len(kept) < len(causes):
         fit = refitted(problem, [c.part.choice for c in kept])
@@ -117,7 +118,7 @@ def _addition(problem: Problem, space: Space, chosen: Sequence[Choice], barred: 
     unit, kept = normalised(basis, space.x[:, open_])
     if len(space.y) - basis.shape[1] + space.extra_dof < 2.0:
         return 1.0, None
-    p, best = largest_p(space.y, basis, unit, space.extra_rss, space.extra_dof, LEVEL, seed)
+    p, best = largest_p(space.y, basis, unit, space.extra_rss, space.extra_dof, LEVEL, seed, space.least_variance)
     return p, problem.choices[open_[kept[best]]] if best >= 0 else None
 
 
@@ -142,11 +143,8 @@ def _pair(problem: Problem, space: Space, seed: int) -> tuple[tuple[Choice, Choi
 
 
 def _within_bounds(problem: Problem, chosen: Sequence[Choice]) -> bool:
-    fit = refitted(problem, chosen)
-    if fit is None:
-        return False
-    return all(CATALOGUE[c.id].low - CATALOGUE[c.id].neutral <= size <= CATALOGUE[c.id].high - CATALOGUE[c.id].neutral
-               for c, size in fit[0])
+    found, parts = sizes_of(problem, chosen)
+    return found is not None and all(_allowed(choice, size) for choice, size in parts)
 
 
 def _exchanged(problem: Problem, chosen: list[Choice], barred: set[Choice]) -> list[Choice] | None:
@@ -182,8 +180,8 @@ def _broadened(problem: Problem, chosen: list[Choice]) -> list[Choice]:
         if choice.scope is None or wide not in problem.choices or wide in chosen:
             continue
         tried = [*chosen[:k], wide, *chosen[k + 1:]]
-        before, after = refitted(problem, chosen), refitted(problem, tried)
-        if before and after and _as_good(after[1], before[1]):
+        before, after = sizes_of(problem, chosen)[0], sizes_of(problem, tried)[0]
+        if before and after and _as_good(after, before):
             chosen = tried
     return chosen
 
@@ -198,14 +196,14 @@ def _with_rivals(problem: Problem, space: Space, parts: tuple[Sized, ...], k: in
     own = parts[k].choice
     weights: dict[Choice, tuple[float, float]] = {own: (1.0, parts[k].size)}
     for choice in problem.choices:
-        if choice in [part.choice for part in parts]:
+        if choice in [part.choice for part in parts] or (choice.scope is not None and own.scope is None):
             continue
         tried = [problem.choices.index(part.choice) for part in parts]
         tried[k] = problem.choices.index(choice)
         found = subset(space, tried)
         if found is None or not _allowed(choice, float(found.sizes[k])):
             continue
-        found = _exactly(problem, [problem.choices[i] for i in tried], best) or found
+        found = _exactly(problem, [problem.choices[i] for i in tried]) or found
         if _as_good(found, best):
             weight = float(np.exp(-0.5 * best.dof * np.log(max(found.rss, 1e-300) / max(best.rss, 1e-300))))
             weights[choice] = (weight, float(found.sizes[k]))
@@ -222,12 +220,9 @@ def _with_rivals(problem: Problem, space: Space, parts: tuple[Sized, ...], k: in
     return Found(parts[k], se, p, mine / total * (1.0 - min(1.0, p)), ordered)
 
 
-def _exactly(problem: Problem, chosen: list[Choice], best: Subset) -> Subset | None:
+def _exactly(problem: Problem, chosen: list[Choice]) -> Subset | None:
     """Refit where the effects multiply one another, so that a rival is judged at its own best sizes."""
-    if len(chosen) < 2:
-        return None
-    fit = refitted(problem, chosen, rounds=3)
-    return None if fit is None else fit[1]
+    return sizes_of(problem, chosen, rounds=3)[0] if len(chosen) > 1 else None
 
 
 def _allowed(choice: Choice, size: float) -> bool:

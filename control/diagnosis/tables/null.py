@@ -23,7 +23,7 @@ def normalised(basis: Array, columns: Array) -> tuple[Array, list[int]]:
 
 
 def largest_p(y: Array, basis: Array, unit: Array, extra_rss: float, extra_dof: float, level: float,
-              seed: int) -> tuple[float, int]:
+              seed: int, least: float = 1e-9) -> tuple[float, int]:
     """p of the best single column against all of them having been tried, and which it is.
 
     y: (m,), basis: (m, r) orthonormal, unit: (m, c) orthogonal to it and of unit length. Far from `level` a bound
@@ -36,7 +36,7 @@ def largest_p(y: Array, basis: Array, unit: Array, extra_rss: float, extra_dof: 
     shares = (unit.T @ y) ** 2
     best = int(np.argmax(shares))
     total = float(y @ y) + extra_rss
-    ratio = float(shares[best] / max(total - shares[best], float(dof)))
+    ratio = float(shares[best] / max(total - shares[best], least * dof))
     single = float(2.0 * student.sf(np.sqrt(ratio * dof), dof))
     count = unit.shape[1]
     if single * count < 0.2 * level:

@@ -44,7 +44,7 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
         return None
     y = without(basis, space.y)
     dof = len(y) - basis.shape[1] + space.extra_dof
-    ps = _p_values(y[None, :], np.array([float(y @ y) + space.extra_rss]), bases, dof, 1.0)[0]
+    ps = _p_values(y[None, :], np.array([float(y @ y) + space.extra_rss]), bases, dof, space.least_variance)[0]
     best = int(np.argmin(ps))
     single = float(ps[best])
     if single * len(bases) < 0.2 * LEVEL or single > LEVEL:
@@ -86,9 +86,10 @@ def _bases(problem: Problem, basis: Array, space: Space) -> list[_Basis]:
         texts = list(dict.fromkeys(piece.group.tolist()))
         columns["label"] = [_one_hot(inside, piece.group, texts[1:])] if len(texts) > 1 else []
         columns["constant"] = [inside.astype(float)[:, None]]
+        size = np.abs(problem.nominal) if len(piece.spreads) > 1 else np.ones(len(problem.nominal))
         for name, shapes in columns.items():
             for shape in shapes:
-                unit = orthonormal_left(basis, widened(problem, shape))
+                unit = orthonormal_left(basis, widened(problem, shape * size[:, None]))
                 if 0 < unit.shape[1] <= most:
                     found.append(_Basis(piece.channel, name, unit))
     return found

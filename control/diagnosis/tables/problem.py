@@ -35,6 +35,11 @@ class Problem(NamedTuple):
     scatter: tuple[Scatter, ...]
     clocks: tuple[Clock | None, ...]        # of each piece: steps in its times
 
+    @property
+    def least_variance(self) -> float:
+        """In units of sd squared: rows that scatter less than their replicates or digits do not narrow tolerances."""
+        return max(1e-9, min(scatter.least for scatter in self.scatter))
+
     def predicted(self, parts: Sequence[Sized]) -> Array:
         """The model's rows with the parts in the machine, each in its own scope."""
         out = self.nominal.copy()
@@ -51,14 +56,22 @@ class Problem(NamedTuple):
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
 
-    def slope(self, choice: Choice, parts: Sequence[Sized] = ()) -> Array:
-        """Change of the rows per unit of the effect's size, on top of the parts, (n,)."""
-        others = [part for part in parts if part.choice != choice]
-        size = next((part.size for part in parts if part.choice == choice), 0.0)
-        step = abs(size) if size else CATALOGUE[choice.id].effect.probes[0]
-        low, high = (0.0, size) if size else (0.0, step)
-        difference = self.predicted([*others, Sized(choice, high)]) - self.predicted([*others, Sized(choice, low)])
-        return np.asarray(difference / (high - low))
+    def slopes(self, parts: Sequence[Sized] = ()) -> tuple[Array, Array]:
+        """Rows under the parts, (n,), and their change per unit of each choice's size on top of the parts, (n, c).
+
+        Of a part itself it is the mean slope from neutral to its size.
+        """
+        base = self.predicted(parts)
+        columns = []
+        for choice in self.choices:
+            own = next((part for part in parts if part.choice == choice and part.size), None)
+            if own is not None:
+                columns.append((base - self.predicted([part for part in parts if part != own])) / own.size)
+                continue
+            others = [part for part in parts if part.choice != choice]
+            step = CATALOGUE[choice.id].effect.probes[0]
+            columns.append((self.predicted([*others, Sized(choice, step)]) - base) / step)
+        return base, np.column_stack([np.zeros((len(base), 0)), *columns])
 
 
 def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Problem:
@@ -82,7 +95,7 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
         nominal.append(piece.predict(machine))
         scatter = scatter_of(piece, setting, nominal[-1])
         scatters.append(scatter)
-        clock = _clock(piece, setting, seed + index) if piece.clocked else None
+        clock = _clock(piece, setting, scatter.far, seed + index) if piece.clocked else None
         clocks.append(clock)
         typical = float(np.median(scatter.sd))
         step = max(rounding_s(clock, typical), _rounding_sd(piece, setting, typical))
@@ -103,12 +116,13 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
                    PRIOR_DOF * ratio, PRIOR_DOF if known else 0.0, tuple(scatters), tuple(clocks))
 
 
-def _clock(piece: Piece, setting: Whole, seed: int) -> Clock | None:
-    """Steps in the times about the means of settings with replicates, else about a smooth fit."""
+def _clock(piece: Piece, setting: Whole, far: Whole, seed: int) -> Clock | None:
+    """Steps in the times about the medians of settings with replicates, else about a smooth fit."""
     counts = np.bincount(setting)
-    means = np.bincount(setting, piece.observed) / counts
+    means = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
     centres = np.where(counts[setting] >= 3, means[setting], smoothed(piece, piece.observed)[0])
-    return coarse_clock(piece.observed, centres, resolution_of(piece.observed), seed)
+    near = np.delete(np.arange(len(setting)), far)
+    return coarse_clock(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
 
 
 def _rounding_sd(piece: Piece, setting: Whole, scatter: float) -> float:

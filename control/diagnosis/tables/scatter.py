@@ -19,6 +19,7 @@ class Scatter(NamedTuple):
     tamed: Array                    # (n,) observed, far rows drawn in
     sd: Array                       # (n,) absolute noise
     far: Whole                      # rows drawn in
+    least: float                    # share of sd**2 below which the rows' variance is not believed to be
     unequal_p: float | None         # None: too few replicates
     setting_sd: tuple[tuple[int, int, float], ...]      # setting, rows, s.d.
 
@@ -46,14 +47,16 @@ def _with(piece: Piece, setting: Whole, nominal: Array, spread: Array) -> tuple[
     else:
         sd, dof = _about_smooth(piece, tamed), len(tamed)
         lengths = float(np.sum(np.log(spread)))
-    sd = max(sd, quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread)), 1e-9)
+    rounding = quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
+    sd = max(sd, rounding, 1e-9)
+    least = 1.0 if pure_dof >= PURE_DOF else min(1.0, rounding / sd) ** 2
     by_setting = tuple((k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
                        for k in range(len(counts)))
     unequal = _brown_forsythe(relative, setting, counts)
     factor = np.ones(len(relative))
     if unequal is not None and unequal < UNEQUAL_P:
         factor = np.array([np.sqrt(max(s, 0.2 * sd) / sd) for _, _, s in by_setting])[setting]
-    return (Scatter(nominal + tamed * spread, sd * spread * factor, far, unequal, by_setting),
+    return (Scatter(nominal + tamed * spread, sd * spread * factor, far, least, unequal, by_setting),
             -dof * float(np.log(sd)) - lengths)
 
 

@@ -1,0 +1,136 @@
+"""Calibration: the hidden figures come back with intervals, the range is kept, nothing is overwritten."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from control.calibration import BenchTable, fit_flow, fit_lag
+from control.calibration.response import response_s
+from control.machine.machine import Adopted, Machine, with_effect
+
+MACHINE = Machine(adopted=(Adopted(id="shaft.gain", size=1.0), Adopted(id="flow.gain", size=5.0)))
+
+
+def catch(slope: float, offset: float, lost: float, *, seed: int = 1, sd: float = 0.003,
+          openings: tuple[float, ...] = (8, 20, 40), speeds: tuple[float, ...] = (20, 60, 100)) -> BenchTable:
+    rng = np.random.default_rng(seed)
+    opening, rpm = (a.ravel() for a in np.meshgrid(openings, speeds))
+    opening, rpm = np.tile(opening, 3).astype(float), np.tile(rpm, 3).astype(float)
+    turns = rpm / 60.0 * 45.0
+    mass = (slope * opening + offset) * (1 - lost / 100 * (rpm / 100) ** 3) * turns / 1000
+    mass = mass * (1 + sd * rng.standard_normal(len(rpm)))
+    return BenchTable("catch", {"shaft_rpm": rpm, "opening_mm": opening, "duration_s": np.full(len(rpm), 45.0),
+                                "mass_kg": mass}, path="barn/catch.csv")
+
+
+def lag(intercept: float, slope: float, *, speeds: tuple[float, ...] = (10, 20, 30, 40, 50, 60, 70, 90),
+        sd: float = 0.02, seed: int = 1, column: str = "lag_s") -> BenchTable:
+    rng = np.random.default_rng(seed)
+    rpm = np.tile(np.array(speeds, float), 4)
+    times = intercept + slope * rpm + np.where(rpm > 75, 0.3, 0.0) + sd * rng.standard_normal(len(rpm))
+    return BenchTable("lag", {"shaft_rpm": rpm, column: times}, path="barn/lag.csv")
+
+
+def test_flow_comes_back_with_intervals_that_hold_it() -> None:
+    inside = np.zeros(3)
+    for seed in range(60):
+        machine, fit = fit_flow(catch(5.9, 6.0, 8.0, seed=seed), MACHINE)
+        assert fit.zero_offset_g_rev is not None and fit.fill_falloff_percent is not None
+        for k, (found, true) in enumerate(zip((fit.grams_per_rev_mm, fit.zero_offset_g_rev, fit.fill_falloff_percent),
+                                              (5.9, 6.0, 8.0), strict=True)):
+            inside[k] += found.low <= true <= found.high
+        assert machine.flow.grams_per_rev_mm == fit.grams_per_rev_mm.value
+        assert machine.flow.fill_falloff_percent == fit.fill_falloff_percent.value
+    assert np.all(inside >= 46) and np.all(inside < 60)              # 90 % of 60 is 54
+
+
+def test_terms_that_are_not_there_do_not_enter() -> None:
+    entered = 0
+    for seed in range(60):
+        machine, fit = fit_flow(catch(5.5, 0.0, 0.0, seed=seed), MACHINE)
+        entered += fit.zero_offset_g_rev is not None or fit.fill_falloff_percent is not None
+        if fit.zero_offset_g_rev is None:
+            assert machine.flow.zero_offset_g_rev == 0.0
+    assert entered <= 5
+
+
+def test_one_opening_or_one_speed_is_enough_for_what_it_can_show() -> None:
+    _, fit = fit_flow(catch(6.1, 0.0, 0.0, openings=(25,), speeds=(70,)), MACHINE)
+    assert fit.grams_per_rev_mm.value == pytest.approx(6.1, rel=0.004)
+    assert sum("one opening only" in note or "one shaft speed only" in note for note in fit.notes) == 2
+
+
+def test_outlets_caught_one_by_one_add_up() -> None:
+    table = catch(5.5, 0.0, 0.0)
+    columns = dict(table.columns) | {"mass_kg": table.columns["mass_kg"] / 6.0, "outlet": np.ones(table.rows)}
+    assert fit_flow(BenchTable("catch", columns), MACHINE)[1].grams_per_rev_mm.value == pytest.approx(5.5, rel=0.01)
+
+
+def test_flow_provenance_is_written_and_the_old_machine_untouched() -> None:
+    before = MACHINE.model_dump()
+    machine, fit = fit_flow(catch(5.9, 6.0, 8.0), with_effect(MACHINE, "flow.gain", 5.0), date="2026-05-04")
+    assert MACHINE.model_dump() == before
+    assert machine.flow.gain_percent == 0.0
+    assert [one.id for one in machine.adopted] == ["shaft.gain", "flow.grams_per_rev_mm", "flow.zero_offset",
+                                                   "flow.fill_falloff"]
+    assert machine.adopted[1].data == "barn/catch.csv"
+    assert machine.adopted[1].date == "2026-05-04"
+    assert machine.adopted[1].valid == {"shaft_rpm": (20.0, 100.0), "opening_mm": (8.0, 40.0)}
+    assert "catch.csv" in machine.title
+    assert fit.rows_used == 27
+
+
+def test_lag_line_comes_back_and_rows_beyond_its_range_do_not_bend_it() -> None:
+    lines = [fit_lag(lag(2.4, -0.009, seed=seed), MACHINE)[1] for seed in range(60)]
+    assert 46 <= sum(line.slope_s_per_rpm.low < -0.009 < line.slope_s_per_rpm.high for line in lines) < 60
+    assert 46 <= sum(line.intercept_s.low < 2.4 < line.intercept_s.high for line in lines) < 60
+    machine, line = fit_lag(lag(2.4, -0.009), MACHINE)
+    assert (line.from_rpm, line.to_rpm, line.rows_used) == (10.0, 70.0, 28)
+    assert (machine.fall.valid_from_rpm, machine.fall.valid_to_rpm) == (10.0, 70.0)
+    assert machine.fall.intercept_s == pytest.approx(line.intercept_s.value - 0.383, abs=1e-3)
+    assert any("90 r/min" in note and "+0.3" in note for note in line.notes)
+
+
+def test_lag_line_is_not_extrapolated() -> None:
+    _, line = fit_lag(lag(2.4, -0.009), MACHINE)
+    assert line.lag_s(40.0) == pytest.approx(2.04, abs=0.02)
+    for outside in (5.0, 71.0, 100.0):
+        with pytest.raises(ValueError, match="holds from 10 to 70"):
+            line.lag_s(outside)
+
+
+def test_drop_times_go_in_as_they_are() -> None:
+    machine, line = fit_lag(lag(1.9, -0.008, column="drop_s"), MACHINE)
+    assert machine.fall.intercept_s == line.intercept_s.value
+
+
+def test_a_lag_offset_in_the_machine_is_taken_up_by_the_line() -> None:
+    machine, _ = fit_lag(lag(2.4, -0.009), with_effect(MACHINE, "lag.offset", 0.2))
+    assert machine.fall.offset_s == 0.0
+
+
+def test_response_of_the_nominal_machine_is_the_papers() -> None:
+    for rpm in (10.0, 40.0, 100.0):
+        assert response_s(MACHINE, rpm) == pytest.approx(0.383, abs=0.0015)
+    assert response_s(with_effect(MACHINE, "shaft.dead_time", 0.1), 40.0) == pytest.approx(0.483, abs=0.0015)
+
+
+@pytest.mark.parametrize(("table", "named"), [
+    (catch(5.5, 0, 0), "a lag fit needs a lag table"),
+    (lag(2.4, -0.009, speeds=(10, 20)), "at least 3 are needed"),
+    (lag(0.38, 0.0, column="response_s"), "needs lag_s, drop_s or lag_m"),
+])
+def test_tables_that_give_no_line_are_refused(table: BenchTable, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        fit_lag(table, MACHINE)
+
+
+def test_labels_must_be_chosen() -> None:
+    table = lag(2.4, -0.009)
+    label = np.array(["rig", "field"] * (table.rows // 2))
+    labelled = BenchTable("lag", table.columns, "source", "t.csv", label)
+    with pytest.raises(ValueError, match="say which rows to fit: field, rig"):
+        fit_lag(labelled, MACHINE)
+    with pytest.raises(ValueError, match="allowed field, rig"):
+        fit_lag(labelled, MACHINE, label="barn")
+    assert fit_lag(labelled, MACHINE, label="rig")[1].rows_used <= table.rows // 2

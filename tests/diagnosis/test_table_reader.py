@@ -1,0 +1,85 @@
+"""Bench tables as files: recognised by their columns, refused in one line."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from control.diagnosis.tables import diagnose_tables
+from control.machine.machine import Machine
+from drivers.files.bench_table import read_bench_table
+from drivers.files.table import TableError
+
+HEADERS = {
+    "lag": "shaft_rpm,lag_s\n10,2.1\n20,2.0\n",
+    "catch": "shaft_rpm,opening_mm,duration_s,mass_kg\n20,25,30,1.4\n",
+    "weigh": "plot,area_m2,target_kg,applied_kg\nA,600,22,23\n",
+    "heads": "head,ndvi_reference,ndvi\n1,0.5,0.51\n",
+    "place": "replicate,shaft_rpm,speed_kmh,miss_m\n1,10,4.25,0.2\n",
+}
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "table.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("kind", HEADERS)
+def test_the_kind_is_read_off_the_columns(tmp_path: Path, kind: str) -> None:
+    assert read_bench_table(written(tmp_path, HEADERS[kind])).kind == kind
+
+
+@pytest.mark.parametrize("lag", ["lag_s", "drop_s", "response_s"])
+def test_any_lag_column_will_do(tmp_path: Path, lag: str) -> None:
+    table = read_bench_table(written(tmp_path, f"source,shaft_rpm,{lag}\nrig,10,1.5\nfield,20,1.4\nrig,30,\n"))
+    assert (table.kind, table.label_column, table.rows) == ("lag", "source", 2)
+    assert any("1 rows lack" in text for text in table.findings)
+
+
+def test_speed_in_kmh_is_understood(tmp_path: Path) -> None:
+    speed = read_bench_table(written(tmp_path, "shaft_rpm,speed_kmh,lag_m\n10,3.6,3.1\n20,7.2,5.9\n")).speed_mps()
+    assert speed is not None
+    assert speed.tolist() == pytest.approx([1.0, 2.0])
+
+
+@pytest.mark.parametrize(("text", "kind", "named"), [
+    ("a,b\n1,2\n", None, "no known kind of bench table"),
+    ("shaft_rpm,lag_m\n10,3.1\n", "lag", "column speed_mps or speed_kmh: missing"),
+    ("shaft_rpm,lag_s\n10,300\n", None, "row 1, column lag_s: 300: allowed -5 to 60"),
+    ("shaft_rpm,lag_s\n10,\n20,\n", None, "column lag_s: holds no number"),
+    ("shaft_rpm,lag_s\n", None, "no rows"),
+    ("shaft_rpm,lag_s\n10,2\n", "run", "kind 'run': allowed lag, catch"),
+    ("shaft_rpm,lag_s\n10,2\n", "catch", "column opening_mm: missing: a catch table needs it"),
+])
+def test_what_cannot_be_used_is_said_in_one_line(tmp_path: Path, text: str, kind: str | None, named: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(TableError) as refused:
+        read_bench_table(path, kind)
+    message = str(refused.value)
+    assert named in message
+    assert str(path) in message
+    assert "\n" not in message
+
+
+def test_several_kinds_at_once_must_be_decided(tmp_path: Path) -> None:
+    path = written(tmp_path, "shaft_rpm,speed_mps,lag_s,miss_m\n10,1.2,2.1,0.3\n")
+    with pytest.raises(TableError, match="say which with --kind"):
+        read_bench_table(path)
+    assert read_bench_table(path, "place").kind == "place"
+
+
+def test_no_table_and_a_table_twice_are_refused(tmp_path: Path) -> None:
+    table = read_bench_table(written(tmp_path, HEADERS["lag"]))
+    with pytest.raises(ValueError, match="no table given"):
+        diagnose_tables([], Machine())
+    with pytest.raises(ValueError, match="given twice"):
+        diagnose_tables([table, table], Machine())
+
+
+@pytest.mark.parametrize("kind", HEADERS)
+def test_one_or_two_rows_say_nothing_but_do_not_fail(tmp_path: Path, kind: str) -> None:
+    found = diagnose_tables([read_bench_table(written(tmp_path, HEADERS[kind]))], Machine())
+    assert found.verdict == "none"
+    assert all(np.isfinite(channel.rmse) for channel in found.channels)
