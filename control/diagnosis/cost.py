@@ -4,9 +4,10 @@ from __future__ import annotations
 import numpy as np
 
 from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S
 
 from .hypothesis import Part, schedule, stages_of
-from .residuals import MOST_STEP_S, shaft_channel
+from .residuals import shaft_channel
 from .result import FieldCost
 from .stages_data import RunData
 

@@ -88,7 +88,8 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
     step = float(np.median(steps))
     missing = int(np.round(steps / step - 1.0)[steps > 1.5 * step].sum())
     if missing:
-        findings.append(f"column time_s: about {missing} rows are missing ({100 * missing / (len(order) + missing):.1f} %)")
+        share = 100.0 * missing / (len(order) + missing)
+        findings.append(f"column time_s: about {missing} rows are missing ({share:.1f} %)")
     if np.mean(np.abs(steps / step - 1.0) > 0.25) > 0.2:
         findings.append("column time_s: the sample time is mixed; the median is "
                         f"{step:.3g} s, from {steps.min():.3g} to {steps.max():.3g} s")

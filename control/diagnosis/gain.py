@@ -1,4 +1,4 @@
-"""What putting the model right gains: on blocks of the log that the sizes were not fitted to, and in the closed loop."""
+"""What putting the model right gains: on blocks of the log that no size was fitted to, and in the closed loop."""
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -108,7 +108,8 @@ def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
     inside = chosen < len(full)
     full[chosen[inside]] = amplitude[inside]
     vector = np.concatenate(([1.0], -full[one.columns]))
-    return np.maximum(1e-300, np.einsum("bij,i,j->b", one.gram, vector, vector, optimize=True))
+    power: Array = np.einsum("bij,i,j->b", one.gram, vector, vector, optimize=True)
+    return np.maximum(1e-300, power)
 
 
 def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:

@@ -70,7 +70,8 @@ def _log(time: Array, rpm: Array | float, opening: Array | float, pitch: Array |
     events[np.flatnonzero(np.diff(refill * n) > 0.0) + 1] = f"refill {np.max(refill * n):g}"
     used = np.concatenate(([0.0], np.cumsum(5.5e-3 * turns * wide / 60.0)[:-1])) * STEP_S
     return {"time_s": time, "shaft_rpm_cmd": turns, "shaft_rpm": turns + 1e-4 * np.sin(time), "opening_mm_cmd": wide,
-            "opening_mm": wide + 1e-4 * np.sin(time), "hopper_kg": 260.0 - used + refill * n + 1e-3 * np.sin(7.0 * time),
+            "opening_mm": wide + 1e-4 * np.sin(time),
+            "hopper_kg": 260.0 - used + refill * n + 1e-3 * np.sin(7.0 * time),
             "pitch_deg": pitch * n, "speed_mps": speed * n + 1e-4 * np.sin(5.0 * time),
             "wheel_speed_mps": speed * n + 1e-4 * np.sin(3.0 * time), "supply_v": _volts(time), "events": events}
 

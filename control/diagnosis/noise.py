@@ -24,7 +24,7 @@ class Segments(NamedTuple):
     bounds: tuple[tuple[int, int], ...]
     order: npt.NDArray[np.int64]            # coefficients sorted by band
     starts: npt.NDArray[np.int64]           # first of each band in that order
-    count: Array                            # coefficients per band
+    members: Array                            # coefficients per band
     omega: Array                            # mean angular frequency per band, rad per sample
 
 
@@ -37,9 +37,10 @@ def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> 
     longest = max(end - begin for begin, end in bounds)
     omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in bounds])
     index = omega * longest / np.pi
-    band = np.where(index < 0.5, 0, 1 + np.floor(np.log(np.maximum(index, 1.0)) / np.log(BAND_RATIO) + 1e-9)).astype(int)
+    high = 1 + np.floor(np.log(np.maximum(index, 1.0)) / np.log(BAND_RATIO) + 1e-9)
+    band = np.where(index < 0.5, 0, high).astype(int)
     order = np.argsort(band, kind="stable")
-    kinds, starts, count = np.unique(band[order], return_index=True, return_counts=True)
+    _, starts, count = np.unique(band[order], return_index=True, return_counts=True)
     mean = np.add.reduceat(omega[order], starts) / count
     return Segments(bounds, order, starts, count.astype(np.float64), mean)
 
@@ -96,6 +97,10 @@ class Noise(NamedTuple):
         return float(np.exp(self.theta[2]))
 
 
+def _noise(theta: Array) -> Noise:
+    return Noise((float(theta[0]), float(theta[1]), float(theta[2]), float(theta[3])))
+
+
 def start(prior: NoisePrior) -> Noise:
     return Noise((float(np.log(prior.fast_sd)), float(np.log(prior.fast_s)),
                   float(np.log(prior.fast_sd * prior.slow_share)), float(np.log(prior.slow_s))))
@@ -120,14 +125,14 @@ def _penalty(theta: Array, prior: NoisePrior) -> tuple[float, Array, Array]:
 def log_likelihood(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> float:
     """Whittle log-likelihood of residual band powers (bands,), the prior of the noise included."""
     strength = spectrum(np.array(noise.theta), prior, cut, step_s)
-    whittle = -0.5 * float(np.sum(cut.count * np.log(strength) + power / strength))
+    whittle = -0.5 * float(np.sum(cut.members * np.log(strength) + power / strength))
     return whittle - _penalty(np.array(noise.theta), prior)[0]
 
 
 def fit(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float, rounds: int = 12) -> Noise:
     """Most probable noise for residual band powers (bands,): Fisher scoring with step halving."""
     theta = np.array(noise.theta)
-    best = log_likelihood(power, Noise(tuple(theta)), prior, cut, step_s)
+    best = log_likelihood(power, _noise(theta), prior, cut, step_s)
     for _ in range(rounds):
         strength = spectrum(theta, prior, cut, step_s)
         slopes = np.empty((4, len(strength)))
@@ -136,11 +141,11 @@ def fit(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: fl
             moved[k] += 1e-4
             slopes[k] = (np.log(spectrum(moved, prior, cut, step_s)) - np.log(strength)) / 1e-4
         _, pull, stiff = _penalty(theta, prior)
-        gradient = 0.5 * slopes @ (power / strength - cut.count) - pull
-        fisher = 0.5 * (slopes * cut.count) @ slopes.T + np.diag(stiff)
+        gradient = 0.5 * slopes @ (power / strength - cut.members) - pull
+        fisher = 0.5 * (slopes * cut.members) @ slopes.T + np.diag(stiff)
         step = np.clip(np.linalg.solve(fisher, gradient), -1.5, 1.5)
         for _ in range(6):
-            tried = log_likelihood(power, Noise(tuple(theta + step)), prior, cut, step_s)
+            tried = log_likelihood(power, _noise(theta + step), prior, cut, step_s)
             if tried >= best:
                 break
             step *= 0.5
@@ -150,4 +155,4 @@ def fit(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: fl
         theta = theta + step
         if gained < 1e-3:
             break
-    return Noise(tuple(float(v) for v in theta))
+    return _noise(theta)

@@ -65,4 +65,4 @@ def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
     left = group.data_of(now.parts)[name]
     share = float(np.clip(np.sum(np.asarray(series) ** 2) / max(1e-300, float(np.sum(left ** 2))), 0.0, 1.0))
     return Table(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
-                 tuple(values.tolist()), share)  # type: ignore[arg-type]
+                 tuple(values.tolist()), share)

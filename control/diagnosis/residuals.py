@@ -56,8 +56,8 @@ def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | No
 
     def predict(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "shaft", drive.time_s)
-        out = shaft_run(sets, rows, shaft_start(first, drive.time_s[0]), ShaftOutput(first, first), inputs,
-                        drive.time_s, step_s)
+        out = shaft_run(sets, rows, shaft_start(first, drive.clock_s[0]), ShaftOutput(first, first), inputs,
+                        drive.clock_s, step_s)
         return drive.grid.of(out[:, 1])
     floor = _floor(drive.measured)
     return _channel("shaft", "r/min", drive.grid, drive.measured, predict,
@@ -70,8 +70,8 @@ def gate_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | Non
 
     def predict(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "gate", drive.time_s)
-        out = gate_run(sets, rows, gate_start(first, drive.time_s[0]), GateOutput(first, first), inputs,
-                       drive.time_s, step_s)
+        out = gate_run(sets, rows, gate_start(first, drive.clock_s[0]), GateOutput(first, first), inputs,
+                       drive.clock_s, step_s)
         return drive.grid.of(out[:, 1])
     floor = _floor(drive.measured)
     return _channel("gate", "mm", drive.grid, drive.measured, predict,

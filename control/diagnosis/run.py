@@ -16,8 +16,8 @@ from .detectable import not_shown
 from .gain import measure_gain
 from .hypothesis import schedule, stages_of
 from .naming import Named, name
-from .residuals import channels, step_error
 from .next_run import next_run
+from .residuals import channels, step_error
 from .result import (
     Cause,
     Channel,

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from control.machine.machine import CATALOGUE, Machine
+from control.machine.over_log import MOST_STEP_S
 
 from . import noise as noises
 from .hypothesis import Part, Parts, bounds, schedule, stages_of
 from .likelihood import Column, Fit, Problem, fitted, problem, projected, solved
 from .noise import Noise, coefficients, series_of
-from .residuals import FINE_S, MOST_STEP_S, Channel
+from .residuals import FINE_S, Channel
 from .sensitivities import (
     FORM_CHANNEL,
     FORM_OVER,
@@ -143,8 +144,7 @@ class Group:
             for share in (1.0, 0.4, 0.15):
                 self._move({key: float(np.clip(before.get(key, 0.0) + share * size, -3.0 * n.sd, 3.0 * n.sd))
                             for key, (n, size) in step.items()})
-                tried = tuple(part._replace(size=float(np.clip(part.size + share * sizes.get(k, 0.0), *bounds(part.id))))
-                              for k, part in enumerate(parts))
+                tried = tuple(_grown(part, share * sizes.get(k, 0.0)) for k, part in enumerate(parts))
                 now = self._at_rest(tried)
                 if now > best:
                     break
@@ -265,7 +265,7 @@ class Group:
             if part.id == "speed.gnss_latency":
                 step = 2.0 * FINE_S
             touched = self._touched(part.id)
-            low, high = bounds(part.id)
+            high = bounds(part.id)[1]
             step = step if part.size + step <= high else -step
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
             now = self.predicted(parts)
@@ -296,7 +296,8 @@ class Group:
             own = normal[len(self._fixed), len(self._fixed)]
             for k, wobble in enumerate(wobbles):
                 at = len(self._fixed) + 1 + k
-                sd = share * abs(part.size) * np.sqrt(max(own, 0.0) / max(normal[at, at], 1e-12)) / np.sqrt(len(wobbles))
+                ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
+                sd = share * abs(part.size) * np.sqrt(ratio)
                 found.append(Column(f"{wobble.key} of {part.id}", wobble.coefficients, max(1e-9, float(sd))))
         return found
 
@@ -411,6 +412,11 @@ class Group:
                 if channel.name in column.coefficients:
                     left -= size * column.coefficients[channel.name]
             self._excess[channel.name] = _lone(series_of(left, channel.cut))
+
+
+def _grown(part: Part, by: float) -> Part:
+    low, high = bounds(part.id)
+    return part._replace(size=min(high, max(low, part.size + float(by))))
 
 
 def _lone(left: Array) -> Array:

@@ -8,9 +8,10 @@ import numpy.typing as npt
 
 from control.machine.elements import FLAT, Table
 from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S
 
 from .hypothesis import Part, Stages, schedule
-from .residuals import MOST_STEP_S, Channel, hopper_channel
+from .residuals import Channel, hopper_channel
 from .stages_data import RunData
 
 Array = npt.NDArray[np.float64]
@@ -46,12 +47,12 @@ def span(data: RunData, variable: str) -> Span | None:
     low, high = np.percentile(values, (1.0, 99.0))
     if not high - low >= LEAST_RANGE[variable]:
         return None
-    return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))  # type: ignore[arg-type]
+    return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
 
 
 def shape(k: int) -> Table:
     """The k-th half-wave at the nodes, k from 1."""
-    return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())  # type: ignore[return-value]
+    return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())
 
 
 def at_times(data: RunData, variable: str, time_s: Array) -> Array:

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S
 
 from .hypothesis import Part, schedule, stages_of
-from .residuals import MOST_STEP_S, hopper_channel
+from .residuals import hopper_channel
 from .stages_data import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]

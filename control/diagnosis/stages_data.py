@@ -13,6 +13,8 @@ from .data_gate import HEADS, Clean
 
 Array = npt.NDArray[np.float64]
 
+MOST_ROWS = 100_000         # of a drive or of the speeds; longer logs are looked at in windows
+WINDOWS = 5
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
@@ -29,9 +31,10 @@ MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothin
 class Grid(NamedTuple):
     """From a log's rows to an even grid: gaps are bridged by straight lines, in data and prediction alike."""
 
-    time_s: Array               # of the known rows
+    clock_s: Array              # of the known rows; a long log's windows follow each other without a gap
     rows: npt.NDArray[np.int64]
-    even_s: Array
+    even_clock_s: Array
+    even_s: Array               # time in the log
     step_s: float
     as_is: bool                 # every row is known and evenly spaced
 
@@ -40,15 +43,16 @@ class Grid(NamedTuple):
         if self.as_is:
             return series[..., self.rows]
         if series.ndim == 1:
-            return np.interp(self.even_s, self.time_s, series[self.rows])
-        return np.array([np.interp(self.even_s, self.time_s, one[self.rows]) for one in series])
+            return np.interp(self.even_clock_s, self.clock_s, series[self.rows])
+        return np.array([np.interp(self.even_clock_s, self.clock_s, one[self.rows]) for one in series])
 
 
 class Drive(NamedTuple):
     """Shaft or gate: command to read-back, at the log's own rows."""
 
     name: str
-    time_s: Array
+    time_s: Array               # in the log
+    clock_s: Array              # as the model is run
     command: Array
     measured: Array
     opening_mm: Array
@@ -169,19 +173,39 @@ def _smooth(series: Array, step_s: float) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
-def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float) -> Grid:
+def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array | None = None) -> Grid:
     rows = np.flatnonzero(known)
-    inner = time[rows]
+    inner = (time if clock is None else clock)[rows]
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
     as_is = count == len(rows) and bool(np.allclose(inner, even, atol=0.2 * step_s))
-    return Grid(inner, rows, even, step_s, as_is)
+    there = even if clock is None else np.interp(even, inner, time[rows])
+    return Grid(inner, rows, even, there, step_s, as_is)
 
 
 def _drive(name: str, time: Array, command: Array, measured: Array, opening: Array, supply: Array,
            step_s: float) -> Drive:
-    known = np.isfinite(measured) & (time >= time[0] + SETTLE_S)
-    return Drive(name, time, command, measured, opening, supply, _grid(time, known, step_s))
+    pick, clock, since = _windows(time, step_s)
+    known = np.isfinite(measured[pick]) & (since >= SETTLE_S)
+    grid = _grid(time[pick], known, step_s, clock)
+    return Drive(name, time[pick], clock, command[pick], measured[pick], opening[pick], supply[pick], grid)
+
+
+def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """Rows of a log that are looked at row by row, their clock without the gaps, and the time since their window began.
+
+    All rows of a log of up to MOST_ROWS; else WINDOWS even stretches of it: a drive's answer to its command is as
+    well known after a hundred thousand rows as after a million.
+    """
+    if len(time) <= MOST_ROWS:
+        return np.arange(len(time)), time, time - time[0]
+    starts = np.linspace(0, len(time) - MOST_ROWS // WINDOWS, WINDOWS).astype(int)
+    rows = np.concatenate([np.arange(begin, begin + MOST_ROWS // WINDOWS) for begin in starts])
+    spans = np.diff(time[rows], prepend=time[rows[0]])
+    seam = np.diff(rows, prepend=rows[0]) > 1
+    clock = time[rows[0]] + np.cumsum(np.where(seam, step_s, spans))
+    begun = np.maximum.accumulate(np.where(seam, clock, clock[0]))
+    return rows, clock, clock - begun
 
 
 def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float,
@@ -262,7 +286,7 @@ def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
     """The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of."""
     fresh = _fresh(gnss)
     known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
-    rows = np.flatnonzero(known)
+    rows = np.flatnonzero(known)[:MOST_ROWS]
     at = time[rows]
     step = float(np.median(np.diff(at)))
     wheel_there = wheel[rows]
@@ -289,6 +313,7 @@ def _heads(time: Array, ndvi: Array) -> Heads | None:
     known = np.isfinite(some).all(axis=0)
     changed = np.concatenate(([True], (some[:, 1:] != some[:, :-1]).any(axis=0)))
     rows = np.flatnonzero(known & changed)
+    rows = rows[::max(1, len(rows) // MOST_ROWS)]
     if len(rows) < 40:
         return None
     at = time[rows]

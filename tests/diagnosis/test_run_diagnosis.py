@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from control.diagnosis.extend import extend
-from control.diagnosis.next_run import manoeuvres, separation
 from control.diagnosis.hypothesis import Part
+from control.diagnosis.next_run import manoeuvres, separation
 from control.diagnosis.run import Cancelled, diagnose_run
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.flow import FlowInput, FlowOutput, flow_start
@@ -27,7 +27,7 @@ def levels(rng, time, low, high, hold_s):
 
 
 def a_run(machine, seed=1, seconds=900.0, still_opening=False):
-    """Columns of a run of `machine` with its sensors' noise: random set-points, headlands, a slope, a wandering supply."""
+    """Columns of a run of `machine` with its noise: random set-points, headlands, a slope, a wandering supply."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, STEP_S)
     n, noise = len(time), machine.noise
