@@ -1,0 +1,284 @@
+"""What was applied where: a run log as stretches of ground, each with its area, target and mass; and the sums."""
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+
+from control.field.totals import Totaliser, Totals
+from control.geodesy import TangentPlane
+from control.machine.fall import drop_s
+from control.machine.machine import Machine
+from control.orders import State, TargetSource
+from drivers.files.read_log import RunLog
+
+Floats = npt.NDArray[np.float64]
+
+TURNING_RPM = 2.0           # the lag paper's threshold of a shaft that turns
+MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
+DEFAULT_EVERY_S = 1.0
+NEEDED = ("lat_deg", "lon_deg", "speed_used_mps", "applied_rate_kg_ha")
+
+
+class ExportError(Exception):
+    """The log cannot be exported; one line that names file, column and what is allowed."""
+
+
+class Product(NamedTuple):
+    name: str
+    n_fraction: float           # N in the product, 0 to 1
+
+
+class Stretches(NamedTuple):
+    """Stretches (n,) of worked ground in the order they were worked; places are where the material came to lie."""
+
+    time_s: Floats              # of release, in the middle
+    lat_deg: Floats
+    lon_deg: Floats
+    corners_deg: Floats         # (n, 4, 2) latitude, longitude: left, right at the begin, right, left at the end
+    heading_deg: Floats
+    speed_mps: Floats
+    duration_s: Floats
+    length_m: Floats            # speed x duration
+    area_m2: Floats             # length x working width
+    target_kg_ha: Floats        # NaN: not known
+    applied_kg_ha: Floats
+    target_kg: Floats           # 0 where not known
+    applied_kg: Floats
+    shaft_rpm: Floats
+    opening_mm: Floats
+    fix_quality: Floats
+    satellites: Floats
+    hdop: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class AsApplied:
+    """A job as it was done. Sums of the stretches are the log's own to rounding."""
+
+    title: str
+    machine: Machine
+    product: Product
+    stretches: Stretches
+    totals: Totals
+    begin_utc: dt.datetime | None       # of time_s = 0
+    field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
+
+    @property
+    def width_m(self) -> float:
+        return self.machine.geometry.working_width_m
+
+    def utc(self, time_s: float) -> dt.datetime | None:
+        return None if self.begin_utc is None else self.begin_utc + dt.timedelta(seconds=time_s)
+
+
+def as_applied(log: RunLog, machine: Machine | None = None, product: Product | None = None,
+               every_s: float = DEFAULT_EVERY_S) -> AsApplied:
+    """The worked rows of a log, gathered in stretches of at most `every_s`.
+
+    The applied rate is the log's, times the scale's correction of the flow model where the log has one. A stretch
+    lies where its material landed: behind the antenna by the machine's measure, and on by the drop time.
+    machine, product: where the log's sidecar names none. Raises ExportError.
+    """
+    machine = machine or _machine(log)
+    for column in NEEDED:
+        if not log.has(column):
+            raise ExportError(f"{log.path}: column {column}: empty: allowed is a log that has it")
+    if not every_s > 0.0:
+        raise ExportError(f"{log.path}: every {every_s:g} s: allowed is above 0")
+    rows = _worked(log, machine)
+    if not len(rows.time_s):
+        raise ExportError(f"{log.path}: no row of work with a place: allowed is a log with some")
+    product = product or _product(log)
+    return AsApplied(log.path.stem, machine, product, _gathered(rows, machine, every_s),
+                     _totals(log, machine, product), _begin_utc(log), _field(log))
+
+
+class _Rows(NamedTuple):
+    """Worked rows (n,), and where each one's material came to lie on a plane, begin and end of its step."""
+
+    plane: TangentPlane
+    time_s: Floats
+    step_s: Floats
+    speed_mps: Floats
+    applied_kg_ha: Floats
+    target_kg_ha: Floats
+    begin_m: Floats             # (n, 2)
+    end_m: Floats
+    heading_deg: Floats
+    shaft_rpm: Floats
+    opening_mm: Floats
+    fix_quality: Floats
+    satellites: Floats
+    hdop: Floats
+
+
+def _worked(log: RunLog, machine: Machine) -> _Rows:
+    time = log.time_s
+    step = np.diff(time, prepend=time[:1])
+    applied, speed = applied_rate_kg_ha(log), log.numbers("speed_used_mps")
+    counts = is_worked(log) & (step > 0.0) & (step <= MOST_STEP_S)
+    counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
+    shaft = log.numbers("shaft_rpm")
+    drop = np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()])
+    plane, way_m, heading = _outlet_way(log, machine)
+    lands = time + drop
+    begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
+    turned = np.degrees(np.unwrap(np.radians(heading)))
+    at = np.interp(lands - 0.5 * step, time, turned) % 360.0
+    columns = [time, step, speed, applied, log.numbers("target_rate_kg_ha"), begin, end, at, shaft,
+               log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
+    return _Rows(plane, *(column[counts] for column in columns))
+
+
+def applied_rate_kg_ha(log: RunLog) -> Floats:
+    """The log's applied rate (n,), the scale's correction included where the log has one."""
+    trim = log.numbers("flow_trim")
+    return np.asarray(log.numbers("applied_rate_kg_ha") * np.where(np.isfinite(trim), trim, 1.0), dtype=np.float64)
+
+
+def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
+    """Rows (n,) in which work went on: working, and not where nothing was wanted (off the field) and nothing came.
+
+    A log that tells neither state nor source worked all the time.
+    """
+    working = np.asarray(log.texts("state") == State.WORKING.value) | (not log.has("state"))
+    off_field = np.asarray(log.texts("target_source") == TargetSource.NONE.value)
+    turning = (log.numbers("shaft_rpm_cmd") > 0.0) | (log.numbers("shaft_rpm") > TURNING_RPM)
+    return np.asarray(working & (~off_field | turning), dtype=np.bool_)
+
+
+def _outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
+    """Plane, places of the outlets (rows, 2) m, and headings (rows,): from fix to fix, not in steps."""
+    time, lat, lon = log.time_s, log.numbers("lat_deg"), log.numbers("lon_deg")
+    known = np.isfinite(lat) & np.isfinite(lon)
+    fresh = known & (np.diff(lat, prepend=np.nan) != 0.0) | known & (np.diff(lon, prepend=np.nan) != 0.0)
+    if np.count_nonzero(fresh) < 2:
+        raise ExportError(f"{log.path}: columns lat_deg, lon_deg: fewer than two places: allowed are two or more")
+    plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
+    places = plane.many_to_m(lat[fresh], lon[fresh])
+    antenna = np.column_stack([np.interp(time, time[fresh], places[:, k]) for k in (0, 1)])
+    told = log.numbers("heading_deg")
+    if np.isfinite(told).any():
+        has = np.isfinite(told)
+        turned = np.interp(time, time[has], np.unwrap(np.radians(told[has])))
+    else:
+        way = np.gradient(antenna, axis=0)
+        turned = np.unwrap(np.arctan2(way[:, 0], way[:, 1]))
+    ahead = np.column_stack((np.sin(turned), np.cos(turned)))
+    return plane, antenna - machine.geometry.antenna_m * ahead, np.degrees(turned) % 360.0
+
+
+def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
+    """Places (n, 2) at the moments (n,); after the log's end straight on as fast as before it."""
+    back = int(np.searchsorted(time_s, time_s[-1] - 1.0))
+    lasts = time_s[-1] - time_s[back]
+    speed = (way_m[-1] - way_m[back]) / lasts if lasts > 0.0 else np.zeros(2)
+    beyond = np.maximum(0.0, moments_s - time_s[-1])[:, None] * speed
+    along = np.column_stack([np.interp(moments_s, time_s, way_m[:, k]) for k in (0, 1)])
+    return np.asarray(along + beyond, dtype=np.float64)
+
+
+def _gathered(rows: _Rows, machine: Machine, every_s: float) -> Stretches:
+    width = machine.geometry.working_width_m
+    breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
+    period = np.floor(rows.time_s / every_s + 1e-9)
+    first = np.flatnonzero(np.concatenate(([True], breaks | (np.diff(period) != 0.0))))
+    last = np.append(first[1:], len(rows.time_s)) - 1
+    length = rows.speed_mps * rows.step_s
+    area_ha = length * width / 10_000.0
+    kg = np.add.reduceat(area_ha * rows.applied_kg_ha, first)
+    known = np.isfinite(rows.target_kg_ha)
+    target_kg = np.add.reduceat(np.where(known, area_ha * rows.target_kg_ha, 0.0), first)
+    target_ha = np.add.reduceat(np.where(known, area_ha, 0.0), first)
+    ha = np.add.reduceat(area_ha, first)
+    duration = np.add.reduceat(rows.step_s, first)
+    begin, end = rows.begin_m[first], rows.end_m[last]
+    middle = 0.5 * (begin + end)
+    centre = first + (last - first) // 2
+    heading = rows.heading_deg[centre]
+    corners = _corners(begin, end, rows.heading_deg[first], rows.heading_deg[last], width)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        target = target_kg / target_ha
+    lat_lon = _to_deg(rows.plane, middle)
+    return Stretches(
+        rows.time_s[last] - 0.5 * duration, lat_lon[:, 0], lat_lon[:, 1],
+        _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2), heading,
+        np.add.reduceat(length, first) / duration, duration, np.add.reduceat(length, first), 10_000.0 * ha, target,
+        kg / ha, target_kg, kg, rows.shaft_rpm[centre], rows.opening_mm[centre], rows.fix_quality[centre],
+        rows.satellites[centre], rows.hdop[centre])
+
+
+def _corners(begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float) -> Floats:
+    """Left and right at the begin, right and left at the end: (n, 4, 2) m."""
+    def right(heading_deg: Floats) -> Floats:
+        angle = np.radians(heading_deg)
+        return 0.5 * width_m * np.column_stack((np.cos(angle), -np.sin(angle)))
+
+    return np.stack((begin - right(from_deg), begin + right(from_deg),
+                     end + right(to_deg), end - right(to_deg)), axis=1)
+
+
+def _to_deg(plane: TangentPlane, places: Floats) -> Floats:
+    return np.array([plane.to_deg(east, north) for east, north in places.tolist()])
+
+
+def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
+    """What the log itself adds up to, row by row."""
+    totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
+    time = log.time_s
+    step = np.diff(time, prepend=time[:1])
+    counts = is_worked(log) & (step <= MOST_STEP_S)
+    columns = (step, log.numbers("speed_used_mps"), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"))
+    for seconds, speed, applied, target in zip(*(column[counts].tolist() for column in columns), strict=True):
+        totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
+                      None if target != target else target)
+    return totaliser.snapshot()
+
+
+def _machine(log: RunLog) -> Machine:
+    if log.meta is None or log.meta.machine is None:
+        raise ExportError(f"{log.path}: no machine beside the log: allowed is a log with its NAME.yaml, or --machine")
+    try:
+        return Machine.model_validate(log.meta.machine)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ExportError(f"{log.path.with_suffix('.yaml')}: machine: {'.'.join(map(str, first['loc']))}: "
+                          f"{first['msg']}") from None
+
+
+def _product(log: RunLog) -> Product:
+    crop = (log.meta.crop if log.meta else None) or {}
+    return Product(str(crop.get("product", "product")), float(crop.get("product_n_fraction", 0.0)))
+
+
+def _field(log: RunLog) -> Floats | None:
+    """The job's field (k, 2) latitude and longitude; None where the log does not tell."""
+    ground = ((log.meta.job if log.meta else None) or {}).get("field") or {}
+    corners = ground.get("boundary_m")
+    if not corners:
+        return None
+    plane = TangentPlane(float(ground["origin_lat_deg"]), float(ground["origin_lon_deg"]))
+    return _to_deg(plane, np.asarray(corners, dtype=np.float64))
+
+
+def _begin_utc(log: RunLog) -> dt.datetime | None:
+    texts = log.texts("utc")
+    known = np.flatnonzero(texts != "")
+    if len(known):
+        at = int(known[0])
+        moment = _moment(str(texts[at]))
+        return None if moment is None else moment - dt.timedelta(seconds=float(log.time_s[at]))
+    return _moment(log.meta.started_utc) if log.meta and log.meta.started_utc else None
+
+
+def _moment(text: str) -> dt.datetime | None:
+    try:
+        moment = dt.datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return moment.replace(tzinfo=dt.UTC) if moment.tzinfo is None else moment.astimezone(dt.UTC)

@@ -1,0 +1,57 @@
+"""The fields of the flat exports (CSV, GeoJSON, shapefile): one table for all three."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from control.machine.elements import Array
+from drivers.files.exports.as_applied import AsApplied
+
+
+class Column(NamedTuple):
+    """`name` in CSV and GeoJSON; `short`: the shapefile's, ten characters at most; `decimals`: what is kept."""
+
+    name: str
+    short: str
+    width: int
+    decimals: int
+    of: Callable[[AsApplied], Array]
+
+
+COLUMNS = (
+    Column("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
+    Column("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
+    Column("lon_deg", "LONGITUDE", 14, 9, lambda a: a.stretches.lon_deg),
+    Column("heading_deg", "HEADING", 8, 1, lambda a: a.stretches.heading_deg),
+    Column("speed_mps", "SPEED_MPS", 8, 3, lambda a: a.stretches.speed_mps),
+    Column("duration_s", "DURATION_S", 9, 3, lambda a: a.stretches.duration_s),
+    Column("distance_m", "DISTANCE_M", 10, 4, lambda a: a.stretches.length_m),
+    Column("swath_width_m", "SWATHWDTH", 8, 3, lambda a: np.full_like(a.stretches.time_s, a.width_m)),
+    Column("area_m2", "AREA_M2", 12, 5, lambda a: a.stretches.area_m2),
+    Column("target_rate_kg_ha", "TARGETRATE", 10, 3, lambda a: a.stretches.target_kg_ha),
+    Column("applied_rate_kg_ha", "APPLIEDRAT", 10, 3, lambda a: a.stretches.applied_kg_ha),
+    Column("target_kg", "TARGET_KG", 14, 8, lambda a: a.stretches.target_kg),
+    Column("applied_kg", "APPLIED_KG", 14, 8, lambda a: a.stretches.applied_kg),
+    Column("applied_n_kg", "N_KG", 14, 8, lambda a: a.stretches.applied_kg * a.product.n_fraction),
+    Column("shaft_rpm", "SHAFT_RPM", 8, 2, lambda a: a.stretches.shaft_rpm),
+    Column("opening_mm", "OPENING_MM", 8, 2, lambda a: a.stretches.opening_mm),
+    Column("fix_quality", "FIXQUALITY", 4, 0, lambda a: a.stretches.fix_quality),
+)
+
+
+def records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
+    """For each stretch its time (ISO 8601, empty where not known) and the columns' values, rounded; None: not known."""
+    arrays = [np.round(column.of(applied), column.decimals).tolist() for column in COLUMNS]
+    for k, time_s in enumerate(applied.stretches.time_s.tolist()):
+        moment = applied.utc(time_s)
+        text = "" if moment is None else moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        yield text, [None if array[k] != array[k] else array[k] for array in arrays]
+
+
+def summary(applied: AsApplied) -> dict[str, object]:
+    """The sums, in words and units for a machine to read; they are the log's own, row by row."""
+    return {"format": "topdress-as-applied/1", "machine": applied.machine.id, "product": applied.product.name,
+            "product_n_fraction": applied.product.n_fraction, "working_width_m": applied.width_m,
+            **applied.totals._asdict()}

@@ -1,0 +1,62 @@
+"""As-applied as CSV, GeoJSON and shapefile: points, or the ground of each stretch as a polygon."""
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import shapefile
+
+from drivers.files.atomic import write_atomically
+from drivers.files.exports.as_applied import AsApplied
+from drivers.files.exports.columns import COLUMNS, records, summary
+from drivers.files.prescriptions.task_folder import WGS84_PRJ
+
+
+def write_csv(applied: AsApplied, path: Path) -> None:
+    """UTF-8, one header row, empty = not known. Raises OSError."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["utc", *(column.name for column in COLUMNS)])
+    for utc, values in records(applied):
+        writer.writerow([utc, *("" if value is None else f"{value:.{column.decimals}f}"
+                                for column, value in zip(COLUMNS, values, strict=True))])
+    write_atomically(path, text.getvalue())
+
+
+def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> None:
+    """RFC 7946; the sums stand in the foreign member `topdress`. Raises OSError."""
+    corners = applied.stretches.corners_deg.round(9).tolist()
+    features = []
+    for k, (utc, values) in enumerate(records(applied)):
+        properties: dict[str, Any] = dict(zip((column.name for column in COLUMNS), values, strict=True))
+        if polygons:
+            ring = [[lon, lat] for lat, lon in corners[k]]
+            geometry: dict[str, Any] = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+        else:
+            geometry = {"type": "Point", "coordinates": [properties["lon_deg"], properties["lat_deg"]]}
+        features.append({"type": "Feature", "properties": {"utc": utc or None, **properties}, "geometry": geometry})
+    write_atomically(path, json.dumps({"type": "FeatureCollection", "name": applied.title,
+                                       "topdress": summary(applied), "features": features}))
+
+
+def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
+    """Names of at most ten characters; beside it .dbf, .shx, .prj (WGS84), .cpg. Raises OSError."""
+    corners = applied.stretches.corners_deg.tolist()
+    kind = shapefile.POLYGON if polygons else shapefile.POINT
+    with shapefile.Writer(str(path), shapeType=kind, encoding="utf-8") as writer:
+        writer.field("ISOTIME", "C", 24)
+        for column in COLUMNS:
+            writer.field(column.short, "N", column.width, column.decimals)
+        writer.field("PRODUCT", "C", 30)
+        for k, (utc, values) in enumerate(records(applied)):
+            if polygons:
+                ring = [(lon, lat) for lat, lon in reversed(corners[k])]
+                writer.poly([[*ring, ring[0]]])
+            else:
+                writer.point(applied.stretches.lon_deg[k], applied.stretches.lat_deg[k])
+            writer.record(utc, *values, applied.product.name[:30])
+    write_atomically(path.with_suffix(".prj"), WGS84_PRJ)
+    write_atomically(path.with_suffix(".cpg"), "UTF-8")

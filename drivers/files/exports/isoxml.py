@@ -1,0 +1,125 @@
+"""As-applied as an ISO 11783-10 task: task with totals, device description, product, field, and the time log."""
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from drivers.files.exports.as_applied import AsApplied, ExportError
+from drivers.files.exports.time_log import NO_STATUS, Logged, Moment, layout, records
+from drivers.files.prescriptions.task_folder import degrees, task_root, write_task
+
+# ISO 11783-11: what is logged, with the steps of its numbers
+SETPOINT_RATE, ACTUAL_RATE = 6, 7               # mg/m2
+WIDTH, SPEED, WORK_STATE = 67, 397, 141         # mm, mm/s, 1 = working
+TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119    # g, g, m2, mm, s
+LOGGED = (SETPOINT_RATE, ACTUAL_RATE, WIDTH, SPEED, WORK_STATE, TOTAL_MASS, TOTAL_AREA, TOTAL_DISTANCE)
+NAMES = {SETPOINT_RATE: "target rate", ACTUAL_RATE: "applied rate", WIDTH: "working width", SPEED: "speed",
+         WORK_STATE: "work state", TOTAL_MASS: "applied", TOTAL_N: "applied nitrogen", TOTAL_AREA: "area",
+         TOTAL_DISTANCE: "distance", TOTAL_TIME: "working time"}
+TOTALS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
+
+ELEMENT = "DET1"
+CLIENT_NAME = "A00084000DE00001"        # self-configurable, fertiliser class, no manufacturer's number
+BREAK_S = 0.5                           # a longer pause between stretches ends the work for the record
+
+
+def write_isoxml(applied: AsApplied, path: Path) -> None:
+    """A task folder, or a zip where the path ends in .zip. Raises ExportError where the log tells no time, OSError."""
+    root, files = as_applied_task(applied)
+    write_task(path, root, files)
+
+
+def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
+    """The task file's tree and the files beside it. Raises ExportError."""
+    begin, end = (applied.utc(float(time)) for time in _span_s(applied))
+    if begin is None or end is None:
+        raise ExportError(f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
+                          "started_utc beside it")
+    root = task_root(from_terminal=True)
+    SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
+    SubElement(root, "PDT", A="PDT1", B=applied.product.name)
+    if applied.field_deg is not None:
+        _field(root, applied)
+    _device(root, applied)
+    task = SubElement(root, "TSK", A="TSK1", B=applied.title[:32], G="4")
+    if applied.field_deg is not None:
+        task.set("E", "PFD1")
+    worked = SubElement(task, "TIM", A=_stamp(begin), B=_stamp(end), C=str(round((end - begin).total_seconds())),
+                        D="4")
+    for ddi, value in zip(TOTALS, _final_totals(applied), strict=True):
+        SubElement(worked, "DLV", A=f"{ddi:04X}", B=str(value), C=ELEMENT)
+    SubElement(task, "DAN", A=CLIENT_NAME, C="DVC1")
+    SubElement(task, "PAN", A="PDT1", E=ELEMENT)
+    binary = records(_moments(applied))
+    SubElement(task, "TLG", A="TLG00001", B=str(len(binary)), C="1")
+    return root, {"TLG00001.xml": layout([Logged(ddi, ELEMENT) for ddi in LOGGED]), "TLG00001.bin": binary}
+
+
+def _moments(applied: AsApplied) -> Iterator[Moment]:
+    """A record at the end of each stretch, with the sums up to there; one more where work stops."""
+    s = applied.stretches
+    grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
+    square_metres = np.round(np.cumsum(s.area_m2)).astype(np.int64).tolist()
+    millimetres = np.round(1000.0 * np.cumsum(s.length_m)).astype(np.int64).tolist()
+    ends = s.time_s + 0.5 * s.duration_s
+    stops = np.append(s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > BREAK_S, True).tolist()
+    for k, end_s in enumerate(ends.tolist()):
+        values = [_whole(100.0 * s.target_kg_ha[k]), _whole(100.0 * s.applied_kg_ha[k]),
+                  round(1000.0 * applied.width_m), _whole(1000.0 * s.speed_mps[k]), 1, grams[k], square_metres[k],
+                  millimetres[k]]
+        yield _moment(applied, k, end_s, values)
+        if stops[k]:
+            yield _moment(applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None])
+
+
+def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None]) -> Moment:
+    s = applied.stretches
+    utc = applied.utc(time_s)
+    assert utc is not None
+    fix, satellites, hdop = s.fix_quality[k], s.satellites[k], s.hdop[k]
+    return Moment(utc, float(s.lat_deg[k]), float(s.lon_deg[k]), NO_STATUS if fix != fix else int(fix),
+                  None if hdop != hdop else float(hdop), None if satellites != satellites else int(satellites), values)
+
+
+def _final_totals(applied: AsApplied) -> tuple[int, ...]:
+    """In the order of TOTALS, from the log's own sums."""
+    totals, length_m = applied.totals, float(applied.stretches.length_m.sum())
+    return (round(1000.0 * totals.applied_kg), round(1000.0 * totals.applied_n_kg), round(10_000.0 * totals.area_ha),
+            round(1000.0 * length_m), round(totals.worked_s))
+
+
+def _device(root: Element, applied: AsApplied) -> None:
+    device = SubElement(root, "DVC", A="DVC1", B=applied.machine.id[:32], C=root.get("ManagementSoftwareVersion", ""),
+                        D=CLIENT_NAME, F="00000000000001", G="FF000000406E65")
+    element = SubElement(device, "DET", A=ELEMENT, B="1", C="1", D="applicator", E="0", F="0")
+    described = sorted({*LOGGED, *TOTALS})
+    for number, _ in enumerate(described, start=2):
+        SubElement(element, "DOR", A=str(number))
+    for number, ddi in enumerate(described, start=2):
+        SubElement(device, "DPD", A=str(number), B=f"{ddi:04X}", C="0", D="16" if ddi in TOTALS else "1", E=NAMES[ddi])
+
+
+def _field(root: Element, applied: AsApplied) -> None:
+    assert applied.field_deg is not None
+    field = SubElement(root, "PFD", A="PFD1", C=applied.title[:32], D="0")
+    line = SubElement(SubElement(field, "PLN", A="1"), "LSG", A="1")
+    corners = applied.field_deg.tolist()
+    for lat, lon in [*corners, corners[0]]:
+        SubElement(line, "PNT", A="2", C=degrees(round(lat, 9)), D=degrees(round(lon, 9)))
+
+
+def _span_s(applied: AsApplied) -> tuple[float, float]:
+    s = applied.stretches
+    return float(s.time_s[0] - 0.5 * s.duration_s[0]), float(s.time_s[-1] + 0.5 * s.duration_s[-1])
+
+
+def _stamp(moment: dt.datetime) -> str:
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _whole(value: float) -> int | None:
+    return None if value != value else round(value)

@@ -1,0 +1,61 @@
+"""ISO 11783-10 time log (TLG): the binary records of what a device did, and the XML that tells their layout."""
+from __future__ import annotations
+
+import datetime as dt
+import struct
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+FIRST_DAY = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
+# ms of day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1), satellites
+HEAD = struct.Struct("<IHiiBHB")
+VALUE = struct.Struct("<Bi")            # which data, its value
+HIGHEST = 2_147_483_647
+NO_STATUS = 15
+
+
+class Logged(NamedTuple):
+    """One process data that is logged: data dictionary identifier and device element."""
+
+    ddi: int
+    element: str
+
+
+class Moment(NamedTuple):
+    """One record. values: as many as there are data; None: not known, left out."""
+
+    utc: dt.datetime
+    lat_deg: float
+    lon_deg: float
+    status: int                 # as GGA's fix quality; 15: not known
+    hdop: float | None
+    satellites: int | None
+    values: Sequence[int | None]
+
+
+def layout(data: Sequence[Logged]) -> bytes:
+    """The XML beside the binary: empty attributes are those that every record holds."""
+    root = Element("TIM", A="", D="4")
+    SubElement(root, "PTN", A="", B="", D="", F="", G="")
+    for item in data:
+        SubElement(root, "DLV", A=f"{item.ddi:04X}", B="", C=item.element)
+    ElementTree.indent(root)
+    return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True))
+
+
+def records(moments: Iterable[Moment]) -> bytes:
+    """The binary. A value beyond 32 bits is held at the end of its range."""
+    out = bytearray()
+    for moment in moments:
+        since = moment.utc - FIRST_DAY
+        known = [(k, value) for k, value in enumerate(moment.values) if value is not None]
+        hdop = 0xFFFF if moment.hdop is None else min(0xFFFE, max(0, round(10 * moment.hdop)))
+        satellites = 0xFF if moment.satellites is None else min(0xFE, max(0, moment.satellites))
+        out += HEAD.pack(since.seconds * 1000 + since.microseconds // 1000, since.days, round(moment.lat_deg * 1e7),
+                         round(moment.lon_deg * 1e7), moment.status, hdop, satellites)
+        out.append(len(known))
+        for k, value in known:
+            out += VALUE.pack(k, min(HIGHEST, max(-HIGHEST - 1, value)))
+    return bytes(out)

@@ -1,0 +1,114 @@
+"""Stretches and sums of a known log: where the material lies, how much of it, and what breaks a stretch."""
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from control.geodesy import TangentPlane
+from control.machine.machine import Machine
+from drivers.files.exports.as_applied import AsApplied, ExportError, Product, as_applied
+from drivers.files.exports.write import write_as_applied
+from drivers.files.read_log import RunLog
+
+PLANE = TangentPlane(34.28, 119.88)
+SPEED_MPS, WIDTH_M, DROP_S = 1.25, 2.4, 1.8288 - 0.0083 * 70.0
+
+
+def test_sums_are_the_logs_own(applied: AsApplied) -> None:
+    s, totals = applied.stretches, applied.totals
+    area_ha = 60.0 * SPEED_MPS * WIDTH_M / 10_000.0
+    assert totals.area_ha == pytest.approx(area_ha, rel=1e-9)
+    assert totals.target_kg == pytest.approx((12.0 * 200.0 + 48.0 * 320.0) / 60.0 * area_ha, rel=1e-3)
+    assert totals.applied_kg == pytest.approx(totals.target_kg, rel=1e-3)      # trim and rate cancel
+    assert s.applied_kg.sum() == pytest.approx(totals.applied_kg, rel=1e-12)
+    assert s.target_kg.sum() == pytest.approx(totals.target_kg, rel=1e-12)
+    assert s.area_m2.sum() == pytest.approx(10_000.0 * totals.area_ha, rel=1e-12)
+    assert totals.applied_n_kg == pytest.approx(0.46 * totals.applied_kg)
+
+
+def test_each_stretch_lies_where_its_material_landed(applied: AsApplied) -> None:
+    """Released in the middle of the stretch, behind the antenna, landed a drop time later."""
+    s = applied.stretches
+    east, north = PLANE.many_to_m(s.lat_deg, s.lon_deg).T
+    inner = slice(2, 38)
+    assert east[inner] == pytest.approx(np.full(36, 5.0), abs=1e-3)
+    assert north[inner] == pytest.approx(SPEED_MPS * (s.time_s[inner] + DROP_S), abs=1e-3)
+
+
+def test_the_step_of_the_rate_lies_at_its_landing_place(applied: AsApplied) -> None:
+    s = applied.stretches
+    north = PLANE.many_to_m(s.lat_deg, s.lon_deg)[:, 1]
+    last_low = north[s.applied_kg_ha < 260.0].max() + 0.5 * SPEED_MPS
+    assert last_low == pytest.approx(SPEED_MPS * (12.0 + DROP_S), abs=0.07)
+
+
+def test_polygons_touch_and_have_the_width(applied: AsApplied) -> None:
+    s = applied.stretches
+    corners = PLANE.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(-1, 4, 2)
+    assert np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1) == pytest.approx(np.full(len(corners), 2.4), abs=1e-6)
+    assert corners[3:30, 3] == pytest.approx(corners[4:31, 0], abs=2e-3)
+    assert (corners[5:30, 0, 0] < corners[5:30, 1, 0]).all()       # left is west when heading north
+
+
+def test_no_stretch_spans_the_pause(applied: AsApplied) -> None:
+    s = applied.stretches
+    assert not ((s.time_s > 40.0) & (s.time_s < 44.9)).any()
+    assert s.duration_s.max() <= 1.0 + 1e-9
+    assert s.duration_s.sum() == pytest.approx(60.0, abs=0.051)
+
+
+def test_off_field_rows_in_which_nothing_turns_are_no_work(known_log: RunLog) -> None:
+    columns = dict(known_log.columns)
+    off = known_log.time_s > 50.0
+    columns["target_source"] = np.where(off, "none", columns["target_source"])
+    still_turning = as_applied(dataclasses.replace(known_log, columns=columns)).totals.area_ha
+    columns["shaft_rpm_cmd"] = np.where(off, 0.0, columns["shaft_rpm_cmd"])
+    columns["shaft_rpm"] = np.where(off, 0.2, columns["shaft_rpm"])
+    stopped = as_applied(dataclasses.replace(known_log, columns=columns)).totals.area_ha
+    assert stopped == pytest.approx(45.0 / 60.0 * still_turning, rel=1e-2)
+
+
+def test_machine_and_product_can_be_given_where_the_log_names_none(known_log: RunLog) -> None:
+    bare = dataclasses.replace(known_log, meta=None)
+    with pytest.raises(ExportError, match=r"known.csv: no machine beside the log: allowed is a log with its NAME"):
+        as_applied(bare)
+    wide = Machine().model_copy(update={"geometry": Machine().geometry.model_copy(update={"working_width_m": 4.8})})
+    given = as_applied(bare, wide, Product("CAN", 0.27))
+    assert given.totals.area_ha == pytest.approx(2 * as_applied(known_log).totals.area_ha)
+    assert given.totals.applied_n_kg == pytest.approx(0.27 * given.totals.applied_kg)
+
+
+@pytest.mark.parametrize("column", ["lat_deg", "speed_used_mps", "applied_rate_kg_ha"])
+def test_a_log_without_what_is_needed_is_refused_in_one_line(known_log: RunLog, column: str) -> None:
+    columns = {name: array for name, array in known_log.columns.items() if name != column}
+    with pytest.raises(ExportError, match=f"known.csv: column {column}: empty: allowed is a log that has it"):
+        as_applied(dataclasses.replace(known_log, columns=columns))
+
+
+def test_a_log_without_work_is_refused(known_log: RunLog) -> None:
+    columns = {**known_log.columns, "state": np.full(len(known_log), "ready", object)}
+    with pytest.raises(ExportError, match="no row of work"):
+        as_applied(dataclasses.replace(known_log, columns=columns))
+
+
+def test_course_over_ground_serves_where_no_heading_was_logged(known_log: RunLog, applied: AsApplied) -> None:
+    columns = {name: array for name, array in known_log.columns.items() if name != "heading_deg"}
+    found = as_applied(dataclasses.replace(known_log, columns=columns)).stretches
+    assert found.lat_deg[3:30] == pytest.approx(applied.stretches.lat_deg[3:30], abs=1e-7)
+
+
+def test_an_unknown_ending_is_refused(applied: AsApplied, tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match=r"ending .kml: allowed .csv"):
+        write_as_applied(applied, tmp_path / "x.kml")
+
+
+def test_isoxml_needs_a_time(known_log: RunLog, tmp_path: Path) -> None:
+    columns = {name: array for name, array in known_log.columns.items() if name != "utc"}
+    timeless = as_applied(dataclasses.replace(known_log, columns=columns))
+    with pytest.raises(ExportError, match="no UTC in the log"):
+        write_as_applied(timeless, tmp_path / "x.zip")
+    write_as_applied(timeless, tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text().splitlines()[1].startswith(",0.4")
