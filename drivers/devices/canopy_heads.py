@@ -13,6 +13,7 @@ from drivers.devices.lines import Counts, LineCutter
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0
 _NUMBER = re.compile(rb"[+-]?(\d{1,9}\.?\d{0,9}|\.\d{1,9})")
+_PRINTABLE = re.compile(rb"[ -~]*")
 _HEAD = re.compile(rb"H([1-9]\d?)")
 
 
@@ -55,10 +56,10 @@ class HeadDecoder:
     ValueError : a field map that points outside the line.
 
     Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to 1, or a second index
-    beyond 100 either way), `unknown_head` (multiplexed: no `H<n>` in front, or no such head), `overlong`. Counted as
-    ignored: `partial_first` (the line that was under way when the port was opened), `comment` (lines beginning with
-    #). The lines carry no checksum: a digit changed on the wire into another digit cannot be seen here; the fusion of
-    six heads by their median is what withstands it.
+    beyond 100 either way), `unprintable` (a byte that is no ASCII text, in any field), `unknown_head` (multiplexed: no
+    `H<n>` in front, or no such head), `overlong`. Counted as ignored: `partial_first` (the line that was under way when
+    the port was opened), `comment` (lines beginning with #). The lines carry no checksum: a digit changed on the wire
+    into another digit cannot be seen here; the fusion of six heads by their median is what withstands it.
     """
 
     def __init__(self, fields: FieldMap, head: int | None = 1, heads: int = 6) -> None:
@@ -112,6 +113,8 @@ class HeadDecoder:
             head = int(match[1]) if match else 0
             if not 1 <= head <= self._heads:
                 return "unknown_head"
+        if not _PRINTABLE.fullmatch(line):
+            return "unprintable"
         texts = line.split(b",")
         if len(texts) != self._map.fields:
             return "wrong_field_count"

@@ -21,7 +21,8 @@ QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 
 
 _TIME = re.compile(r"\d{6}(\.\d+)?")
 _DATE = re.compile(r"\d{6}")
-_DEGREES_MINUTES = re.compile(r"\d{3,5}\.\d+")
+_LATITUDE = re.compile(r"\d{4}\.\d+")      # degrees and minutes; a digit less is one that was lost on the wire
+_LONGITUDE = re.compile(r"\d{5}\.\d+")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _HEX_PAIR = re.compile(rb"[0-9A-Fa-f]{2}")
 _ADDRESS = re.compile(r"[A-Z][A-Z0-9]{2,7}")
@@ -77,6 +78,8 @@ def parse(sentence: bytes) -> Sentence:
         text = payload.decode("ascii")
     except UnicodeDecodeError:
         raise Rejected("malformed") from None
+    if not text.isprintable():
+        raise Rejected("malformed")
     address, _, rest = text.partition(",")
     if not _ADDRESS.fullmatch(address):
         raise Rejected("malformed")
@@ -180,7 +183,7 @@ def _date(fields: Any) -> date | None:
 
 def _position(fields: Any) -> tuple[float, float]:
     """Latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's "unknown", not a field."""
-    if not (_DEGREES_MINUTES.fullmatch(fields.lat) and _DEGREES_MINUTES.fullmatch(fields.lon)):
+    if not (_LATITUDE.fullmatch(fields.lat) and _LONGITUDE.fullmatch(fields.lon)):
         raise Rejected("malformed")
     if fields.lat_dir not in ("N", "S") or fields.lon_dir not in ("E", "W"):
         raise Rejected("malformed")
