@@ -11,8 +11,10 @@ from .strategies import Pair, pair_for
 from .trims import DriveTrim
 
 SWITCH_S = 4.0              # a change of strategy is spread over this long
-SHAFT_BAND_RPM = 0.3        # smaller moves are not sent
+SHAFT_BAND_RPM = 0.3        # smaller moves are not sent ...
 OPENING_BAND_MM = 0.15
+SHAFT_BAND_SHARE = 0.02    # ... nor those below this share of the set-point: the noise of the speed would make ten
+OPENING_BAND_SHARE = 0.025  # moves a second, for a tenth of a percent of rate error
 
 
 class Setting:
@@ -74,8 +76,10 @@ class Setting:
         shaft = bare.shaft_rpm * (1.0 + trim.shaft_share)
         opening = bare.opening_mm + trim.gate_mm
         if last is not None and last.shaft_rpm > 0.0:
-            shaft = last.shaft_rpm if abs(shaft - last.shaft_rpm) < SHAFT_BAND_RPM else shaft
-            opening = last.opening_mm if abs(opening - last.opening_mm) < OPENING_BAND_MM else opening
+            if abs(shaft - last.shaft_rpm) < max(SHAFT_BAND_RPM, SHAFT_BAND_SHARE * last.shaft_rpm):
+                shaft = last.shaft_rpm
+            if abs(opening - last.opening_mm) < max(OPENING_BAND_MM, OPENING_BAND_SHARE * last.opening_mm):
+                opening = last.opening_mm
         return DriveCommand(_rounded(shaft, self.machine.limits.shaft_resolution_rpm), _rounded(opening, self._step_mm))
 
     @property

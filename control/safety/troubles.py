@@ -122,12 +122,12 @@ def _tens(metres: float | None) -> str | float:
 def speeds_silent(now_s: float, s: Situation, seen: Senses, motion: Motion, limits: SafetyLimits) -> bool:
     """Both speeds silent for `speed_silent_s`: none in use for so long, or the newest one older than that.
 
-    A wheel that stands is not silent: it says 0.
+    A wheel that stands is not silent as long as it says 0.
     """
     if lasted(motion.speed_lost_since_s, now_s, limits.speed_silent_s):
         return True
     heard_s = seen.speed_heard_s
-    return not s.wheel_standstill and heard_s is not None and not now_s - heard_s <= limits.speed_silent_s
+    return heard_s is not None and not now_s - heard_s <= limits.speed_silent_s
 
 
 def target_acceptable(s: Situation, limits: SafetyLimits) -> bool:

@@ -275,3 +275,20 @@ def test_a_faulty_or_stopped_drive_leaves_no_flow_and_no_way_back_while_it_lasts
     assert run.order(Do.READY).accepted
     run = calibrating()
     assert run.tick(speed_mps=0.0, **{cause: True}).state is State.FAULT
+
+
+def test_both_speeds_silent_is_held_after_two_seconds_though_the_wheel_counts_as_standing(working):
+    """A wheel that was not heard for 0.8 s stops the flow at once; that must not hide that nobody knows the speed."""
+    run = working()
+    at_s = run.now_s
+
+    def silent():
+        age_s = run.now_s - at_s
+        return run.tick(gnss_age_s=age_s, wheel_age_s=age_s, wheel_standstill=age_s > 0.8)
+
+    while run.now_s - at_s < 1.9:
+        assert silent().state is State.WORKING
+    assert not run.verdict.flow_allowed
+    while run.now_s - at_s < 2.2:
+        silent()
+    assert (run.verdict.state, run.verdict.why_state) == (State.HELD, "speed_silent")
