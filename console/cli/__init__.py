@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from console.cli import check, decode, devices, diagnose, effects, replay, run, serve_machine, simulate
+from console.cli import map as map_command
 from console.cli.plain_errors import guarded
 
 app = typer.Typer(name="topdress", no_args_is_help=False, add_completion=False, rich_markup_mode=None,
@@ -31,6 +32,7 @@ app.command("simulate")(guarded(simulate.simulate))
 app.command("diagnose")(guarded(diagnose.diagnose))
 app.command("effects")(guarded(effects.effects))
 app.command("decode")(guarded(decode.decode))
+app.command("map")(guarded(map_command.map_files))
 app.command("check")(guarded(check.check))
 app.command("devices")(guarded(devices.devices))
 app.command("serve-machine")(guarded(serve_machine.serve_machine))

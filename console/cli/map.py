@@ -1,0 +1,138 @@
+"""`topdress map`: prescriptions read, told and converted; run logs to as-applied exports."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from drivers.files.exports.as_applied import AsApplied
+    from drivers.files.prescriptions.words import Choice, Imported
+
+SHOWN_RATES = 20
+
+
+def map_files(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
+                                           "shapefile; GeoJSON), or a run log (.csv).")],
+    out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
+                                             "folder (ISOXML task); of a run log also .csv. None: IN is only told.")
+                   ] = None,
+    column: Annotated[str | None, typer.Option(help="Rate column of a shapefile or GeoJSON.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
+    scale: Annotated[float, typer.Option(help="Factor on every rate.")] = 1.0,
+    density: Annotated[float | None, typer.Option(metavar="KG_PER_L", help="Of the product, for rates in "
+                                                  "volumes.")] = None,
+    nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", help="N in the product, 0 to 1, for rates of "
+                                                   "nitrogen and for what a run log applied.")] = None,
+    default: Annotated[float | None, typer.Option(metavar="KG_HA", help="Inside the field where the map says "
+                                                  "nothing.")] = None,
+    outside: Annotated[float | None, typer.Option(metavar="KG_HA", help="Outside the field or the map.")] = None,
+    lost: Annotated[float | None, typer.Option(metavar="KG_HA", help="When the position is lost.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Of a task file with several: TASK/DDI or "
+                                              "TASK/DDI/PRODUCT.")] = None,
+    rate_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a task file contradicts "
+                                                  "itself about its unit.")] = None,
+    machine: Annotated[str | None, typer.Option(help="Of a run log that has no NAME.yaml beside it.")] = None,
+    product: Annotated[str | None, typer.Option(help="Name of the product, instead of the log's.")] = None,
+    every: Annotated[float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")] = 1.0,
+    polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="What is told, as JSON.")] = False,
+) -> None:
+    """Read a prescription and convert it, or export what a run log applied."""
+    from drivers.files.exports.as_applied import ExportError
+    from drivers.files.prescriptions.words import Choice, PrescriptionError
+    from drivers.files.read_log import LogError
+    if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
+        raise CommandError(f"--out {out}: allowed is another place than IN's")
+    try:
+        if source.suffix.lower() == ".csv":
+            _export(source, out, machine, product, nitrogen, every, polygons, as_json)
+            return
+        choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
+        _convert(source, out, choice, as_json)
+    except (PrescriptionError, ExportError, LogError) as error:
+        raise CommandError(str(error)) from None
+
+
+def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
+    if text not in (None, "ddi", "presentation"):
+        raise CommandError(f"--rate-from {text}: allowed ddi, presentation")
+    return text  # type: ignore[return-value]
+
+
+def _convert(source: Path, out: Path | None, choice: Choice, as_json: bool) -> None:
+    from drivers.files.prescriptions.read import read_prescription
+    from drivers.files.prescriptions.write import write_prescription
+    read = read_prescription(source, choice)
+    if out is not None:
+        if out.suffix.lower() not in (".geojson", ".json", ".shp", ".zip", ".xml", ""):
+            raise CommandError(f"--out {out}: allowed .geojson, .json, .shp, .zip, .xml or a folder")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_prescription(read.data, out)
+    _tell(read, as_json)
+    if out is not None and not as_json:
+        typer.echo(f"written      {out}")
+
+
+def _tell(read: Imported, as_json: bool) -> None:
+    from control.targets.prescription import statistics
+    shares = statistics(read.data)
+    area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
+    grid = read.data.grid
+    if as_json:
+        typer.echo(json.dumps({
+            "path": str(read.path), "format": read.format, "unit": read.unit, "kg_ha_per_unit": read.factor,
+            "layers": list(read.layers), "zones": len(read.data.zones),
+            "cells": None if grid is None else list(grid.rate_kg_ha.shape), "product": read.data.product,
+            "fallbacks": read.data.fallbacks._asdict(), "area_ha": area, "mass_kg": mass,
+            "rates": [share._asdict() for share in shares], "findings": [f._asdict() for f in read.findings]}))
+        return
+    size = f"{len(read.data.zones)} zones" if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
+    typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
+                                                                   else ""))
+    fallbacks = read.data.fallbacks
+    typer.echo(f"elsewhere    {fallbacks.default_kg_ha:g} kg/ha in the field, {fallbacks.outside_kg_ha:g} outside, "
+               f"{fallbacks.lost_kg_ha:g} with the position lost")
+    for share in shares[:SHOWN_RATES]:
+        typer.echo(f"{share.rate_kg_ha:9.2f} kg/ha {share.area_ha:10.4f} ha {share.mass_kg:10.2f} kg")
+    if len(shares) > SHOWN_RATES:
+        typer.echo(f"          ... {len(shares) - SHOWN_RATES} more rates")
+    typer.echo(f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha")
+    for finding in read.findings:
+        typer.echo(f"note         {finding.text}")
+
+
+def _export(source: Path, out: Path | None, machine: str | None, product: str | None, nitrogen: float | None,
+            every_s: float, polygons: bool, as_json: bool) -> None:
+    from drivers.files.config import load
+    from drivers.files.exports.as_applied import Product, as_applied
+    from drivers.files.exports.columns import summary
+    from drivers.files.exports.write import write_as_applied
+    from drivers.files.kinds import MACHINE
+    from drivers.files.read_log import read_log
+    given = None
+    if product is not None or nitrogen is not None:
+        given = Product(product or "product", nitrogen or 0.0)
+    applied = as_applied(read_log(source), load(machine, MACHINE).model if machine else None, given, every_s)
+    if out is not None:
+        write_as_applied(applied, out, polygons)
+    if as_json:
+        typer.echo(json.dumps(summary(applied)))
+        return
+    _tell_applied(applied)
+    if out is not None:
+        typer.echo(f"written      {out}")
+
+
+def _tell_applied(applied: AsApplied) -> None:
+    t = applied.totals
+    typer.echo(f"applied      {t.applied_kg:.2f} kg of {applied.product.name} ({t.applied_n_kg:.2f} kg N) on "
+               f"{t.area_ha:.4f} ha, mean {t.mean_rate_kg_ha or 0.0:.1f} kg/ha")
+    error = "" if t.error_percent is None else f", applied {t.error_percent:+.2f} %"
+    typer.echo(f"target       {t.target_kg:.2f} kg{error}")
+    typer.echo(f"stretches    {len(applied.stretches.time_s)} in {t.worked_s:.0f} s of work")
