@@ -81,6 +81,7 @@ def _convert(source: Path, out: Path | None, choice: Choice, as_json: bool) -> N
 
 def _tell(read: Imported, as_json: bool) -> None:
     from control.targets.prescription import statistics
+    from drivers.files.findings import many
     shares = statistics(read.data)
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid
@@ -92,7 +93,7 @@ def _tell(read: Imported, as_json: bool) -> None:
             "fallbacks": read.data.fallbacks._asdict(), "area_ha": area, "mass_kg": mass,
             "rates": [share._asdict() for share in shares], "findings": [f._asdict() for f in read.findings]}))
         return
-    size = f"{len(read.data.zones)} zones" if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
+    size = many(len(read.data.zones), "zone") if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
     typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
                                                                    else ""))
     fallbacks = read.data.fallbacks
