@@ -202,8 +202,8 @@ def ndvi_silent(folder: Path) -> Found:
         rig.plug_in(*(f"head_{k}" for k in range(1, 7)))
         back_s = rig.until(lambda: rig.row.target_source == "canopy" and not rig.alarms, 15.0)
         return Found("NDVI silent", "amber after 2 s; last decision 2 s on, then the fallback rate", 2.05, alarm_s,
-                     f"ndvi_silent; fallback {rig.fallback_kg_ha:g} kg/ha commanded after {fallback_s:.1f} s, where the "
-                     f"ground sensed and held ends; plugged in: canopy again after {back_s:.1f} s",
+                     f"ndvi_silent; fallback {rig.fallback_kg_ha:g} kg/ha commanded after {fallback_s:.1f} s, where "
+                     f"the ground sensed and held ends; plugged in: canopy again after {back_s:.1f} s",
                      kept and flows and fallback_s < 2.0 + 8.0 / 1.2 and back_s < 8.0)
 
 
@@ -233,7 +233,7 @@ def gnss_silent(folder: Path) -> Found:
         assert truth is not None
         off = abs(rig.row.speed_used_mps / truth.speed_mps - 1.0)
         return Found("GNSS silent, canopy mode", "amber after max(0.5 s, 2.5 periods); wheel speed; work goes on", 0.65,
-                     measured_s, f"gnss_silent; 20 s later {rig.state}, shaft {rig.rpm:.0f} r/min, speed from the wheel "
+                     measured_s, f"gnss_silent; 20 s later {rig.state}, shaft {rig.rpm:.0f} r/min, wheel's speed "
                      f"{100 * off:.1f} % off", rig.state == "working" and rig.rpm > 5.0 and off < 0.03)
 
 
@@ -259,7 +259,8 @@ def gnss_silent_map(folder: Path) -> Found:
     safety.order(Order(Do.READY), rig.now_s)
     safety.order(Order(Do.START), rig.now_s)
     verdict = safety.check(rig.now_s, Situation(
-        m, 1.25, 0.1, False, TargetSource.MAP, False, True, None, None, 300.0, 300.0, 0.1, 300.0, None, None, 0.0, True))
+        m, 1.25, 0.1, False, TargetSource.MAP, False, True, None, None, 300.0, 300.0, 0.1, 300.0, None, None, 0.0,
+        True))
     return Found("GNSS silent, map mode", "dead reckoning for 2 s, then no flow", 2.1, measured_s,
                  f"position no longer believed; safety in map mode: {', '.join(verdict.why_no_flow)}; "
                  f"{', '.join(a.id for a in verdict.alarms)}", "position_lost" in verdict.why_no_flow)
@@ -303,11 +304,10 @@ def board_unplugged(folder: Path) -> Found:
         again = rig.order(Do.READY).accepted and rig.order(Do.START).accepted
         rig.run(6.0)
         return Found("drive silent (line unplugged)", "fault after 0.5 s; the board stops by itself after 1 s", 0.6,
-                     measured_s, f"shaft_silent, gate_silent; board off after {board_s:.2f} s, the true shaft stands after "
-                     f"{still_s:.2f} s; ready refused "
-                     f"({refused}); plugged in and acknowledged: works again",
-                     board_s < 1.1 and still_s < board_s + RUN_DOWN_S and refused.startswith("cause_lives") and again and rig.state == "working"
-                     and rig.rpm > 5.0)
+                     measured_s, f"shaft_silent, gate_silent; board off after {board_s:.2f} s, the true shaft stands "
+                     f"after {still_s:.2f} s; ready refused ({refused}); plugged in and acknowledged: works again",
+                     board_s < 1.1 and still_s < board_s + RUN_DOWN_S and refused.startswith("cause_lives")
+                     and again and rig.state == "working" and rig.rpm > 5.0)
 
 
 def host_silent(folder: Path) -> Found:
@@ -330,7 +330,8 @@ def host_silent(folder: Path) -> Found:
         return Found("host silent (worker hangs 2 s)", "the board stops the drives by itself after 1 s", 1.05, off_s,
                      f"board off; the true shaft stands after {stands_s:.2f} s; the host, awake again, finds it within "
                      f"{fault_s:.2f} s: drive_stopped, fault; acknowledged: works again",
-                     stands_s < off_s + RUN_DOWN_S and fault_s <= 0.1 and again and rig.state == "working" and rig.rpm > 5.0)
+                     stands_s < off_s + RUN_DOWN_S and fault_s <= 0.1 and again and rig.state == "working"
+                     and rig.rpm > 5.0)
 
 
 def driver_fault(folder: Path) -> Found:
@@ -400,8 +401,8 @@ def bridging(folder: Path) -> Found:
         rig.at_work()
         rig.until(lambda: rig.now_s >= begins_s - 1e-6, 5.0)
         measured_s = rig.until(lambda: rig.state == "held", 60.0)
-        return Found("scale flow below 50 % (bridged)", "red, held after 20 s (90 % of the time bridged)", 27.0, measured_s,
-                     f"{', '.join(rig.alarms)}; {rig.state}", "flow_missing" in rig.alarms)
+        return Found("scale flow below 50 % (bridged)", "red, held after 20 s (90 % of the time bridged)", 27.0,
+                     measured_s, f"{', '.join(rig.alarms)}; {rig.state}", "flow_missing" in rig.alarms)
 
 
 def hopper_empty(folder: Path) -> Found:
@@ -418,7 +419,7 @@ def hopper_empty(folder: Path) -> Found:
         return Found("hopper empty", "red, held (empty: 0.5 kg or less for 1 s, scale noise 0.15 kg)", 6.0, measured_s,
                      f"{', '.join(rig.alarms)}; {rig.state}; before, at {at_low_kg:.1f} kg: hopper_low, "
                      f"{dict(left).get('metres_left')} m left",
-                     low_s < 30.0 and "hopper_empty" in rig.alarms or "flow_missing" in rig.alarms)
+                     low_s < 30.0 and "hopper_empty" in rig.alarms)
 
 
 def hopper_low(folder: Path) -> Found:
@@ -443,8 +444,8 @@ def lead_short(folder: Path) -> Found:
         measured_s = rig.until(rig.alarm("lead_short"), 5.0)
         usable = rig.host.newest.usable_speed_mps                          # type: ignore[union-attr]
         return Found("needed lead exceeds the heads'", "amber, highest usable speed shown", 0.1, measured_s,
-                     f"lead_short; at most {3.6 * (usable or 0.0):.1f} km/h at {3.6 * rig.row.speed_used_mps:.1f} km/h; "
-                     f"{rig.state}", usable is not None and rig.state == "working")
+                     f"lead_short; at most {3.6 * (usable or 0.0):.2f} km/h at {3.6 * rig.row.speed_used_mps:.2f} "
+                     f"km/h; {rig.state}", usable is not None and rig.state == "working")
 
 
 def log_failed(folder: Path) -> Found:
@@ -467,8 +468,8 @@ def log_failed(folder: Path) -> Found:
     from drivers.files.read_log import read_log
     rows = sum(1 for _ in read_log(path).rows())
     return Found("disk full, log not writable", "red, no flow; on only if the operator says so", 0.1, measured_s,
-                 f"log_failed, no flow; told to go on: flow after {on_s:.2f} s; space again: {rows} rows of {ticks} ticks "
-                 "in the log", alarm and goes_on and on_s < 1.0 and whole and rows == ticks)
+                 f"log_failed, no flow; told to go on: flow after {on_s:.2f} s; space again: {rows} rows of {ticks} "
+                 "ticks in the log", alarm and goes_on and on_s < 1.0 and whole and rows == ticks)
 
 
 def acknowledge(folder: Path) -> Found:
@@ -519,7 +520,8 @@ def run() -> None:
             print(f"{f.row:34}{f.measured_s:7.2f} s (at most {f.limit_s:5.2f} s)  {'ok' if f.ok else 'SHORT':6}"
                   f"expected: {f.expected}\n{'':65}happened: {f.happened}", flush=True)
     short = [f.row for f in found if not f.ok]
-    print(f"{len(found) - len(short)} of {len(found)} as they should be" + (f"; short: {', '.join(short)}" if short else ""))
+    print(f"{len(found) - len(short)} of {len(found)} as they should be"
+          + (f"; short: {', '.join(short)}" if short else ""))
     sys.exit(1 if short else 0)
 
 
