@@ -6,9 +6,11 @@ from functools import partial
 from typing import Any
 
 from control.readings import GnssFix
+from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
 from drivers.devices.canopy_heads import FieldMap, HeadDecoder, HeadSample
 from drivers.devices.gnss import GnssDecoder
+from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lines import Counts
 from drivers.devices.slave_board import BoardReadings, SlaveBoard
 
@@ -79,8 +81,18 @@ def _board_record(readings: BoardReadings) -> Record:
     return record
 
 
+def _gpsd(data: bytes) -> tuple[list[Record], Counts]:
+    return _through(GpsdDecoder(), _fix_record, data)
+
+
+def _agopengps(data: bytes) -> tuple[list[Record], Counts]:
+    return _through(AgOpenGpsDecoder(), _fix_record, data)
+
+
 PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
     "gnss": _gnss,
+    "gpsd": _gpsd,
+    "agopengps": _agopengps,
     "board": _board,
     **{name: partial(_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
     **{f"{name}-multi": partial(_heads, layout, True) for name, layout in HEAD_PROTOCOLS.items()},
