@@ -156,6 +156,15 @@ def test_two_hidden_effects_are_both_named() -> None:
     assert ids(found) == {"flow.gain", "flow.fill_falloff"}
 
 
+def test_another_shape_of_an_effect_calls_in_no_second_cause() -> None:
+    alone = 0
+    for seed in range(10):
+        found = diagnosed(lag_table(np.random.default_rng(seed), speeds=(10, 25, 40, 55, 70, 80, 90, 100), repeats=4,
+                                    more=lambda rpm: 0.9 * np.maximum(0.0, (rpm - 50) / 50) ** 3))
+        alone += ids(found) == {"lag.rebound"}
+    assert alone >= 9
+
+
 def test_start_and_direction_are_read_from_labels() -> None:
     for words, column, wanted, late in ((("empty", "running"), "start", "lag.first_fill", 0.4),
                                         (("down", "up"), "direction", "lag.asymmetry", 0.4)):
@@ -255,6 +264,10 @@ def test_gain_is_measured_on_settings_left_out() -> None:
     gain = found.gain[0]
     assert gain.after < 0.2 * gain.before
     assert gain.low <= gain.after <= gain.high
+    only_one = lag_table(np.random.default_rng(10), speeds=(10, 20, 30, 40, 50, 60, 70, 100), more=upward, repeats=6)
+    found = diagnosed(only_one)
+    assert ids(found) == {"lag.rebound"}
+    assert found.gain[0].after > 0.95 * found.gain[0].before        # the one setting that shows it is the one left out
 
 
 def test_the_same_seed_gives_the_same_diagnosis_and_progress_can_cancel() -> None:

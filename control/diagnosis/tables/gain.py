@@ -19,21 +19,19 @@ def gains(problem: Problem, parts: Sequence[Sized], seed: int) -> tuple[Gain, ..
     kinds = np.unique(problem.setting)
     if not parts or len(kinds) < 2:
         return ()
-    after = np.full(len(problem.observed), np.nan)
+    before = problem.observed - problem.nominal
+    after = before.copy()               # a setting without which an effect has no size gains nothing
     for kind in kinds.tolist():
         out = problem.setting == kind
         held = problem._replace(sd=np.where(out, 1e6 * problem.sd, problem.sd))
         fitted, sized = sizes_of(held, [part.choice for part in parts], rounds=2)
         if fitted is not None:
             after[out] = (problem.observed - problem.predicted(sized))[out]
-    before = problem.observed - problem.nominal
     rng = np.random.default_rng(seed)
     found = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
         inside = np.isin(problem.piece, [k for k, piece in enumerate(problem.pieces) if piece.channel == channel])
-        rows = inside & np.isfinite(after)
-        if not rows.any():
-            continue
+        rows = inside
         settings = np.unique(problem.setting[rows])
         drawn = [_rms(after, problem.setting, rng.choice(settings, len(settings)), rows) for _ in range(RESAMPLES)]
         unit = next(piece.unit for piece in problem.pieces if piece.channel == channel)
