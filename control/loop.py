@@ -27,6 +27,7 @@ from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
 from control.targets.canopy import STRAIGHT_DEG_S, CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.lag_correction import ChangeQueue, Fired
+from control.targets.map_profile import MapProfile
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
 from control.targets.unspread import Unspread
 
@@ -62,7 +63,8 @@ class ControlLoop:
     """One run of one machine on one job. Call `order` between ticks, `tick` once per control period."""
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
-                 has_work_switch: bool = False, safety_limits: SafetyLimits | None = None) -> None:
+                 has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
+                 prescription: MapProfile | None = None) -> None:
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -72,6 +74,9 @@ class ControlLoop:
         self.safety = Safety(safety_limits or SafetyLimits(hopper_low_kg=limits.hopper_low_kg), has_work_switch)
         ground = job.field
         plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if ground.boundary_m else None
+        if prescription is not None:
+            plane = prescription.plane
+        self._map = prescription
         self._sensing = Sensing(machine.geometry.antenna_m, plane)
         self._fence = fence
         self._fusion = fusion.start(machine.geometry.heads)
@@ -127,7 +132,8 @@ class ControlLoop:
                 return Answer(False, "unknown_strategy")
             self._setting.switch(Strategy(str(value)), now)
         elif order.do is Do.SOURCE:
-            if value not in (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK):
+            with_map = (TargetSource.MAP,) if self._map is not None else ()
+            if value not in (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK, *with_map):
                 return Answer(False, "source_not_ready")
             self._source = TargetSource(str(value))
         elif order.do is Do.NUDGE:
@@ -181,6 +187,7 @@ class ControlLoop:
         conditions = self._conditions(m, now)
         speed = sensed.speed_mps or 0.0
         self._look_at_fence(sensed)
+        self._look_at_map(sensed)
         reach = _Reach(self, sensed, conditions)
         self._look_back(sensed)
         fired = [] if sensed.backwards else self._queue.advance(self._profile(), now, sensed.track_m, reach)
@@ -248,6 +255,16 @@ class ControlLoop:
             return
         self._fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m)
 
+    def _look_at_map(self, sensed: Sensed) -> None:
+        if self._map is None:
+            return
+        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None or not sensed.position_ok:
+            self._map.lost()
+            return
+        turn_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
+        self._map.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m,
+                       turn_deg_m)
+
     def _look_back(self, sensed: Sensed) -> None:
         """Backing up without leave to spread: what has landed is not spread upon again by itself."""
         if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
@@ -266,6 +283,8 @@ class ControlLoop:
     def _wanted(self) -> Profile:
         if self._source is TargetSource.CANOPY:
             return self._canopy.stretches
+        if self._source is TargetSource.MAP and self._map is not None:
+            return self._map
         return self._manual if self._source is TargetSource.MANUAL else self._fallback
 
     def _fenced(self, inner: Profile) -> Profile:

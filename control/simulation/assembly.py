@@ -11,6 +11,7 @@ from control.loop import ControlLoop
 from control.machine.machine import Machine
 from control.machine.planting import Planted
 from control.targets.fence import Fence
+from control.targets.map_profile import MapProfile
 
 from .plant import Plant, Truth
 from .tractor import field_boundary
@@ -24,10 +25,11 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
     return job.model_copy(update={"field": job.field.model_copy(update={"boundary_m": corners})})
 
 
-def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False) -> ControlLoop:
-    """The loop of a job; fenced where the job knows its field."""
+def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
+                 prescription: MapProfile | None = None) -> ControlLoop:
+    """The loop of a job; fenced where the job knows its field. `prescription`: on the job's plane, for map mode."""
     fence = Fence(Boundary(job.field.boundary_m)) if job.field.boundary_m else None
-    return ControlLoop(machine, crop, rule, job, fence, has_work_switch)
+    return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription)
 
 
 def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),
