@@ -34,8 +34,9 @@ def lag_table(rng: np.random.Generator, *, speeds: tuple[float, ...] = (10, 20, 
 
 
 def catch_table(rng: np.random.Generator, factor: Callable[[np.ndarray, np.ndarray], np.ndarray], *,
-                sd: float = 0.004, outlets: bool = False, openings: tuple[float, ...] = (10, 30)) -> Table:
-    axes = [np.array([20.0, 50, 80, 100]), np.array(openings, float), np.arange(1.0, 7) if outlets else np.ones(1),
+                sd: float = 0.004, outlets: bool = False, openings: tuple[float, ...] = (10, 30),
+                speeds: tuple[float, ...] = (20, 50, 80, 100)) -> Table:
+    axes = [np.array(speeds, float), np.array(openings, float), np.arange(1.0, 7) if outlets else np.ones(1),
             np.arange(2.0)]
     rpm, opening, outlet, _ = (axis.ravel() for axis in np.meshgrid(*axes))
     grams = 5.5 * opening * rpm / 60.0 * 30.0 / (6.0 if outlets else 1.0)
@@ -159,9 +160,9 @@ def test_two_hidden_effects_are_both_named() -> None:
 def test_another_shape_of_an_effect_calls_in_no_second_cause() -> None:
     alone = 0
     for seed in range(10):
-        found = diagnosed(lag_table(np.random.default_rng(seed), speeds=(10, 25, 40, 55, 70, 80, 90, 100), repeats=4,
-                                    more=lambda rpm: 0.9 * np.maximum(0.0, (rpm - 50) / 50) ** 3))
-        alone += ids(found) == {"lag.rebound"}
+        table = catch_table(np.random.default_rng(seed), lambda n, o: 1 - 0.15 * np.maximum(0.0, (n - 40) / 60),
+                            speeds=(15, 30, 50, 70, 85, 100))
+        alone += ids(diagnosed(table)) == {"flow.fill_falloff"}
     assert alone >= 9
 
 

@@ -23,7 +23,7 @@ def gains(problem: Problem, parts: Sequence[Sized], seed: int) -> tuple[Gain, ..
     after = before.copy()               # a setting without which an effect has no size gains nothing
     for kind in kinds.tolist():
         out = problem.setting == kind
-        held = problem._replace(sd=np.where(out, 1e6 * problem.sd, problem.sd))
+        held = problem._replace(sd=np.where(out, np.inf, problem.sd))
         fitted, sized = sizes_of(held, [part.choice for part in parts], rounds=2)
         if fitted is not None:
             after[out] = (problem.observed - problem.predicted(sized))[out]

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from .clock import Clock
@@ -12,6 +13,7 @@ from .piece import Array, Piece, Sized
 from .problem import Problem
 from .scatter import FAR, UNEQUAL_P
 
+DIFFERENT_P = 0.01
 OUTSTANDING = 2.0       # times the common scatter, from which on a setting is pointed out
 
 
@@ -104,6 +106,18 @@ def group_name(problem: Problem, scope: int) -> str:
     return f"{short} {text}".strip()
 
 
+def _differ(rest: Array, setting: np.ndarray) -> bool:
+    """F test of setting means against replicates."""
+    kinds, index, counts = np.unique(setting, return_inverse=True, return_counts=True)
+    means = np.bincount(index, rest) / counts
+    within = float(np.sum((rest - means[index]) ** 2))
+    dof = len(rest) - len(kinds)
+    if dof < 3 or len(kinds) < 2 or within <= 0.0:
+        return False
+    between = float(np.sum(counts * means ** 2)) / len(kinds)
+    return bool(fisher.sf(between / (within / dof), len(kinds), dof) < DIFFERENT_P)
+
+
 def level_sentence(problem: Problem, parts: Sequence[Sized], widened_by: float) -> list[str]:
     """Replicates at one setting share something that the model does not have."""
     if widened_by <= 1.05:
@@ -113,6 +127,8 @@ def level_sentence(problem: Problem, parts: Sequence[Sized], widened_by: float) 
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
         setting = problem.setting[inside]
+        if not _differ((rest / problem.sd)[inside], setting):
+            continue
         means = sorted((float(rest[inside][setting == k].mean()), _setting(piece, setting == k))
                        for k in np.unique(setting))
         (low, at_low), (high, at_high) = means[0], means[-1]
