@@ -13,6 +13,7 @@ from hidden import nominal as nom
 from hidden.nominal import IDS, Effect, Physics
 from hidden.plant import Plant
 from hidden.programmes import PROGRAMMES, Drive
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 Floats = npt.NDArray[np.float64]
@@ -29,6 +30,7 @@ class Evidence(NamedTuple):
     target: Floats
     traces: Floats
     nuisances: Floats
+    moved: Floats                 # (k,) how far each nuisance was moved already, in prior s.d.
     rest: float
     rows: int
     features: Floats              # for the forest
@@ -45,10 +47,16 @@ def drive_of(columns: dict[str, Any]) -> Drive:
         span = slice(max(0, row - int(20 / row_s)), row)
         pour[span] = kg / ((span.stop - span.start) * row_s)
     speed = columns["wheel_speed_mps"]
-    return Drive(PROGRAMMES[0], t, row_s, columns["shaft_rpm_cmd"] > 0, _filled(speed), columns["heading_deg"],
+    return Drive(PROGRAMMES[0], t, row_s, columns["shaft_rpm_cmd"] > 0, _smooth(speed, row_s), columns["heading_deg"],
                  columns["pitch_deg"], columns["roll_deg"], columns["supply_v"], columns["target_rate_kg_ha"],
                  columns["shaft_rpm_cmd"], columns["opening_mm_cmd"], columns["strategy"] == "speed_first",
                  _filled(columns["ndvi"]), float(columns["hopper_kg"][0]), pour, row, kg)
+
+
+def _smooth(speed_mps: Floats, row_s: float) -> Floats:
+    """Mean over 1.5 s: a speed that carried its own noise would look like a latency of the other sensor."""
+    width = 2 * round(0.75 / row_s) + 1
+    return uniform_filter1d(_filled(speed_mps), width)
 
 
 def _filled(x: Floats) -> Floats:
@@ -96,32 +104,51 @@ def evidence(columns: dict[str, Any]) -> Evidence:
             "heads": np.array([columns[f"ndvi_{k + 1}"] for k in range(nom.HEADS)])}
     seen = {k: np.array([_filled(r) for r in v]) if v.ndim == 2 else _filled(v) for k, v in seen.items()}
     fresh = {"gnss": _held(columns["speed_mps"]), "heads": _held(columns["ndvi_1"])}
-    base, weighed = plant.run(Physics()), ~poured(columns)
-    keys = tuple(seen)
-    target = _stack({k: seen[k] - base[k] for k in keys}, fresh, weighed)
+    weighed = ~poured(columns)
     after = _after_refill(plant.drive)[weighed]
-    models = [_model(part) for part in target]
+    keys = tuple(seen)
+    around = Physics()
+    for _ in range(3):                                       # tolerances are not quite linear: fitted, then afresh
+        base = plant.run(around)
+        target = _stack({k: seen[k] - base[k] for k in keys}, fresh, weighed)
+        models = [_model(part) for part in target]
 
-    def white(parts: list[Floats]) -> Floats:
-        return np.concatenate([lfilter([1, -phi], [1], p) / sd for p, (phi, sd) in zip(parts, models, strict=True)])
+        def white(parts: list[Floats], models: list[tuple[float, float]] = models) -> Floats:
+            return np.concatenate([lfilter([1, -phi], [1], p) / sd for p, (phi, sd) in zip(parts, models, strict=True)])
 
-    def trace(physics: Physics, effects: tuple[Effect, ...] = ()) -> Floats:
-        moved = plant.run(physics, effects)
-        return white(_stack({k: moved[k] - base[k] for k in keys}, fresh, weighed))
+        def trace(physics: Physics, effects: tuple[Effect, ...] = (), base: dict[str, Floats] = base) -> Floats:
+            moved = plant.run(physics, effects)
+            return white(_stack({k: moved[k] - base[k] for k in keys}, fresh, weighed))
 
-    p = Physics()
-    nuisances = [trace(p._replace(**{k: getattr(p, k) + sd})) for k, sd in nom.TOLERANCE.items()]
-    blank = [np.zeros_like(part) for part in target]
-    levels = [50.0 * np.ones(target[2].size), 50.0 * after]
-    nuisances.extend(white([*blank[:2], level, *blank[3:]]) for level in levels)
+        nuisances = [trace(around._replace(**{k: getattr(around, k) + sd})) for k, sd in nom.TOLERANCE.items()]
+        nuisances.extend(trace(around._replace(heads_ratio=tuple(1.0 + nom.HEAD_TOLERANCE * (h == m)
+                                                                for h in range(nom.HEADS)))) for m in range(nom.HEADS))
+        blank = [np.zeros_like(part) for part in target]
+        levels = [50.0 * np.ones(target[2].size), 50.0 * after]
+        nuisances.extend(white([*blank[:2], level, *blank[3:]]) for level in levels)
+        y, j = white(target), np.array(nuisances)
+        theta = np.linalg.solve(j @ j.T + np.eye(len(j)), j @ y)
+        last, around = around, _moved(around, theta)
+    p = last
     effects = tried(plant.drive)
     rows = [trace(p, (e,)) for e in effects]
     kept = [k for k, r in enumerate(rows) if r @ r > 1e-12]
-    y, x, j = white(target), np.array([rows[k] for k in kept]), np.array(nuisances)
+    x = np.array([rows[k] for k in kept])
     q, _ = np.linalg.qr(np.vstack([x, j]).T)
     small = q.T @ y
-    return Evidence(tuple(effects[k] for k in kept), small, x @ q, j @ q, float(y @ y - small @ small), y.size,
+    moved = np.zeros(len(nuisances))
+    for k, (name, sd) in enumerate(nom.TOLERANCE.items()):
+        moved[k] = (getattr(p, name) - getattr(Physics(), name)) / sd
+    return Evidence(tuple(effects[k] for k in kept), small, x @ q, j @ q, moved, float(y @ y - small @ small), y.size,
                     _features(target, columns, fresh, models))
+
+
+def _moved(p: Physics, theta: Floats) -> Physics:
+    """The machine after a step of its tolerances, at most three standard deviations from nominal."""
+    start = Physics()
+    moved = {k: float(np.clip(getattr(p, k) + sd * t, getattr(start, k) - 3 * sd, getattr(start, k) + 3 * sd))
+             for (k, sd), t in zip(nom.TOLERANCE.items(), theta, strict=False)}
+    return p._replace(**moved)
 
 
 def _held(x: Floats) -> int:

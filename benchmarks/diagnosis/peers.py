@@ -48,7 +48,7 @@ def _problem(e: Evidence) -> tuple[Any, Any]:
     """Design (coordinates + priors, effects + nuisances) and target of the penalised least squares."""
     k = len(e.nuisances)
     design = np.vstack([np.hstack([e.traces.T, e.nuisances.T]), np.hstack([np.zeros((k, len(e.traces))), np.eye(k)])])
-    return design, np.r_[e.target, np.zeros(k)]
+    return design, np.r_[e.target, -e.moved]
 
 
 def lmfit_bic(e: Evidence) -> list[tuple[str, float, float]]:
