@@ -1,0 +1,94 @@
+"""An hour of field work in process: loop, cab and virtual machine on ports in memory, every device unplugged once.
+
+    python benchmarks/field_hour_in_memory.py --seconds 3600
+
+As `field_work_over_tcp.py`, on a clock set by hand: each reaction is exact to one tick of 0.05 s.
+"""
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from control.orders import Do, Order
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from drivers.cab import Cab, CabConfig
+from drivers.files.read_log import read_log
+from drivers.files.run_log import RunLogWriter
+from drivers.files.run_meta import run_meta
+from drivers.files.setup import load_setup
+from drivers.ports import memory_pair
+from drivers.virtual.faults import FaultyPort, PortFaults
+from drivers.virtual.machine import VirtualMachine
+
+DT_S = 0.05
+NAMES = ("gnss", *(f"head_{n}" for n in range(1, 7)), "board")
+UNPLUGGED_S = {"gnss": 8.0, "board": 3.0}       # heads: 4 s
+
+
+def run(seconds: float, log: Path) -> None:
+    setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
+    job = with_simulated_field(setup.job, setup.machine)
+    now = [0.0]
+    pairs = {name: memory_pair(name, lambda: now[0]) for name in NAMES}
+    ends = {name: FaultyPort(pair[0], lambda: now[0]) for name, pair in pairs.items()}
+    plant = simulated_machine(setup.machine, job, 3, DT_S)
+    virtual = VirtualMachine(plant, pairs["gnss"][1], [pairs[f"head_{n}"][1] for n in range(1, 7)], pairs["board"][1],
+                             0.0, opening_mm=setup.machine.set_points.opening_mm)
+    cab = Cab(CabConfig.model_validate({"gnss": {"port": "gnss"}, "board": {"port": "board"},
+                                        "heads": {"ports": NAMES[1:7]}}), lambda: now[0],
+              lambda url, baud, clock: ends[url])
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+    writer = RunLogWriter(log, run_meta(setup.machine, setup.crop, job, seed=3, sha256={}))
+    apart_s = (seconds - 60.0) / len(NAMES)
+    plan = {name: (40.0 + apart_s * place, UNPLUGGED_S.get(name, 4.0)) for place, name in enumerate(NAMES)}
+    seen: dict[tuple[str, str], float] = {}
+    states = Counter[str]()
+    begun_s = time.perf_counter()
+    for tick_number in range(round(seconds / DT_S)):
+        now[0] += DT_S
+        for name, (begin_s, lasts_s) in plan.items():
+            ends[name].faults = PortFaults(unplugged=begin_s <= now[0] < begin_s + lasts_s)
+        virtual.advance(now[0])
+        tick = loop.tick(cab.measure(now[0]), 0.0, True)
+        cab.command(now[0], tick.command, tick.enabled)
+        writer.append(tick.row)
+        if tick_number % 1000 == 0:
+            time.sleep(0.002)               # the writer's thread is given a moment: this clock runs far ahead of it
+        state = str(tick.row.state)
+        states[state] += 1
+        said = {alarm.id for alarm in tick.alarms} | {f"head {head} dropped" for head in tick.dropped_heads} | {state}
+        for name, (begin_s, lasts_s) in plan.items():
+            if begin_s <= now[0] < begin_s + lasts_s + 60.0:
+                for what in said:
+                    seen.setdefault((name, what), now[0] - begin_s)
+                if state == "working" and (name, "fault") in seen:
+                    seen.setdefault((name, "working again"), now[0] - begin_s)
+        if state != "working" and (tick.row.speed_used_mps or 0.0) > 0.5 and tick.row.shaft_rpm is not None:
+            for alarm in tick.alarms:
+                loop.order(Order(Do.ACKNOWLEDGE, alarm.id))
+            loop.order(Order(Do.START if state == "ready" else Do.READY))
+    took_s = time.perf_counter() - begun_s
+    writer.close()
+    print("| device | unplugged at s | for s | reaction | after s | working again after s |\n|---|---|---|---|---|---|")
+    for name, (begin_s, lasts_s) in plan.items():
+        reaction = {"gnss": "gnss_silent", "board": "fault"}.get(name, f"head {name[-1]} dropped")
+        after = seen.get((name, reaction))
+        again = seen.get((name, "working again"))
+        print(f"| {name} | {begin_s:.0f} | {lasts_s:.0f} | {reaction} | {'-' if after is None else f'{after:.2f}'} | "
+              f"{'worked on' if again is None else f'{again:.2f}'} |")
+    rows = sum(1 for _ in read_log(log).rows())
+    print(f"\n{seconds:g} s in {took_s:.1f} s; {round(seconds / DT_S)} ticks, {rows} rows in the log; states "
+          + ", ".join(f"{state} {count}" for state, count in states.most_common())
+          + f"; {tick.area_ha:.3f} ha, {tick.applied_kg:.1f} kg")
+    print("rejected:", {status.name: status.rejected for status in cab.status(now[0]) if status.rejected} or "none")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    with tempfile.TemporaryDirectory() as place:
+        run(parser.parse_args().seconds, Path(place) / "run.csv")

@@ -1,0 +1,109 @@
+"""Cab files: what is shipped, what is said about them, and what they change in the worker: work switch, fixed gate."""
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+
+from control.orders import Strategy
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, simulated_run
+from drivers.cab import Cab, CabConfig
+from drivers.files.config import ConfigError, load, load_any, schema, shipped
+from drivers.files.kinds import CAB, KINDS
+from drivers.files.setup import load_setup
+from drivers.ports import memory_pair
+
+
+def test_three_cabs_are_shipped():
+    assert set(shipped("cabs")) == {"virtual", "virtual_module", "huanghai_cab"}
+    real = load("huanghai_cab", CAB).model
+    assert isinstance(real, CabConfig) and real.heads is not None and real.heads.count == 6
+    assert real.gnss is not None and real.board is not None and real.has_work_switch and not real.virtual
+    assert load("virtual", CAB).model.virtual
+
+
+def test_the_schema_is_published_for_editors():
+    body = schema(CAB)
+    assert {"gnss", "heads", "board", "rate_module", "lag_rig"} <= set(body["properties"])
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("board: {port: COM3, baud: 1}", "board.baud: value 1"),
+    ("board: {port: COM3, work_switch: 1}", "board.work_switch"),
+    ("gnss: {port: COM3, protocol: ubx}", "gnss.protocol: value ubx"),
+    ("heads: {ports: [a, b], protocol: psychic}", "allowed is one of greenseeker"),
+    ("rate_module: {pulses_per_turn: 360.0}", "fixed_opening_mm is missing")])
+def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
+    path = tmp_path / "cab.yaml"
+    path.write_text(f"format: topdress-cab/1\n{text}\n")
+    with pytest.raises(ConfigError, match=said) as error:
+        load_any(path, KINDS)
+    assert str(error.value).startswith(str(path)) and "(line " in str(error.value)
+
+
+@pytest.fixture
+def switched(clock):
+    def make(fitted: bool):
+        host, device = memory_pair("board", clock)
+        return Cab(CabConfig.model_validate({"board": {"port": "b", "work_switch": fitted}}), clock,
+                   lambda *_: host), device
+    return make
+
+
+def test_a_fitted_work_switch_that_falls_silent_is_not_known(switched, board_line, clock):
+    cab, device = switched(True)
+    assert cab.measure(100.0).work_switch is None
+    device.write(board_line("S1,0,0,1000000,0,0,60.0,25.0,,,,,1,1"))
+    assert cab.measure(100.0).work_switch is True
+    assert cab.measure(100.5).work_switch is True
+    assert cab.measure(100.6).work_switch is None
+    device.write(board_line("S1,1,0,1600000,0,0,60.0,25.0,,,,,0,1"))
+    assert cab.measure(100.6).work_switch is False
+    device.write(board_line("S1,2,0,1700000,0,0,60.0,25.0,,,,,,1"))
+    assert cab.measure(101.2).work_switch is None, "the board speaks, but not of its switch"
+
+
+def test_without_one_silence_means_nothing(switched, board_line):
+    cab, device = switched(False)
+    device.write(board_line("S1,0,0,1000000,0,0,60.0,25.0,,,,,1,1"))
+    assert cab.measure(100.0).work_switch is True
+    assert cab.measure(110.0).work_switch is True
+
+
+def test_the_worker_tells_its_loop_of_the_switch(tmp_path, monkeypatch):
+    from console.worker import assemble as assembling
+    from console.worker.program import Options
+    told = []
+    monkeypatch.setattr(assembling, "control_loop",
+                        lambda *parts: told.append(parts[4]) or control_loop(*parts))
+    for fitted in (True, False):
+        path = tmp_path / f"{fitted}.yaml"
+        path.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "
+                        f"{str(fitted).lower()}}}\n")
+        parts = assembling.assemble(Options((str(path),), tmp_path / "w.json", log=str(tmp_path / f"{fitted}.csv")),
+                                    lambda: 0.0)
+        assert not parts.names.simulated
+        parts.bench.close()
+        parts.writer.close()
+    assert told == [True, False]
+
+
+@pytest.mark.parametrize("strategy", list(Strategy))
+def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strategy):
+    from console.worker.assemble import with_fixed_gate
+    setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
+    job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), setup.machine)
+    machine = with_fixed_gate(setup.machine, 30.0)
+    plant = simulated_machine(machine, job, 3, 0.05)
+    loop = control_loop(machine, setup.crop, setup.rule, job)
+    record, openings, errors = Record(), set(), []
+    for step in simulated_run(plant, loop, 30.0):
+        record.add(step)
+        row = step.tick.row
+        if row.state == "working":
+            openings.add(row.opening_mm_cmd)
+            if row.time_s > 18.0 and row.applied_rate_kg_ha and row.target_rate_kg_ha > 50.0:
+                errors.append(row.applied_rate_kg_ha / row.target_rate_kg_ha - 1.0)
+    assert openings and min(openings) >= 29.7 and max(openings) <= 30.3, "30 mm and the trim of a tenth"
+    assert abs(sum(errors) / len(errors)) < 0.05
