@@ -29,7 +29,7 @@ def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion
     if m.state is State.CALIBRATING:
         _calibrating(found, seen, limits)
     if m.state in _LOOKING:
-        _sensors(found, now_s, s, seen, motion, scale_heard, limits)
+        _sensors(found, m, now_s, s, seen, motion, scale_heard, limits)
         _hopper_low(found, s, seen, hopper)
     if m.state is State.WORKING:
         _working(found, now_s, s, seen, motion, limits)
@@ -58,9 +58,11 @@ def _calibrating(found: dict[str, Details], seen: Senses, limits: SafetyLimits) 
         found["calibration_moved"] = (("speed_mps", round(fastest, 2)),)
 
 
-def _sensors(found: dict[str, Details], now_s: float, s: Situation, seen: Senses, motion: Motion,
+def _sensors(found: dict[str, Details], m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion,
              scale_heard: bool, limits: SafetyLimits) -> None:
-    if not seen.gnss_ok:
+    """What was never heard has its time after off is left to speak up, as the drives have."""
+    on_s = now_s - m.left_off_s
+    if not seen.gnss_ok and (s.measurements.gnss is not None or on_s > limits.gnss_period_max_s):
         found["gnss_silent"] = ()
     if lasted(motion.wheel_doubt_since_s, now_s, limits.wheel_fault_s):
         found["wheel_fault"] = (("speed_mps", round(seen.gnss_speed_mps or 0.0, 1)),)
@@ -68,9 +70,11 @@ def _sensors(found: dict[str, Details], now_s: float, s: Situation, seen: Senses
         found["scale_silent"] = ()
     if s.target_source is not TargetSource.CANOPY:
         return
-    if s.ndvi_age_s is None or not s.ndvi_age_s <= limits.ndvi_silent_s:
+    settled = on_s > limits.ndvi_silent_s
+    if settled if s.ndvi_age_s is None else not s.ndvi_age_s <= limits.ndvi_silent_s:
         found["ndvi_silent"] = ()
-    if s.valid_heads is not None and s.valid_heads < limits.heads_min:
+    all_spoke = all(reading is not None for reading in s.measurements.ndvi)
+    if s.valid_heads is not None and s.valid_heads < limits.heads_min and (all_spoke or settled):
         found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))
     if s.usable_speed_mps is not None:
         found["lead_short"] = (("usable_speed_mps", _rounded(s.usable_speed_mps, 1)),)

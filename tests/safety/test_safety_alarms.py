@@ -37,7 +37,7 @@ RAISED = [
     ("gnss_silent", {"gnss_age_s": 2.6, "gnss_period_s": 1.0}, 0.0, 0.05, State.WORKING),
     ("gnss_silent", {"fix_quality": 0}, 0.0, 0.05, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": 2.1}, 0.0, 0.05, State.WORKING),
-    ("ndvi_silent", {"ndvi_age_s": None}, 0.0, 0.05, State.WORKING),
+    ("ndvi_silent", {"ndvi_age_s": None}, 1.3, 1.6, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": nan}, 0.0, 0.05, State.WORKING),
     ("heads_few", {"valid_heads": 3}, 0.0, 0.05, State.WORKING),
     ("hopper_low", {"hopper_kg": 29.0}, 0.9, 1.1, State.WORKING),
@@ -241,3 +241,20 @@ def test_a_machine_without_a_scale_raises_no_scale_alarm(new_run, never):
     run.order(Do.START)
     run.tick(30.0, scale_age_s=never)
     assert run.alarm_ids() == []
+
+
+def test_what_was_never_heard_has_two_seconds_after_off_to_speak_up(new_run, never):
+    run = new_run()
+    run.order(Do.READY)
+    nothing = {"gnss_age_s": never, "ndvi_age_s": None, "valid_heads": 0, "heads_heard": 0}
+    run.tick(1.9, **nothing)
+    assert run.alarm_ids() == []
+    run.tick(0.2, **nothing)
+    assert run.alarm_ids() == ["gnss_silent", "ndvi_silent", "heads_few"]
+
+
+def test_few_heads_are_told_at_once_where_all_have_spoken(new_run):
+    run = new_run()
+    run.order(Do.READY)
+    run.tick(valid_heads=3, heads_heard=6)
+    assert run.alarm_ids() == ["heads_few"]
