@@ -1,0 +1,130 @@
+"""The lag paper's correction experiment (section 2.3, tables 5 and 6) on the machine model.
+
+From zero rate over a cell's boundary at a constant ground and shaft speed. Without the correction the command is given
+at the boundary, with it where the distance to the boundary equals L = v T_lag (eq 1 and 6). The miss is where the
+first granules lie, past the boundary positive.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from control.machine.elements import Array
+from control.machine.fall import drop_s, lag_paper_s
+from control.machine.machine import Machine
+from control.machine.shaft import approach
+
+from .published import DROP_S, LAG_SPEED_KMH, TOTAL_LAG_S
+
+STEP_S = 0.0025
+SETTLED_S = 1.5
+REPLICATES = 3
+TURNING_RPM = 2.0           # the paper's threshold of a shaft that turns
+
+
+class Reading(NamedTuple):
+    """One way to read what happened in the field. Every part is off by default: eq 6 holds exactly."""
+
+    name: str
+    lag_from: str = "line"              # line: eq 6; model: the machine model's own first granule; field: table 4
+    scatter: bool = False               # drop times scatter as in table 3
+    update_hz: float | None = None      # the position, and with it the decision, comes this often; None: at once
+    shared_phase: bool = False          # the three replicates of a shaft speed meet the boundary alike between updates
+
+
+READINGS = (
+    Reading("eq 6 exact"),
+    Reading("machine model", "model"),
+    Reading("machine model, scatter of table 3", "model", True),
+    Reading("field lag of table 1", "field"),
+    Reading("field lag, scatter of table 3", "field", True),
+    *(Reading(f"eq 6, scatter, position at {hz:g} Hz", "line", True, hz) for hz in (1.0, 5.0, 10.0)),
+    Reading("eq 6, scatter, position at 1 Hz, replicates in phase", "line", True, 1.0, True),
+    *(Reading(f"machine model, scatter, position at {hz:g} Hz", "model", True, hz) for hz in (1.0, 5.0, 10.0)),
+    *(Reading(f"field lag, scatter, position at {hz:g} Hz", "field", True, hz) for hz in (1.0, 5.0, 10.0)),
+)
+
+
+def first_granule_s(machine: Machine, shaft_rpm: float) -> float:
+    """From the command to the first granule on the ground, s, starting from a standing shaft.
+
+    Granules released while the shaft speeds up are overtaken by later ones, which fall faster.
+    """
+    shaft = machine.shaft
+    begin = shaft.dead_time_s + shaft.extra_dead_time_s
+    rpm, first, now = 0.0, float("inf"), begin
+    while now < begin + SETTLED_S:
+        rpm = approach(rpm, shaft_rpm, shaft.time_constant_s + shaft.slow_s, shaft.acceleration_rpm_s, STEP_S)
+        now += STEP_S
+        if rpm >= TURNING_RPM:
+            first = min(first, now + drop_s(machine.fall, rpm))
+    return first
+
+
+def misses_m(machine: Machine, shaft_rpm: int, reading: Reading, corrected: bool, trials: int,
+             rng: np.random.Generator) -> Array:
+    """Misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed that the paper did not test."""
+    speed = LAG_SPEED_KMH / 3.6
+    lags = {"line": lag_paper_s(shaft_rpm), "model": first_granule_s(machine, shaft_rpm),
+            "field": TOTAL_LAG_S[shaft_rpm][0]}
+    lag = np.full((trials, REPLICATES), lags[reading.lag_from])
+    if reading.scatter:
+        drops = np.array(DROP_S[shaft_rpm])
+        lag += rng.choice(drops - drops.mean(), lag.shape)
+    if reading.update_hz is not None:
+        lag += rng.uniform(0.0, 1.0 / reading.update_hz, (trials, 1 if reading.shared_phase else REPLICATES))
+    ahead = speed * lag_paper_s(shaft_rpm) if corrected else 0.0
+    return np.asarray(speed * lag - ahead, dtype=np.float64)
+
+
+class Fit(NamedTuple):
+    """How well a reading explains table 5."""
+
+    reading: Reading
+    mean_m: float               # of all its misses
+    between_m: float            # r.m.s. of mean miss by shaft speed, ours minus the paper's
+    within_m: float             # standard deviation between the replicates of a shaft speed
+    means_m: float              # standard deviation of the replicates' means between shaft speeds
+    log_likelihood: float       # mean over the paper's 21 values, natural logarithm, 1/m
+    by_rpm: dict[int, float]    # mean miss
+
+
+MEASURED_TO_M = 0.05        # a tape on the ground
+
+
+def explain(machine: Machine, published_m: dict[int, tuple[float, ...]], readings: tuple[Reading, ...] = READINGS,
+            trials: int = 2000, seed: int = 1) -> list[Fit]:
+    """Every reading held against the published misses, the likeliest first.
+
+    The likelihood of a value is that of our misses at its shaft speed, smoothed by the tape's error.
+    """
+    rng = np.random.default_rng(seed)
+    fits = []
+    for reading in readings:
+        ours = {rpm: misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m}
+        logs = [_log_density(value, ours[rpm].ravel()) for rpm, values in published_m.items() for value in values]
+        apart = [float(ours[rpm].mean()) - sum(values) / len(values) for rpm, values in published_m.items()]
+        fits.append(Fit(reading, float(np.mean([o.mean() for o in ours.values()])),
+                        float(np.sqrt(np.mean(np.square(apart)))), _within(list(ours.values())),
+                        float(np.std([o.mean(axis=1) for o in ours.values()], axis=0, ddof=1).mean()),
+                        float(np.mean(logs)), {rpm: float(o.mean()) for rpm, o in ours.items()}))
+    return sorted(fits, key=lambda fit: -fit.log_likelihood)
+
+
+def _within(groups: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean([np.var(group, axis=-1, ddof=1).mean() for group in groups])))
+
+
+def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, float, float]:
+    """Mean miss, standard deviation between replicates, and of their means between shaft speeds, m."""
+    groups = [np.array(values) for values in published_m.values()]
+    means = [float(group.mean()) for group in groups]
+    return float(np.mean(means)), _within(groups), float(np.std(means, ddof=1))
+
+
+def _log_density(value_m: float, sample_m: Array) -> float:
+    z = (value_m - sample_m) / MEASURED_TO_M
+    density = float(np.mean(np.exp(-0.5 * z * z))) / (MEASURED_TO_M * float(np.sqrt(2.0 * np.pi)))
+    return float(np.log(max(density, 1e-12)))
