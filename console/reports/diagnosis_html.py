@@ -9,13 +9,16 @@ from typing import Any
 from console.reports.bars import interval_bar, share_bar
 from console.reports.figure import need_matplotlib
 from console.reports.html import escape, facts, figure, items, paragraph, section, table
-from console.reports.numbers import number, p_value, percent, span_of, with_interval
+from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.pictures import Pictures, pictures_of
+from console.reports.variables import plain
 from console.reports.verdict import WORDS, cost, member_of, others, sentence, title_of
 from control.diagnosis.result import Cause, Diagnosis, Gain, NextRun
 from control.machine.machine import CATALOGUE
 
+# The page may fetch nothing, whatever words a hostile file has put into it.
+POLICY = """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">"""
 STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
 
 
@@ -32,17 +35,19 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     name = escape(found.data.path or "data")
     parts = (
         _head(found),
-        section("Causes", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
+        section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained)))),
+        section("Measured beside predicted", *(figure(picture) for picture in pictures.data)),
         _next_run(found.next_run),
         section("Gain on data that the naming never saw", _gains(found.gain)),
-        section("Channels", _channels(found), *(figure(picture) for picture in pictures.data)),
+        section("Channels", _channels(found)),
         section("About the data", items(found.findings) if found.findings else ""),
         _not_shown(found),
         _provenance(found, tools))
     body = "\n".join(part for part in parts if part)
-    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<meta name="viewport" '
-            f'content="width=device-width, initial-scale=1">\n<title>Diagnosis of {name}</title>\n'
+    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>Diagnosis of {name}</title>\n"
             f"<style>{STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
 
 
@@ -82,15 +87,15 @@ def _size(cause: Cause, unit: str) -> str:
     if not interval or size.low is None or size.high is None:
         return said
     words = f"90 % interval: {interval}"
-    return (f"{said}{interval_bar(size.value, size.low, size.high, escape(words))} "
-            f'<span class="dim">{escape(words)}</span>')
+    return (f'<div class="sized">{said}{interval_bar(size.value, size.low, size.high, escape(words))}'
+            f'<span class="dim">{escape(words)}</span></div>')
 
 
 def _shares(cause: Cause) -> str:
     """The cause's own probability and those of what could be in its place."""
     if not others(cause):
         said = percent(cause.probability)
-        return f'<span class="big">{said}</span>{share_bar(cause.probability, said, True)}'
+        return f'<div class="sized"><span class="big">{said}</span>{share_bar(cause.probability, said, True)}</div>'
     rows = [(cause.id, cause.probability), *others(cause)]
     cells = "".join(f"<span>{escape(title_of(effect_id))} <span class=\"id\">{escape(effect_id)}</span></span>"
                     f'<span class="number">{percent(share)}</span>{share_bar(share, percent(share), k == 0)}'
@@ -101,15 +106,15 @@ def _shares(cause: Cause) -> str:
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
     left = found.unexplained[k]
     share = percent(left.explained_share)
-    text = (f"{left.channel} depends on {left.variable}: {share} of what is left there follows it, and no catalogued "
-            "effect says why.")
+    text = (f"{left.channel} depends on {plain(left.variable, found.data.kind)} ({left.variable}): {share} of what is "
+            "left there follows it, and no catalogued effect says why.")
     return paragraph(text) + figure(pictures.left[k])
 
 
 def _next_run(plan: NextRun | None) -> str:
     if plan is None:
         return ""
-    steps = [step.strip(" ;.") for step in STEP.split(plan.plan) if step.strip(" ;.")]
+    steps = [step[0].upper() + step[1:] for part in STEP.split(plan.plan) if (step := part.strip(" ;."))]
     return section("Next run", paragraph(f"Why: {plan.why}."), items([f"{step}." for step in steps], ordered=True))
 
 
@@ -123,25 +128,33 @@ def _gains(gains: Sequence[Gain]) -> str:
         change = f"{abs(less):.0f} % {'less' if less >= 0.0 else 'more'}"
         rows.append((gain.channel, gain.metric, number(gain.before), after, interval, change, gain.held_out))
     return table(("channel", "error", "nominal", "with the causes", "90 % interval", "change", "held out"), rows,
-                 frozenset({2, 3, 4, 5}))
+                 frozenset({2, 3, 4, 5})) + paragraph("The interval is of the error with the causes.", "dim")
 
 
 def _channels(found: Diagnosis) -> str:
     if not found.channels:
         return ""
-    rows = [(c.channel, c.unit, str(c.n), number(c.bias), number(c.rmse), number(c.noise_floor),
-             number(100.0 * c.explained_by_nominal), p_value(c.structure_p)) for c in found.channels]
+    rows = [(c.channel, c.unit, str(c.n), *_alike(c.bias, c.rmse, c.noise_floor),
+             fixed(100.0 * c.explained_by_nominal, 1), p_value(c.structure_p)) for c in found.channels]
     return table(("channel", "unit", "rows", "bias", "rms error", "noise", "explained by nominal, %",
                   "p of structure"), rows, frozenset(range(2, 8))) + paragraph(
         "Errors of the nominal machine. p of structure: how often noise alone would show so much; below 0.01 the model "
         "lacks something.", "dim")
 
 
+def _alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
+    """The three to the same decimals: three digits of the noise."""
+    decimals = decimals_of(noise if noise > 0.0 else rmse) + 1
+    return fixed(bias, decimals), fixed(rmse, decimals), fixed(noise, decimals)
+
+
 def _not_shown(found: Diagnosis) -> str:
-    seen, blind = [], []
+    seen, blind, elsewhere = [], [], []
     for one in found.not_shown:
         size = one.smallest_detectable
-        if size.value is None:
+        if size.value is None and not _hoped_for(one.id, found.data.kind):
+            elsewhere.append(one.id)
+        elif size.value is None:
             blind.append((one.id, title_of(one.id)))
         else:
             seen.append((one.id, title_of(one.id), f"{number(abs(size.value), 2)} {size.unit}"))
@@ -150,8 +163,17 @@ def _not_shown(found: Diagnosis) -> str:
         inside += [paragraph("Not found; each would have been seen from this size on:"),
                    table(("effect", "what happens", "smallest size seen"), seen)]
     if blind:
-        inside += [paragraph("Cannot be seen in this data at all:"), table(("effect", "what happens"), blind)]
+        inside += [paragraph("Cannot be seen in this data at all, though data of this kind might show it:"),
+                   table(("effect", "what happens"), blind)]
+    if elsewhere:
+        inside.append(paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim"))
     return section("Not shown", *inside)
+
+
+def _hoped_for(effect_id: str, kind: str) -> bool:
+    """Whether data of this kind may show the effect (several kinds are joined by a plus)."""
+    entry = CATALOGUE.get(effect_id)
+    return entry is not None and any(one in where for one in kind.split("+") for where in entry.effect.seen_in)
 
 
 def _provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -17,14 +18,15 @@ BEFORE, AFTER, THIRD = "#0d0e0f", "#101112", "#131415"
 VARIABLES = {INK: "ink", LINE: "line", GRID: "grid", DIM: "dim", BEFORE: "before", AFTER: "after", THIRD: "third"}
 PAPER = "#161718"
 
-STYLE = {
+STYLE: Any = {
     "svg.fonttype": "none", "font.size": 10.0, "font.family": "sans-serif", "text.color": INK,
     "axes.labelcolor": INK, "axes.edgecolor": LINE, "axes.linewidth": 0.8, "axes.grid": True, "grid.color": GRID,
     "grid.linewidth": 0.6, "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
     "axes.titlesize": 10.0, "axes.titlelocation": "left", "xtick.color": LINE, "ytick.color": LINE,
     "xtick.labelcolor": INK, "ytick.labelcolor": INK, "legend.frameon": False, "legend.fontsize": 9.0,
     "figure.facecolor": "none", "axes.facecolor": "none", "savefig.facecolor": "none", "axes.unicode_minus": True,
-    "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 6), "lines.solid_capstyle": "butt",
+    "text.parse_math": False, "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 6),
+    "lines.solid_capstyle": "butt",
 }
 
 
@@ -61,7 +63,8 @@ def svg(figure: Figure, name: str, said: str) -> str:
     """
     import matplotlib
     out = io.StringIO()
-    with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
+    with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")      # the page's own fonts draw the words
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = out.getvalue()
     text = text[text.index("<svg"):]

@@ -5,6 +5,7 @@ from math import floor, isfinite, log10
 
 MINUS = "\N{MINUS SIGN}"
 MOST_DECIMALS = 6
+MOST_DIGITS = 4         # of a value, however narrow its interval
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -36,8 +37,10 @@ def with_interval(value: float, low: float | None, high: float | None) -> tuple[
     """Value, and its interval in words ("" where there is none), to the same decimals."""
     if low is None or high is None or not high > low:
         return number(value), ""
-    decimals = max(0, decimals_of(0.5 * (high - low)))
-    return fixed(value, decimals), f"{fixed(low, decimals)} to {fixed(high, decimals)}"
+    largest = max(abs(low), abs(high))
+    decimals = max(0, min(decimals_of(0.5 * (high - low)), MOST_DIGITS - 1 - floor(log10(largest))))
+    least, most = fixed(low, decimals), fixed(high, decimals)
+    return fixed(value, decimals), f"{least} to {most}" if least != most else "narrower than the last digit"
 
 
 def percent(share: float) -> str:

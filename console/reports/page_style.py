@@ -24,7 +24,9 @@ code, .id { font-family: ui-monospace, "DejaVu Sans Mono", monospace; overflow-w
 .do { font-weight: 600; }
 dl { display: grid; grid-template-columns: 9rem 1fr; gap: .3rem 1rem; margin: .7rem 0; }
 dt { color: var(--dim); } dd { margin: 0; }
-.rivals { display: grid; grid-template-columns: max-content max-content 1fr; gap: 0 .8rem; align-items: center; }
+.sized { display: flex; flex-wrap: wrap; align-items: center; gap: .1rem .8rem; }
+.rivals { display: grid; max-width: 42rem; grid-template-columns: minmax(0, 1fr) max-content 220px;
+  gap: 0 .8rem; align-items: center; }
 .big { font-size: 1.15rem; font-weight: 600; margin-right: .5rem; }
 figure { margin: 1rem 0; break-inside: avoid; } svg.picture { display: block; width: 100%; height: auto; }
 svg text { font-family: system-ui, "DejaVu Sans", sans-serif; }

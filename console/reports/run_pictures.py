@@ -28,8 +28,11 @@ from control.machine.machine import CATALOGUE
 Array = npt.NDArray[np.float64]
 
 LEAST_SHARE = 0.25          # of what an effect does: below it, means over the axis do not tell it
+ALL_SHARE = 0.8             # from here on they tell all
 STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}    # views whose rows are shown in full, and how long
 TIME_BINS = 90
+ROWS_IN_BIN = 6             # at least, on average
+CHANGING = 0.01             # of an effect's strength in a stretch: below it, it is an even one
 BAND = "The band is the 90 % interval of each mean."
 
 
@@ -41,14 +44,8 @@ def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, nam
     view, effect = found
     before, after = view.residual(()), view.residual(parts)
     axis = view.axis_of(part, effect)
-    panels: list[str] = []
-    if shown_share(axis, effect) >= LEAST_SHARE:
-        panels.append("means")
-    if view.name in STRETCH_S:
-        panels.append("stretch")
-    if not panels:
-        panels.append("means")
-    with drawn(9.4 if len(panels) == 2 else 6.4, 3.4, columns=len(panels)) as (figure, grid):
+    panels = _panels(view, axis, shown_share(axis, effect), part)
+    with drawn(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels)) as (figure, grid):
         for axes, panel in zip(grid[0], panels, strict=True):
             if panel == "means":
                 residual_panel(axes, axis, before, after, memory_of(after), view.unit)
@@ -67,6 +64,13 @@ def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, nam
         told.append("The stretch is the one in which the effect does most." if part.onset_s is None else
                     "The stretch is the one about the onset.")
     return [Picture(text, " ".join(told))]
+
+
+def _panels(view: View, axis: Axis, share: float, part: Part) -> list[str]:
+    """Means over the axis where they tell the effect; a stretch in full where they do not tell all, or time matters."""
+    stretch = view.name in STRETCH_S and (share < ALL_SHARE or part.onset_s is not None or axis.sign is not None)
+    means = share >= LEAST_SHARE or not stretch
+    return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
 
 def _view_of(views: Sequence[View], parts: Sequence[Part], part: Part) -> tuple[View, Array] | None:
@@ -90,8 +94,7 @@ def _stretch(axes: Any, view: View, own: tuple[Part, ...], effect: Array, part: 
     step = float(np.median(np.diff(view.time_s)))
     count = min(len(effect), max(8, int(round(wide / step))))
     if part.onset_s is None:
-        total = np.concatenate(([0.0], np.cumsum(effect ** 2)))
-        begin = int(np.argmax(total[count:] - total[:-count])) if count < len(effect) else 0
+        begin = _most_telling(effect, count)
     else:
         begin = int(np.searchsorted(view.time_s, part.onset_s - 0.5 * wide))
     begin = max(0, min(begin, len(effect) - count))
@@ -106,6 +109,19 @@ def _stretch(axes: Any, view: View, own: tuple[Part, ...], effect: Array, part: 
     axes.set_title("a stretch of the log")
     if part.onset_s is not None:
         axes.axvline(part.onset_s, color=INK, linestyle=":", linewidth=1.4, label="onset")
+
+
+def _most_telling(effect: Array, count: int) -> int:
+    """First of the `count` rows in which the effect changes most; where it is even, is strongest."""
+    if count >= len(effect):
+        return 0
+
+    def sums(series: Array) -> Array:
+        total = np.concatenate(([0.0], np.cumsum(series)))
+        return np.asarray(total[count:] - total[:-count])
+    strong = sums(effect ** 2)
+    changing = strong - sums(effect) ** 2 / count
+    return int(np.argmax(changing if changing.max() > CHANGING * strong.max() else strong))
 
 
 def left_picture(views: Sequence[View], parts: Sequence[Part], left: Unexplained, fit: TableFit | None,
@@ -195,12 +211,12 @@ def _rows_for_time(view: View, own: Sequence[Part]) -> tuple[npt.NDArray[np.bool
 
 def _in_even_bins(axis: Axis, count: int) -> Callable[[Array, float], tuple[Array, Array, Array]]:
     low, high = float(axis.values.min()), float(axis.values.max())
-    count = max(2, min(count, len(axis.values) // 2))
+    count = max(2, min(count, len(axis.values) // ROWS_IN_BIN))
     width = (high - low) / count or 1.0
     index = np.minimum(count - 1, ((axis.values - low) / width).astype(int))
 
     def means(series: Array, memory: float) -> tuple[Array, Array, Array]:
-        middle = low + (np.arange(count) + 0.5) * width
+        middle = np.asarray(low + (np.arange(count) + 0.5) * width, np.float64)
         cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
         found = binned(cell, series, memory)
         at = np.full(count, np.nan)

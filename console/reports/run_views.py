@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.binned import Axis, telling
+from console.reports.binned import Axis, shown_share, telling
+from console.reports.variables import OF_RUNS
 from control.diagnosis.data_gate import gate
 from control.diagnosis.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
 from control.diagnosis.residuals import Channel, channels
@@ -24,11 +25,9 @@ AFTER_CHANGE_S = 3.0        # a drive has answered by then
 STAGE_OF_VIEW = {"shaft": ("shaft",), "gate": ("gate",), "flow": ("flow", "gate"), "scale": ("scale", "flow", "gate"),
                  "speed": ("speed",), "heads": ("heads",)}
 RUN_WITH_TIME = ("time_s", "hopper_kg", "moved")
+FIRST = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
+TIME_MORE = 0.08            # of what an effect does must time tell beyond what any other axis tells
 OWN_AXIS = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}       # though time may tell as much
-LABELS = {"shaft_rpm": "shaft speed commanded, r/min", "opening_mm": "opening commanded, mm", "supply_v": "supply, V",
-          "pitch_deg": "pitch, degrees nose up", "roll_deg": "roll, degrees right side down",
-          "hopper_kg": "hopper, kg", "speed_mps": "ground speed, m/s", "heading_deg": "heading, degrees",
-          "time_s": "time, min"}
 
 
 class View(NamedTuple):
@@ -49,7 +48,12 @@ class View(NamedTuple):
     def axis_of(self, part: Part, effect: Array) -> Axis:
         """The axis along which what the effect does to the rows (n,) shows most."""
         own = self.axes.get(OWN_AXIS.get(part.id, ""))
-        return own if own is not None else telling(tuple(self.axes.values()), effect)
+        if own is not None:
+            return own
+        best = telling([axis for name, axis in self.axes.items() if name not in RUN_WITH_TIME], effect)
+        late = telling([self.axes[name] for name in RUN_WITH_TIME if name in self.axes], effect)
+        more = 0.0 if part.onset_s is not None else TIME_MORE
+        return late if shown_share(late, effect) > shown_share(best, effect) + more else best
 
     def own(self, parts: Sequence[Part]) -> tuple[Part, ...]:
         """Those effects that this channel can feel, as many onsets as one run may have."""
@@ -119,23 +123,23 @@ def _view(name: str, channel: Channel, data: RunData, machine: Machine) -> View:
         axes = {"head": Axis("head", member.astype(float) - 1.0, names=heads),
                 "ndvi": Axis("NDVI, mean of all heads", np.tile(channel.grid.of(data.heads.mean), copies)), **axes}
     return View(name, f"{titles[name]}: measured less predicted", channel.unit, time_s, channel.measured,
-                _predictor(channel, machine), _time_last(axes), member)
+                _predictor(channel, machine), _ordered(axes, name), member)
 
 
 def _recorded(data: RunData, time_s: Array) -> dict[str, Axis]:
     found = {}
     for name, values in data.variables.items():
         if name == "time_s":
-            found[name] = Axis(LABELS[name], time_s / 60.0)
+            found[name] = Axis(OF_RUNS[name], time_s / 60.0)
         elif np.nanmax(values) > np.nanmin(values):
-            found[name] = Axis(LABELS.get(name, name), np.interp(time_s, data.time_s, values))
+            found[name] = Axis(OF_RUNS.get(name, name), np.interp(time_s, data.time_s, values))
     return found
 
 
-def _time_last(axes: dict[str, Axis]) -> dict[str, Axis]:
-    """Anything that changes also changes in time: time counts after what varies, but before what only runs with it."""
-    first = {name: axis for name, axis in axes.items() if name not in RUN_WITH_TIME}
-    return {**first, **{name: axes[name] for name in RUN_WITH_TIME if name in axes}}
+def _ordered(axes: dict[str, Axis], view: str) -> dict[str, Axis]:
+    """Of axes that tell as much the first is taken: the channel's own stands there."""
+    first = {name: axes[name] for name in FIRST.get(view, ()) if name in axes}
+    return {**first, **{name: axis for name, axis in axes.items() if name not in first}}
 
 
 def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
@@ -150,11 +154,12 @@ def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
     way = np.where(newest >= 0, np.sign(change[rows])[np.maximum(newest, 0)], 0.0)
     moved = np.interp(time_s, drive.time_s, np.cumsum(np.abs(change)))
     ways = ("slowing down", "speeding up") if drive.name == "shaft" else ("closing", "opening")
-    unit = "r/min" if drive.name == "shaft" else "mm"
     late = "seconds since the command changed (residual turned so that up is the way of the change)"
-    return {"way": Axis("last change of the command", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
-            "since_change": Axis(late, np.where(since < AFTER_CHANGE_S, since, np.nan), way),
-            "moved": Axis(f"distance moved so far, {unit}", moved)}
+    found = {"way": Axis("last change of the command", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
+             "since_change": Axis(late, np.where(since < AFTER_CHANGE_S, since, np.nan), way)}
+    if drive.name == "gate":
+        found["moved"] = Axis("distance moved so far, mm", moved)
+    return found
 
 
 def _flow(channel: Channel, data: RunData, machine: Machine) -> View:
@@ -176,7 +181,7 @@ def _flow(channel: Channel, data: RunData, machine: Machine) -> View:
     for name, values in data.variables.items():
         total = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(data.time_s))))
         mean = (np.interp(time_s[starts] + span_s, data.time_s, total) - np.interp(time_s[starts], data.time_s, total))
-        axes[name] = Axis(LABELS.get(name, name), middle / 60.0 if name == "time_s" else mean / span_s)
+        axes[name] = Axis(OF_RUNS.get(name, name), middle / 60.0 if name == "time_s" else mean / span_s)
     axes = {name: axis for name, axis in axes.items() if np.ptp(axis.values) > 0.0 or name == "time_s"}
     return View("flow", "flow, read off the scale: measured less predicted", "g/s", middle, falls(channel.measured),
-                lambda parts: falls(predicted(parts)), _time_last(axes))
+                lambda parts: falls(predicted(parts)), _ordered(axes, "flow"))

@@ -11,7 +11,8 @@ from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, drawn, svg
 from console.reports.html import escape
 from console.reports.panels import EXTENDED, MEASURED, NOMINAL, legend_below, smooth_line, zero_line
 from console.reports.picture import Picture
-from console.reports.table_views import LABELS, Group, TableView
+from console.reports.table_views import Group, TableView
+from console.reports.variables import OF_TABLES
 from control.diagnosis.result import Unexplained
 
 Array = npt.NDArray[np.float64]
@@ -63,7 +64,7 @@ def _models(axes: Any, view: TableView, group: Group, named: bool, first: bool) 
             for series, colour, line, label in _lines(view, named):
                 at, mean = _by_value(x[inside], series[inside])
                 axes.plot(at, mean, color=colour, linestyle=line, linewidth=1.8, label=label)
-        axes.set_xlabel(LABELS.get(view.main, view.main))
+        axes.set_xlabel(OF_TABLES.get(view.main, view.main))
         if first:
             axes.set_ylabel(f"{view.name.rsplit(' ', 1)[-1]}, {view.unit}")
         return
@@ -93,7 +94,7 @@ def _settings(view: TableView, rows: npt.NDArray[np.bool_]) -> list[tuple[str, n
     kinds = sorted({key for key, inside in zip(keys, rows.tolist(), strict=True) if inside})
     found = []
     for kind in kinds:
-        words = ", ".join(f"{LABELS.get(n, n).split(',')[0]} {v:g}" for n, v in zip(moving, kind, strict=True))
+        words = ", ".join(f"{OF_TABLES.get(n, n).split(',')[0]} {v:g}" for n, v in zip(moving, kind, strict=True))
         inside = rows & np.array([key == kind for key in keys])
         found.append((f" ({words})" if len(kinds) > 1 else "", inside))
     return found
@@ -127,7 +128,7 @@ def _left(axes: Any, view: TableView, group: Group, named: bool, first: bool) ->
         at, mean = _by_value(x[rows], values[rows])
         axes.plot(at + shift, mean, color=colour, marker=marker, linestyle=line, linewidth=1.4, markersize=6.0,
                   markerfacecolor=PAPER if side < 0 else colour, label=label)
-    axes.set_xlabel(LABELS.get(view.main, view.main) if view.main else "row")
+    axes.set_xlabel(OF_TABLES.get(view.main, view.main) if view.main else "row")
     if first:
         axes.set_ylabel(f"residual, {view.unit}")
 
@@ -156,7 +157,7 @@ def left_picture(views: Sequence[TableView], left: Unexplained, name: str) -> Pi
         zero_line(axes)
         if left.variable in view.variables:
             x = view.variables[left.variable]
-            label = LABELS.get(left.variable, left.variable)
+            label = OF_TABLES.get(left.variable, left.variable)
         else:
             x = np.zeros(len(view.observed))
             for k, group in enumerate(view.groups):

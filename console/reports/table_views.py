@@ -18,10 +18,6 @@ Array = npt.NDArray[np.float64]
 
 IN_STEPS = "lag.coarse_clock"   # shows in how the times heap, not in what the machine does
 CLEARLY_WORSE = 4.0             # in variances of a row: by so much an effect must hurt before it is not held here
-LABELS = {"shaft_rpm": "shaft speed, r/min", "opening_mm": "opening, mm", "duration_s": "duration, s",
-          "speed_mps": "ground speed, m/s", "target_kg": "target, kg", "area_m2": "area, m2", "outlet": "outlet",
-          "ndvi_reference": "NDVI of the reference", "head": "head", "warm_min": "minutes since switched on",
-          "height_m": "height, m", "corrected_lag_s": "lag corrected for, s", "replicate": "replicate"}
 UNSORTED = ("replicate", "area_m2", "duration_s")       # shown against only where nothing else varies
 
 

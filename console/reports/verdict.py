@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from console.reports.numbers import fixed, number
+from console.reports.variables import plain
 from control.diagnosis.result import Cause, Diagnosis, FieldCost
 from control.machine.machine import CATALOGUE
 
@@ -26,7 +27,7 @@ def sentence(found: Diagnosis) -> str:
         doubtful = sum(1 for cause in found.causes if others(cause))
         which = "It" if len(titles) == 1 else "One of them" if doubtful == 1 else "Some of them"
         return f"{named}. {which} could also be something else: this data does not tell."
-    left = " and ".join(f"{one.channel} depends on {one.variable.removesuffix('_s').replace('_', ' ')}"
+    left = " and ".join(f"{one.channel} depends on {plain(one.variable, found.data.kind)}"
                         for one in found.unexplained) or "something is left"
     beside = f" Beside it: {'; '.join(titles)}." if titles else ""
     return f"There is structure that no known effect explains: {left}.{beside}"
@@ -43,8 +44,8 @@ def cost(of: FieldCost) -> str:
         return "not known"
     said = []
     if of.rate_error_percent:
-        said.append(f"{number(abs(of.rate_error_percent))} % too {'much' if of.rate_error_percent > 0 else 'little'} "
-                    "is spread")
+        word = "much" if of.rate_error_percent > 0.0 else "little"
+        said.append(f"{number(abs(of.rate_error_percent), 2)} % too {word} is spread")
     if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0 ** -PLACE_DIGITS:
         word = "beyond" if of.place_error_m > 0 else "short of"
         said.append(f"material lands {fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place")
