@@ -9,7 +9,7 @@ import numpy.typing as npt
 from .encoder import encoder_steps
 from .hypothesis import Part, Parts
 from .likelihood import Column, fitted
-from .onset import refined, stops, with_onset
+from .onset import blocked, refined, stops, with_onset
 from .open_set import Table, best_table, significant
 from .search import Found, Group, Refit
 
@@ -44,6 +44,8 @@ class Named(NamedTuple):
 def name(group: Group, threshold: float = THRESHOLD) -> Named:
     """Judge a group of channels."""
     group.candidates += [*stops(group, group.data), *encoder_steps(group)]
+    if "scale" in group.names:
+        group.candidates += blocked(group.data)
     group.settle(())
     group.tame(())
     group.settle(())
@@ -77,12 +79,19 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
 
 def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
     """The hypothesis with one more part, where that gains more than the threshold."""
-    ranked = [f for f in group.scan(now.parts, now.noise) if f.gain > 0.5 * threshold][:REFITTED]
+    ranked = [f for f in _one_of_each(group.scan(now.parts, now.noise)) if f.gain > 0.5 * threshold][:REFITTED]
     tried = [r for r in (group.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
     if not tried:
         return None
     best = max(tried, key=lambda r: r.log_likelihood)
     return best if 2.0 * (best.log_likelihood - now.log_likelihood) > threshold else None
+
+
+def _one_of_each(found: list[Found]) -> list[Found]:
+    best: dict[tuple[str, int | None], Found] = {}
+    for f in found:
+        best.setdefault((f.part.id, f.part.member), f)
+    return list(best.values())
 
 
 def _swapped(group: Group, now: Refit) -> Refit:
@@ -140,7 +149,7 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
         reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
         found = []
-        for f in group.scan(others, alone.noise)[:8]:
+        for f in _one_of_each(group.scan(others, alone.noise))[:8]:
             if f.part.id == part.id or f.gain < gain - 3.0 * reach - 10.0:
                 continue
             tried = group.refit((*others, f.part), now.noise)

@@ -54,6 +54,9 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed."""
     moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
+    if not moving.any():
+        return s, None
+    ratio = ratio / float(np.median(ratio[moving]))
     dips = moving & (ratio < DIP_BELOW)
     rises = int((moving & (ratio > DIP_ABOVE)).sum())
     starts = int((dips & ~np.insert(dips[:-1], 0, False)).sum())
@@ -62,7 +65,7 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     usual = float(np.median(ratio[moving & ~dips]))
     lost = np.where(dips, usual - ratio, 0.0)[moving]
     share = 100.0 * float(lost.mean())
-    wheel = np.where(dips, s.gnss_mps * usual, s.wheel_mps)
+    wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share / np.sqrt(starts)
     return s._replace(wheel_mps=wheel), Seen(Part("speed.missed_pulses", share), float(sd), 10.0 * starts)
 

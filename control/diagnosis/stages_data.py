@@ -291,7 +291,9 @@ def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
     step = float(np.median(np.diff(at)))
     wheel_there = wheel[rows]
     trust = machine.noise.gnss_mps ** 2 / (machine.noise.gnss_mps ** 2 + machine.noise.wheel_mps ** 2 + 1e-12)
-    both = (1.0 - trust) * gnss[rows] + trust * wheel_there
+    going = (gnss[rows] > MOVING_MPS) & (wheel_there > MOVING_MPS)
+    ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
+    both = (1.0 - trust) * gnss[rows] + trust * wheel_there / ratio
     window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
     smooth = savgol_filter(both, window, 2) if window > 3 else both
     moving = smooth > MOVING_MPS
