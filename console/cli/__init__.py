@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from console.cli import check, decode, devices, diagnose, effects, replay, run, serve_machine, simulate
+from console.cli import calibrate, check, decode, devices, diagnose, effects, replay, run, serve_machine, simulate
 from console.cli import map as map_command
 from console.cli.plain_errors import guarded
 
@@ -30,6 +30,7 @@ app.command("run")(guarded(run.run))
 app.command("replay")(guarded(replay.replay))
 app.command("simulate")(guarded(simulate.simulate))
 app.command("diagnose")(guarded(diagnose.diagnose))
+app.command("calibrate")(guarded(calibrate.calibrate))
 app.command("effects")(guarded(effects.effects))
 app.command("decode")(guarded(decode.decode))
 app.command("map")(guarded(map_command.map_files))

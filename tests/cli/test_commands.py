@@ -170,3 +170,18 @@ def test_a_foreign_control_package_is_told(monkeypatch: pytest.MonkeyPatch, caps
         cli.main()
     assert ended.value.code == 1
     assert "environment of its own" in capsys.readouterr().err
+
+
+def test_calibrate_writes_a_new_machine_file_and_never_overwrites(tmp_path: Path) -> None:
+    table = tmp_path / "catch.csv"
+    lines = [f"{rpm},{mm},60,{5.9e-3 * mm * rpm * (1.0 + 0.001 * k):.4f}"
+             for rpm in (30, 60) for mm in (10, 20, 40) for k in (-1, 0, 1)]
+    table.write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "\n".join(lines) + "\n")
+    out = tmp_path / "new.yaml"
+    result = runner.invoke(app, ["calibrate", "catch", str(table), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "5.9" in result.output
+    assert runner.invoke(app, ["check", str(out)]).exit_code == 0
+    again = runner.invoke(app, ["calibrate", "catch", str(table), "--out", str(out)])
+    assert again.exit_code == 2
+    assert "nothing is overwritten" in again.output
