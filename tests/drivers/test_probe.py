@@ -31,7 +31,7 @@ def test_each_protocol_is_recognised(protocol):
 
 
 @pytest.mark.parametrize("noise", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"$GPGGA,1,2*00\r\n" * 9,
-                                   at_wrong_baud(HEARD["nmea0183"])])
+                                   at_wrong_baud(HEARD["nmea0183"]), b"1,2,3,4,5,6\r\n" * 9 + b"1,2,0.3,4,5\r\n" * 3])
 def test_what_is_no_device_is_none(noise):
     assert recognise(noise).protocol == ""
 

@@ -1,13 +1,14 @@
 """What is served: every device on its own line, faults on a time line, plugs pulled and put back."""
 from __future__ import annotations
 
+import socket
 import sys
 import time
 
 import pytest
 
 from drivers.cab import Cab, CabConfig
-from drivers.ports import open_port
+from drivers.ports import open_port, socket_address
 from drivers.virtual.faults import FaultyPort, PortFaults, at_wrong_baud
 from drivers.virtual.served import Serve, ServedMachine
 from drivers.virtual.timeline import TimedFault, faults_at, parse_fault
@@ -20,6 +21,15 @@ def within(what, seconds=3.0):
     while not what():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def refuses(url: str) -> bool:
+    """Nobody listens there. (A full queue of connections that nobody takes is something else.)"""
+    try:
+        socket.create_connection(socket_address(url), 0.2).close()
+    except OSError as error:
+        return isinstance(error, ConnectionRefusedError)
+    return False
 
 
 @pytest.mark.parametrize(("text", "fault"), [
@@ -100,6 +110,7 @@ def test_a_pulled_plug_ends_the_line_and_a_plugged_one_is_found_again(machine_at
         within(lambda: not port.state().connected)
         heard = port.state().bytes_in
         assert heard > 0
+        within(lambda: refuses(urls["board"][0]))
         within(lambda: served.advance() == ["board: as it should be"])
         within(lambda: served.advance() or port.state().bytes_in > heard)
         assert port.state().connects == 2
