@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check clean
+.PHONY: run test check benchmark-diagnosis clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -22,6 +22,9 @@ check: $(VENV)/.installed
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(MAKE) test
+
+benchmark-diagnosis: $(VENV)/.installed
+	$(BIN)/python benchmarks/diagnosis/run.py --cases 1000 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
 
 clean:
 	rm -rf $(VENV)

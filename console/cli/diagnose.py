@@ -86,13 +86,11 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
     import dataclasses
 
     from control.diagnosis.extend import extend
-
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     if found.verdict == "none":
         raise CommandError(f"{out}: nothing was found, so there is nothing to adopt")
-    extended = extend(machine, found, data=", ".join(str(path) for path in data), sha256=sha256_of(data[0]),
-                      date=dt.date.today().isoformat())
+    extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
     return dataclasses.replace(found, extended_machine=str(out))
 
