@@ -20,6 +20,8 @@ SILENT_HOST_S = 1.0             # the board stops by itself after this
 FLAG_ENABLED = 1                # the drives follow the set-points
 FLAG_HEARTBEAT_LOST = 2         # the host was silent too long; stopped until it sends enable 0
 FLAG_DRIVER_FAULT = 4           # a motor driver reports a fault; stopped
+FLAG_STEPS_LOST = 8             # the gate had lost steps; made good
+FLAG_HOMING = 16                # the gate is looking for its switch; the shaft waits
 
 COMMAND_SHAFT_RPM = (0.0, 300.0)
 COMMAND_OPENING_MM = (0.0, 100.0)

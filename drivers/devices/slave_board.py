@@ -9,6 +9,8 @@ from drivers.devices.board_frames import (
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
+    FLAG_HOMING,
+    FLAG_STEPS_LOST,
     SEQUENCES,
     BadFrame,
     CommandFrame,
@@ -48,6 +50,8 @@ class BoardReadings(NamedTuple):
     enabled: bool
     heartbeat_lost: bool
     driver_fault: bool
+    steps_lost: bool = False
+    homing: bool = False
 
 
 class SlaveBoard:
@@ -152,4 +156,5 @@ class SlaveBoard:
             time_s, Reading(status.shaft_rpm, time_s), Reading(status.opening_mm, time_s), reading(speed_mps),
             reading(status.hopper_kg), reading(status.supply_v), reading(status.pitch_deg), reading(status.roll_deg),
             status.work_switch, status.pulses, status.echo, bool(status.flags & FLAG_ENABLED),
-            bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT))
+            bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT),
+            bool(status.flags & FLAG_STEPS_LOST), bool(status.flags & FLAG_HOMING))

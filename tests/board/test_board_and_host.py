@@ -137,6 +137,20 @@ def test_a_killed_host_means_a_stopped_machine_one_second_later(terminal):
         host.wait()
 
 
+def test_the_host_reads_of_lost_steps_and_of_homing(scenarios):
+    from drivers.devices.slave_board import SlaveBoard
+    bench, host = scenarios.Bench(sensor=False, start_mm=12.0), SlaveBoard()
+    bench.run(0.2, 0, 12, 0)
+    bench.run(0.1, 50, 25, 1)
+    assert host.feed(b"".join(bench.machine.sent), 0.0)[-1].homing
+    bench = scenarios.Bench()
+    bench.run(0.2, 0, 25, 0)
+    bench.machine.loses_steps = True
+    bench.run(1.5, 0, 40, 1)
+    last = SlaveBoard().feed(b"".join(bench.machine.sent), 0.0)[-1]
+    assert last.steps_lost and not last.homing
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_board_and_virtual_board_obey_alike(seed, scenarios):
     """A spoilt stream of commands with silences in it: both follow the same set-points at every moment."""
