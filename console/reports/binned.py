@@ -11,6 +11,9 @@ Array = npt.NDArray[np.float64]
 
 BINS = 14
 LEAST_IN_BIN = 3
+RATE_BINS = 7           # a rate needs longer than a mean
+LEAST_S = 20.0          # of a bin in which a rate is read
+VAGUE = 3.0             # times the median interval: such a bin says nothing and only stretches the scale
 Z90 = 1.645
 CLEARLY = 0.03          # of what an effect does, by which a later axis must show more of it to be taken
 
@@ -49,21 +52,53 @@ def binned(axis: Axis, values: Array, memory: float = 0.0) -> Binned:
     return Binned(at[there], mean[there], (Z90 * spread / np.sqrt(own))[there])
 
 
-def bins_of(axis: Axis) -> tuple[npt.NDArray[np.int64], int]:
-    """Bin of each value (n,), -1 for none, and how many bins there are."""
+def binned_rates(axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float) -> Binned:
+    """Rates of change of a level (n,) by bins of an axis: least squares on the level itself, first-order noise.
+
+    `segments` (n,): rows of one number hang together; between them the level may jump. `memory`: correlation of the
+    level's neighbouring noise. Bins that last less than LEAST_S, or say far less than the others, are left out.
+    """
+    index, count = bins_of(axis, RATE_BINS, 0.0)
+    inside = np.zeros((len(level), count + 1 + int(segments.max())))
+    rows = np.arange(len(level))
+    spent = np.zeros((len(level), count))
+    known = index >= 0
+    spent[rows[known], index[known]] = step_s
+    inside[1:, :count] = np.cumsum(spent, axis=0)[:-1]
+    inside[rows, count + segments] = 1.0
+    together = segments[1:] == segments[:-1]
+    memory = min(0.98, max(0.0, memory))
+    white = (inside[1:] - memory * inside[:-1])[together]
+    y = (level[1:] - memory * level[:-1])[together]
+    inverse = np.linalg.pinv(white.T @ white)
+    weights = inverse @ (white.T @ y)
+    variance = float(np.sum((y - white @ weights) ** 2)) / max(1, len(y) - white.shape[1])
+    lasts = np.bincount(index[known], minlength=count)
+    there = lasts * step_s >= LEAST_S
+    at = np.bincount(index[known], axis.values[known], minlength=count) / np.maximum(lasts, 1)
+    half = Z90 * np.sqrt(variance * np.maximum(0.0, np.diag(inverse)[:count]))
+    there &= half <= VAGUE * np.median(half[there]) if there.any() else there
+    return Binned(at[there], weights[:count][there], half[there])
+
+
+def bins_of(axis: Axis, bins: int = BINS, even_share: float = 0.5) -> tuple[npt.NDArray[np.int64], int]:
+    """Bin of each value (n,), -1 for none, and how many bins there are.
+
+    `even_share`: 1 for bins equally wide, 0 for bins equally full.
+    """
     x = axis.values
     known = np.isfinite(x) & (np.ones(len(x), bool) if axis.sign is None else axis.sign != 0.0)
     index = np.full(len(x), -1, np.int64)
     if not known.any():
         return index, 1
     kinds = np.unique(x[known])
-    if axis.names or len(kinds) <= BINS:
+    if axis.names or len(kinds) <= bins:
         index[known] = np.searchsorted(kinds, x[known])
         return index, len(kinds)
     low, high = np.percentile(x[known], (0.5, 99.5))
-    by_rank = np.quantile(x[known], np.linspace(0.0, 1.0, BINS + 1))
-    even = np.linspace(low, high, BINS + 1)
-    edges = np.unique(0.5 * (by_rank + even))[1:-1]
+    by_rank = np.quantile(x[known], np.linspace(0.0, 1.0, bins + 1))
+    even = np.linspace(low, high, bins + 1)
+    edges = np.unique((1.0 - even_share) * by_rank + even_share * even)[1:-1]
     index[known] = np.searchsorted(edges, x[known])
     return index, len(edges) + 1
 

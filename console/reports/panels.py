@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.binned import Axis, Binned, binned
+from console.reports.binned import Axis, Binned
 from console.reports.figure import AFTER, BEFORE, DIM, PAPER, THIRD
 
 Array = npt.NDArray[np.float64]
@@ -15,11 +15,11 @@ NOMINAL, EXTENDED, MEASURED = "nominal machine", "with the causes", "measured"
 HALF_WAVES = 4              # of a smooth nameless dependence, as in the machine model's own tables
 
 
-def residual_panel(axes: Any, axis: Axis, before: Array, after: Array | None, memory: float, unit: str) -> None:
+def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, unit: str) -> None:
     """Means before (hollow, dashed) and after (filled) over an axis, with bands of 90 %; None: nothing is named."""
-    series = [(binned(axis, before, memory), BEFORE, "o", "--", NOMINAL, -1.0)]
+    series = [(before, BEFORE, "o", "--", NOMINAL, -1.0)]
     if after is not None:
-        series.append((binned(axis, after, memory), AFTER, "s", "-", EXTENDED, 1.0))
+        series.append((after, AFTER, "s", "-", EXTENDED, 1.0))
     zero_line(axes)
     for means, colour, marker, line, label, side in series:
         if axis.names:

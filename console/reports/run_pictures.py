@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.binned import Axis, binned, memory_of, shown_share
+from console.reports.binned import Axis, shown_share
 from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, THIRD, drawn, svg
 from console.reports.html import escape
 from console.reports.panels import (
@@ -31,6 +31,7 @@ LEAST_SHARE = 0.25          # of what an effect does: below it, means over the a
 ALL_SHARE = 0.8             # from here on they tell all
 STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}    # views whose rows are shown in full, and how long
 TIME_BINS = 90
+RATE_BINS = 24              # a rate needs longer
 ROWS_IN_BIN = 6             # at least, on average
 CHANGING = 0.01             # of an effect's strength in a stretch: below it, it is an even one
 BAND = "The band is the 90 % interval of each mean."
@@ -48,7 +49,8 @@ def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, nam
     with drawn(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels)) as (figure, grid):
         for axes, panel in zip(grid[0], panels, strict=True):
             if panel == "means":
-                residual_panel(axes, axis, before, after, memory_of(after), view.unit)
+                memory = view.memory(after)
+                residual_panel(axes, axis, view.means(axis, before, memory), view.means(axis, after, memory), view.unit)
                 axes.set_title("residual: measured less predicted")
             else:
                 _stretch(axes, view, view.own(parts), effect, part)
@@ -80,7 +82,7 @@ def _view_of(views: Sequence[View], parts: Sequence[Part], part: Part) -> tuple[
         own = view.own(parts)
         if part not in own:
             continue
-        effect = view.predict(own) - view.predict(tuple(one for one in own if one != part))
+        effect = view.effect(parts, part)
         z = float(np.sqrt(np.sum(effect ** 2)) / max(1e-12, float(np.std(view.residual(parts)))))
         if view.name == CATALOGUE[part.id].stage:
             z *= 1e6
@@ -136,7 +138,7 @@ def left_picture(views: Sequence[View], parts: Sequence[Part], left: Unexplained
     with drawn(9.4 if fit else 6.4, 3.4, columns=2 if fit else 1) as (figure, grid):
         axes = grid[0, 0]
         zero_line(axes)
-        means = binned(axis, after, memory_of(after))
+        means = view.means(axis, after, view.memory(after))
         colour = AFTER if named else BEFORE
         axes.errorbar(means.at, means.mean, yerr=means.half, color=colour, marker="s" if named else "o",
                       linestyle="none", capsize=3, markerfacecolor=colour if named else PAPER,
@@ -146,7 +148,7 @@ def left_picture(views: Sequence[View], parts: Sequence[Part], left: Unexplained
         axes.set_title("residual: measured less predicted")
         if fit:
             _extension(grid[0, 1], fit, axis)
-        elif not axis.names:
+        elif not axis.names and view.segments is None:
             known = np.isfinite(axis.values)
             smooth_line(axes, axis.values[known], after[known])
         legend_below(figure, grid)
@@ -176,9 +178,8 @@ def time_lines(views: Sequence[View], parts: Sequence[Part], name: str) -> Pictu
             rows, title = _rows_for_time(view, own)
             before = view.residual(())[rows]
             after = view.residual(parts)[rows] if own else None
-            over = Axis("time, min", view.time_s[rows] / 60.0)
-            memory = memory_of(before if after is None else after)
-            even = _in_even_bins(over, TIME_BINS)
+            memory = view.memory(before if after is None else after)
+            even = _in_even_bins(view, view.time_s[rows] / 60.0)
             zero_line(axes)
             for series, colour, line, label in ((before, BEFORE, "--", NOMINAL), (after, AFTER, "-", EXTENDED)):
                 if series is not None:
@@ -209,21 +210,22 @@ def _rows_for_time(view: View, own: Sequence[Part]) -> tuple[npt.NDArray[np.bool
     return view.member == head, f"head {head} less the mean of all heads"
 
 
-def _in_even_bins(axis: Axis, count: int) -> Callable[[Array, float], tuple[Array, Array, Array]]:
-    low, high = float(axis.values.min()), float(axis.values.max())
-    count = max(2, min(count, len(axis.values) // ROWS_IN_BIN))
+def _in_even_bins(view: View, minutes: Array) -> Callable[[Array, float], tuple[Array, Array, Array]]:
+    """(middle of each bin, mean, half of the interval), NaN where a bin says nothing."""
+    low, high = float(minutes.min()), float(minutes.max())
+    most = TIME_BINS if view.segments is None else RATE_BINS
+    count = max(2, min(most, len(minutes) // ROWS_IN_BIN))
     width = (high - low) / count or 1.0
-    index = np.minimum(count - 1, ((axis.values - low) / width).astype(int))
+    index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
+    cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
+    middle = np.asarray(low + (np.arange(count) + 0.5) * width, np.float64)
 
     def means(series: Array, memory: float) -> tuple[Array, Array, Array]:
-        middle = np.asarray(low + (np.arange(count) + 0.5) * width, np.float64)
-        cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
-        found = binned(cell, series, memory)
-        at = np.full(count, np.nan)
-        half = np.full(count, np.nan)
-        at[np.round(found.at).astype(int)] = found.mean
-        half[np.round(found.at).astype(int)] = found.half
-        return middle, at, half
+        found = view.means(cell, series, memory)
+        places = np.round(found.at).astype(int)
+        mean, half = np.full(count, np.nan), np.full(count, np.nan)
+        mean[places], half[places] = found.mean, found.half
+        return middle, mean, half
     return means
 
 

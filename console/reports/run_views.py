@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.binned import Axis, shown_share, telling
+from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of, shown_share, telling
 from console.reports.variables import OF_RUNS
 from control.diagnosis.data_gate import gate
 from control.diagnosis.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
@@ -19,8 +19,7 @@ from control.machine.over_log import MOST_STEP_S
 
 Array = npt.NDArray[np.float64]
 
-FLOW_WINDOW_S = 10.0        # flow is read off the scale over so long
-REFILL_KG = 1.0             # a rise of the reading within a window is a refill
+SLOW = 15                   # rows on either side: what changes more slowly is not the scale's noise
 AFTER_CHANGE_S = 3.0        # a drive has answered by then
 STAGE_OF_VIEW = {"shaft": ("shaft",), "gate": ("gate",), "flow": ("flow", "gate"), "scale": ("scale", "flow", "gate"),
                  "speed": ("speed",), "heads": ("heads",)}
@@ -41,9 +40,30 @@ class View(NamedTuple):
     predict: Callable[[tuple[Part, ...]], Array]
     axes: dict[str, Axis]
     member: npt.NDArray[np.int64] | None = None         # head of each row
+    segments: npt.NDArray[np.int64] | None = None       # rows between refills: kg are kept, their rate is shown
 
     def residual(self, parts: Sequence[Part]) -> Array:
         return self.measured - self.predict(self.own(parts))
+
+    def effect(self, parts: Sequence[Part], part: Part) -> Array:
+        """What one of the effects does to the rows beside the others, (n,)."""
+        own = self.own(parts)
+        more = self.predict(own) - self.predict(tuple(one for one in own if one != part))
+        return more if self.segments is None else np.diff(more, prepend=more[0])
+
+    def means(self, axis: Axis, residual: Array, memory: float) -> Binned:
+        """Means of a residual (n,) over an axis; where its rate is shown, in g/s, out of the hopper positive."""
+        if self.segments is None:
+            return binned(axis, residual, memory)
+        rates = binned_rates(axis, residual, float(np.median(np.diff(self.time_s))), self.segments, memory)
+        return Binned(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
+
+    def memory(self, residual: Array) -> float:
+        """Correlation of the residual's neighbouring noise."""
+        if self.segments is None:
+            return memory_of(residual)
+        slow = np.convolve(np.pad(residual, SLOW, mode="edge"), np.ones(2 * SLOW + 1) / (2 * SLOW + 1), mode="valid")
+        return memory_of(residual - slow)
 
     def axis_of(self, part: Part, effect: Array) -> Axis:
         """The axis along which what the effect does to the rows (n,) shows most."""
@@ -163,25 +183,10 @@ def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
 
 
 def _flow(channel: Channel, data: RunData, machine: Machine) -> View:
-    """Flow read off the scale's fall over FLOW_WINDOW_S, g/s; windows with a refill are left out."""
+    """Flow read off the scale: the same kg, of which the rate is shown."""
     time_s = channel.grid.even_s
-    hop = max(1, int(round(FLOW_WINDOW_S / channel.grid.step_s)))
-    starts = np.arange(0, len(time_s) - hop, hop)
-    predicted = _predictor(channel, machine)
-    plain = predicted(())
-    levels = [channel.measured, plain]
-    rise = np.array([max(float(np.max(np.diff(level[k:k + hop + 1]))) for level in levels) for k in starts.tolist()])
-    starts = starts[rise < REFILL_KG]
-    span_s = hop * channel.grid.step_s
-
-    def falls(level: Array) -> Array:
-        return -1000.0 * (level[starts + hop] - level[starts]) / span_s
-    axes = {}
-    middle = time_s[starts] + 0.5 * span_s
-    for name, values in data.variables.items():
-        total = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(data.time_s))))
-        mean = (np.interp(time_s[starts] + span_s, data.time_s, total) - np.interp(time_s[starts], data.time_s, total))
-        axes[name] = Axis(OF_RUNS.get(name, name), middle / 60.0 if name == "time_s" else mean / span_s)
-    axes = {name: axis for name, axis in axes.items() if np.ptp(axis.values) > 0.0 or name == "time_s"}
-    return View("flow", "flow, read off the scale: measured less predicted", "g/s", middle, falls(channel.measured),
-                lambda parts: falls(predicted(parts)), _ordered(axes, "flow"))
+    jumps = data.hopper.jumps if data.hopper is not None else ()
+    starts = [data.hopper.time_s[jump] for jump in jumps] if data.hopper is not None else []
+    segments = np.searchsorted(np.array(starts), time_s, side="right").astype(np.int64)
+    return View("flow", "flow, read off the scale: measured less predicted", "g/s", time_s, channel.measured,
+                _predictor(channel, machine), _ordered(_recorded(data, time_s), "flow"), None, segments)

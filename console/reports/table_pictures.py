@@ -18,7 +18,7 @@ from control.diagnosis.result import Unexplained
 Array = npt.NDArray[np.float64]
 
 MOST_LINES = 4              # lines of one model in a panel; more settings are shown as measured against predicted
-SPREAD = 0.35               # of a step between values: so far replicates and labels are set apart
+SPREAD = 0.2                # of a step between values: so far replicates and labels are set apart
 MARKERS = ("o", "s", "^", "D", "v", "P")
 PHASES = 12
 

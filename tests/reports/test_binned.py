@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from console.reports.binned import Axis, binned, shown_share, telling
+from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
 
 
 @pytest.fixture
@@ -47,3 +47,21 @@ def test_named_values_keep_their_places() -> None:
     means = binned(Axis("way", np.array([0.0, 1.0] * 10), names=("closing", "opening")), np.array([1.0, -1.0] * 10))
     assert means.at.tolist() == [0.0, 1.0]
     assert means.mean.tolist() == [1.0, -1.0]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.6])
+def test_rates_are_read_off_the_level(memory: float) -> None:
+    rng = np.random.default_rng(7)
+    place = np.repeat(rng.integers(0, 3, 60), 40).astype(float)
+    rates = np.array([-0.02, 0.0, 0.01])
+    off = []
+    for _ in range(40):
+        noise = rng.standard_normal(len(place))
+        for k in range(1, len(noise)):
+            noise[k] = memory * noise[k - 1] + np.sqrt(1.0 - memory ** 2) * noise[k]
+        level = np.concatenate(([0.0], np.cumsum(rates[place.astype(int)])[:-1])) + 0.15 * noise
+        segments = np.repeat([0, 1], len(place) // 2)
+        found = binned_rates(Axis("place", place), level + 90.0 * segments, 1.0, segments, memory)
+        off.append((found.mean - rates) / found.half)
+    assert found.half.max() < 0.002
+    assert 0.80 < np.mean(np.abs(off) < 1.0) < 0.97

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from console.reports.binned import binned
+from console.reports.binned import Axis, binned
 from console.reports.run_pictures import LEAST_SHARE
 from console.reports.run_views import parts_of, run_views
 from console.reports.table_views import table_views
@@ -36,15 +36,16 @@ def test_axis_is_chosen_by_what_the_effect_does(run_columns: dict[str, Any], mac
                                     ("flow", "flow.slope", "pitch, degrees nose up"),
                                     ("heads", "canopy.head_fouled", "head")):
         part = parts_of([cause_of(effect_id)])[0]
-        effect = views[name].predict((part,)) - views[name].predict(())
+        effect = views[name].effect((part,), part)
         assert views[name].axis_of(part, effect).label == wanted
     assert 0.0 < LEAST_SHARE < 1.0
 
 
 def test_flow_is_in_grams_a_second(run_columns: dict[str, Any], machine: Machine) -> None:
     flow = next(view for view in run_views(run_columns, machine) if view.name == "flow")
+    means = flow.means(Axis("", np.zeros(len(flow.measured))), flow.measured, 0.0)
     used = run_columns["hopper_kg"][:50].mean() - run_columns["hopper_kg"][-50:].mean()
-    assert flow.measured.mean() == pytest.approx(1000.0 * used / (run_columns["time_s"][-1] - 5.0), rel=0.06)
+    assert means.mean[0] == pytest.approx(1000.0 * used / (run_columns["time_s"][-1] - 5.0), rel=0.06)
 
 
 def test_effect_with_an_onset_begins_there(run_columns: dict[str, Any], machine: Machine,
