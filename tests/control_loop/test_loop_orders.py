@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from control.field.job import Simulated
+from control.geodesy import TangentPlane
 from control.orders import Do, Order
-from control.readings import DriveCommand
+from control.readings import DriveCommand, GnssFix, Measurements, Reading
+from control.sensing import Sensing
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.measuring import Measuring
 from drivers.files.setup import load_setup
@@ -142,6 +144,40 @@ def test_backing_up_takes_the_track_back_and_nothing_is_spread_twice(machine: An
     assert backing[20].sensed.backwards
     assert "reversing" in backing[20].why_no_flow
     assert abs((backing[20].sensed.heading_deg + 180.0) % 360.0 - 180.0) < 10.0
+
+
+def test_start_spreads_where_the_operator_wants_it_also_on_ground_that_has_some(machine: Any) -> None:
+    m = machine(speed_changes=BACK_UP).start()
+    m.run(31.5)
+    turned = max(t.driven_m for t in m.truths)
+    assert m.order(Do.HOLD).accepted
+    assert m.order(Do.START).accepted
+    m.run(3.5)
+    again = [t for t in m.truths[640:] if t.driven_m + t.drop_s * t.speed_mps < turned - 0.5]
+    assert max(t.flow_kg_s for t in again) > 0.02
+
+
+def test_the_way_made_before_the_direction_was_known_is_put_right() -> None:
+    plane = TangentPlane(34.0, 119.0)
+    sensing = Sensing(0.0, plane)
+    ticks = 0
+
+    def drive(seconds: float, speed: float, course: float | None) -> float:
+        nonlocal ticks
+        sensed = None
+        for _ in range(round(seconds / 0.05)):
+            ticks += 1
+            now = 0.05 * ticks
+            fix = None if course is None else GnssFix(now, 34.0, 119.0, 4, speed_mps=speed, heading_deg=course)
+            sensed = sensing.update(Measurements(now, gnss=fix, wheel_speed_mps=Reading(speed, now)))
+        assert sensed is not None
+        return sensed.track_m
+
+    forwards = drive(5.0, 1.0, 90.0)
+    stands = drive(2.0, 0.0, 0.0)
+    assert forwards == pytest.approx(5.0, abs=0.1)
+    drive(2.0, 1.0, None)                               # GNSS is silent: nobody knows which way
+    assert drive(1.0, 1.0, 270.0) == pytest.approx(stands - 3.0, abs=0.15)
 
 
 def test_with_leave_it_spreads_backwards_but_not_out_of_the_field(machine: Any) -> None:
