@@ -177,8 +177,8 @@ def aog_said(data: bytes) -> list[Said]:
 NO_SUM_TCP = "JSON carries no checksum; the TCP connection that it comes on does"
 NO_SUM = "there is no checksum: a digit changed into a digit, a sign lost or lines run together make a line as sent"
 CRC16 = "its CRC of 16 bits is right: noise hits it once in 65 536"
-XOR = ("its sum of 8 bits is right: two flips in one bit column cancel, so do two equal characters lost or doubled, and "
-       "noise hits it once in 256")
+XOR = ("its sum of 8 bits is right: two flips in one bit column cancel, so do two equal characters lost or doubled, "
+       "and noise hits it once in 256")
 SUM = "its sum of 8 bits is right: changes that add up to 0, and noise once in 256"
 
 
