@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from control.log_row import COLUMNS
+from control.metering.setting import OPENING_BAND_SHARE
 
 runner = CliRunner()
 
@@ -65,8 +66,9 @@ def test_headless_replay_decides_as_it_was_decided(log: Path, tmp_path: Path) ->
     old_rows, new_rows = rows_of(log), rows_of(new)
     assert [r["state"] for r in new_rows] == [r["state"] for r in old_rows]
     pairs = [(float(a["opening_mm_cmd"]), float(b["opening_mm_cmd"])) for a, b in zip(old_rows, new_rows, strict=True)]
-    same = sum(abs(a - b) <= 0.21 for a, b in pairs) / len(pairs)
-    assert same > 0.98
+    same = sum(abs(a - b) <= OPENING_BAND_SHARE * max(a, b) + 0.1 for a, b in pairs) / len(pairs)
+    assert same > 0.98      # the log's rounding may tip a dead band one tick sooner or later, never more than a band
+    assert sum(a for a, _ in pairs) == pytest.approx(sum(b for _, b in pairs), rel=0.002)
 
 
 def test_replay_with_another_strategy_moves_the_other_drive(log: Path, tmp_path: Path) -> None:
