@@ -41,6 +41,16 @@ def test_axis_is_chosen_by_what_the_effect_does(run_columns: dict[str, Any], mac
     assert 0.0 < LEAST_SHARE < 1.0
 
 
+def test_time_is_the_axis_where_it_matters(run_columns: dict[str, Any], machine: Machine,
+                                           cause_of: Callable[..., Cause]) -> None:
+    views = {view.name: view for view in run_views(run_columns, machine)}
+    for name, cause, wanted in (("shaft", cause_of("shaft.gain", -3.0, onset_s=120.0), "time, min"),
+                                ("scale", cause_of("scale.drift", 3.0), "time, min"),
+                                ("flow", cause_of("flow.hopper_head", 5.0), "hopper, kg")):
+        part = parts_of([cause])[0]
+        assert views[name].axis_of(part, views[name].effect((part,), part)).label == wanted
+
+
 def test_flow_is_in_grams_a_second(run_columns: dict[str, Any], machine: Machine) -> None:
     flow = next(view for view in run_views(run_columns, machine) if view.name == "flow")
     means = flow.means(Axis("", np.zeros(len(flow.measured))), flow.measured, 0.0)
