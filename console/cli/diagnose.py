@@ -109,5 +109,5 @@ def _write(found: Diagnosis, as_json: Path | None, report: Path | None, tools: d
             write_atomically(as_json, json.dumps(found.to_json(), indent=1) + "\n")
     if report is not None:
         from console.reports.diagnosis_html import page
-        write_atomically(report, page(found, tools))
+        write_atomically(report, page(found, tools | {"date": dt.date.today().isoformat()}))
         typer.echo(f"report: {report}", err=True)
