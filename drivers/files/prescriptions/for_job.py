@@ -1,0 +1,47 @@
+"""The map and the plant list that a job names, laid on the plane that the job's loop works on."""
+from __future__ import annotations
+
+from pathlib import Path
+
+from control.field.job import Job
+from control.geodesy import TangentPlane
+from control.targets.map_profile import MapProfile
+from control.targets.plants import PlantList
+from control.targets.prescription import MapData, on_plane
+from drivers.files.prescriptions.plants import read_plants
+from drivers.files.prescriptions.read import read_prescription
+from drivers.files.prescriptions.words import PrescriptionError
+
+
+def map_of_job(job: Job, folder: Path) -> MapProfile | None:
+    """The prescription of `target.map`, a path beside the job file; None where the job names none.
+
+    The file's rates are taken as kg/ha; what needs a choice is converted with `topdress map` first.
+    Raises PrescriptionError in one line, OSError.
+    """
+    if job.target.map is None:
+        return None
+    read = read_prescription(folder / job.target.map)
+    plane = _plane(job, read.data)
+    try:
+        return MapProfile(on_plane(read.data, plane), plane)
+    except ValueError as error:
+        raise PrescriptionError(f"{read.path}: {error}") from None
+
+
+def plants_of_job(job: Job, folder: Path) -> PlantList | None:
+    """The plants of `target.plants`, a path beside the job file. Raises PrescriptionError, OSError."""
+    if job.target.plants is None:
+        return None
+    places = read_plants(folder / job.target.plants)
+    plane = _origin(job) or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
+    return PlantList(places, plane)
+
+
+def _plane(job: Job, data: MapData) -> TangentPlane:
+    return _origin(job) or data.plane()
+
+
+def _origin(job: Job) -> TangentPlane | None:
+    """The plane of the job's field, where it has one: fence and map then share it."""
+    return TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg) if job.field.boundary_m else None

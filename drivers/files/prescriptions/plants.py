@@ -1,0 +1,54 @@
+"""Plant lists: CSV with lat_deg and lon_deg, or GeoJSON points."""
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from control.targets.rate_map import Floats
+from drivers.files.prescriptions.words import PrescriptionError
+
+
+def read_plants(path: Path) -> Floats:
+    """Places (n, 2), latitude and longitude, in the file's order. Raises PrescriptionError in one line, OSError."""
+    if not path.exists():
+        raise PrescriptionError(f"{path}: not there: allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
+    rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
+    if not rows:
+        raise PrescriptionError(f"{path}: no plants: allowed is at least one")
+    places = np.array(rows, dtype=np.float64)
+    bad = np.flatnonzero(~((np.abs(places[:, 0]) <= 90.0) & (np.abs(places[:, 1]) <= 180.0)))
+    if len(bad):
+        lat, lon = places[bad[0]]
+        raise PrescriptionError(f"{path}: plant {bad[0] + 1}: {lat:g}, {lon:g}: allowed are degrees, latitude -90 to "
+                                "90, longitude -180 to 180")
+    return places
+
+
+def _csv(path: Path) -> list[tuple[float, float]]:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        reader = csv.DictReader(file)
+        names = reader.fieldnames or []
+        for name in ("lat_deg", "lon_deg"):
+            if name not in names:
+                raise PrescriptionError(f"{path}: column {name} missing: allowed is a header with lat_deg and lon_deg")
+        rows = []
+        for number, row in enumerate(reader, start=2):
+            try:
+                rows.append((float(row["lat_deg"] or ""), float(row["lon_deg"] or "")))
+            except ValueError:
+                raise PrescriptionError(f"{path}: line {number}: {row['lat_deg']}, {row['lon_deg']}: allowed are "
+                                        "numbers") from None
+        return rows
+
+
+def _geojson(path: Path) -> list[tuple[float, float]]:
+    try:
+        features = json.loads(path.read_text(encoding="utf-8-sig"))["features"]
+        points = [feature["geometry"]["coordinates"] for feature in features
+                  if feature["geometry"]["type"] == "Point"]
+        return [(float(point[1]), float(point[0])) for point in points]
+    except (ValueError, LookupError, TypeError) as error:
+        raise PrescriptionError(f"{path}: not GeoJSON points: {type(error).__name__}: {error}") from None

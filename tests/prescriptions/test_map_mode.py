@@ -1,0 +1,126 @@
+"""The whole loop on a map: steps land at the cells' edges; what a job names is found and laid on its plane."""
+from __future__ import annotations
+
+import datetime as dt
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from control.field.job import Ground, Job, Simulated, Wanted
+from control.geodesy import TangentPlane
+from control.loop import ControlLoop
+from control.orders import Do, Order, TargetSource
+from control.simulation.assembly import control_loop
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import landing, place_errors
+from control.simulation.plant import Plant
+from control.simulation.tractor import Leg
+from control.simulation.tractor import Path as Way
+from control.targets.map_profile import MapProfile
+from control.targets.prescription import Fallbacks, Prescription
+from control.targets.rate_map import GridMap, frame_m
+from drivers.files.prescriptions.for_job import map_of_job, plants_of_job
+from drivers.files.prescriptions.words import PrescriptionError
+from drivers.files.setup import Setup, load_setup
+
+RING = [[119.88, 34.28], [119.881, 34.28], [119.881, 34.281], [119.88, 34.281], [119.88, 34.28]]
+HEADING_DEG = 24.0
+
+
+@pytest.fixture(scope="module")
+def setup() -> Setup:
+    return load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+
+
+@pytest.fixture(scope="module")
+def grid() -> Prescription:
+    chequered = np.indices((12, 12)).sum(axis=0) % 2
+    return Prescription(GridMap(frame_m((-20.0, -20.0), 10.0, 10.0), np.where(chequered, 420.0, 240.0)), Fallbacks())
+
+
+def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[float], ControlLoop]:
+    """Place errors of one oblique pass of 50 m at 6 km/h, by the begin of each step's row."""
+    job = Job(target=Wanted(source=TargetSource.MAP), look_ahead=look_ahead,
+              simulated=Simulated(speed_kmh=6.0, passes=1, refill_at_kg=0.0))
+    profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
+    plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))
+    loop, record = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile), Record()
+    for step in simulated_run(plant, loop, 40.0):
+        record.add(step)
+    columns = record.columns()
+    columns["time_s"] = columns["time_s"] - 0.05
+    columns["driven_m"] = np.concatenate(([0.0], columns["driven_m"][:-1]))
+    true = [s.distance_m for s in grid.ahead((3.3, 1.7), HEADING_DEG, 55.0)][1:]
+    fired = []
+    for change in record.fired:
+        at = float(np.interp(change.place_m, columns["track_m"], columns["driven_m"]))
+        nearest = min(true, key=lambda d: abs(d - at))
+        if abs(nearest - at) < 0.5 and at > 12.0:
+            fired.append(change._replace(place_m=float(np.interp(nearest, columns["driven_m"], columns["track_m"]))))
+    misses, _ = place_errors(columns, fired, landing(columns, 2.4), 2.4)
+    return misses.tolist(), loop
+
+
+def test_steps_land_at_the_edges_of_the_cells(setup: Setup, grid: Prescription) -> None:
+    misses, _ = driven(setup, grid, look_ahead=True)
+    assert len(misses) >= 3
+    assert max(map(abs, misses)) < 0.35
+
+
+def test_without_the_look_ahead_they_land_a_lag_distance_late(setup: Setup, grid: Prescription) -> None:
+    misses, _ = driven(setup, grid, look_ahead=False)
+    assert len(misses) >= 3
+    assert np.median(misses) == pytest.approx(1.667 * 2.0, abs=0.6)
+
+
+def test_the_map_can_be_ordered_only_where_there_is_one(setup: Setup, grid: Prescription) -> None:
+    without = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
+    assert without.order(Order(Do.SOURCE, "map")).why == "source_not_ready"
+    profile = MapProfile(grid, TangentPlane(34.28, 119.88))
+    with_map = control_loop(setup.machine, setup.crop, setup.rule, setup.job, prescription=profile)
+    assert with_map.order(Order(Do.SOURCE, "map")).accepted
+
+
+@pytest.fixture
+def map_file(tmp_path: Path) -> Path:
+    feature = {"type": "Feature", "properties": {"rate": 200.0}, "geometry": {"type": "Polygon", "coordinates": [RING]}}
+    (tmp_path / "map.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    return tmp_path
+
+
+def test_a_jobs_map_lies_on_the_fields_plane(map_file: Path) -> None:
+    ground = Ground(origin_lat_deg=34.28, origin_lon_deg=119.88, boundary_m=((0, 0), (50, 0), (50, 50)))
+    profile = map_of_job(Job(target=Wanted(source=TargetSource.MAP, map="map.geojson"), field=ground), map_file)
+    assert profile is not None
+    assert (profile.plane.lat_deg, profile.plane.lon_deg) == (34.28, 119.88)
+    assert profile.prescription.at((10.0, 10.0)).rate_kg_ha == 200.0
+    assert profile.prescription.at((-10.0, 10.0)).rate_kg_ha == 0.0
+    assert map_of_job(Job(), map_file) is None
+
+
+def test_a_jobs_map_that_is_not_there_is_said(map_file: Path) -> None:
+    with pytest.raises(PrescriptionError, match=r"no.shp: not there"):
+        map_of_job(Job(target=Wanted(map="no.shp")), map_file)
+
+
+def test_plants_from_csv_and_geojson(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("id,lat_deg,lon_deg\n1,34.28,119.88\n2,34.28001,119.88\n")
+    points = [{"geometry": {"type": "Point", "coordinates": [119.88, 34.28]}}]
+    (tmp_path / "p.geojson").write_text(json.dumps({"features": points}))
+    found = plants_of_job(Job(target=Wanted(plants="p.csv")), tmp_path)
+    assert found is not None and len(found.places_m) == 2
+    assert found.places_m[1, 1] - found.places_m[0, 1] == pytest.approx(1.109, abs=0.002)
+    again = plants_of_job(Job(target=Wanted(plants="p.geojson")), tmp_path)
+    assert again is not None and len(again.places_m) == 1
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("lat,lon\n1,2\n", "column lat_deg missing"), ("lat_deg,lon_deg\n", "no plants"),
+    ("lat_deg,lon_deg\n1,x\n", "line 2: 1, x: allowed are numbers"),
+    ("lat_deg,lon_deg\n95,10\n", "plant 1: 95, 10: allowed are degrees")])
+def test_broken_plant_lists_are_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(PrescriptionError, match=words):
+        plants_of_job(Job(target=Wanted(plants="p.csv")), tmp_path)
