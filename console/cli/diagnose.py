@@ -31,8 +31,11 @@ def diagnose(
     """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do."""
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
-    for out in (report, adopt):
-        if out is not None and out.exists() and out in data:
+    if adopt is not None and adopt.exists():
+        raise CommandError(f"{adopt}: exists already: nothing is overwritten")
+    ours = {path.resolve() for source in data for path in (source, source.with_suffix(".yaml"))}
+    for out in (report, as_json):
+        if out is not None and out.resolve() in ours:
             raise CommandError(f"{out}: is the data itself")
     loaded = load(machine, MACHINE).model
     if kind == "run" or (kind is None and _is_run(data)):

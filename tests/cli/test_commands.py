@@ -187,3 +187,28 @@ def test_calibrate_writes_a_new_machine_file_and_never_overwrites(tmp_path: Path
     again = runner.invoke(app, ["calibrate", "catch", str(table), "--out", str(out)])
     assert again.exit_code == 2
     assert "nothing is overwritten" in again.output
+
+
+def test_diagnose_never_writes_over_data_or_an_existing_file(log: Path) -> None:
+    sidecar = log.with_suffix(".yaml")
+    before = sidecar.read_bytes()
+    for option in ("--adopt", "--report", "--json"):
+        result = runner.invoke(app, ["diagnose", str(log), option, str(sidecar)])
+        assert result.exit_code == 2, option
+        assert sidecar.name in result.output
+    assert sidecar.read_bytes() == before
+
+
+def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
+    table = tmp_path / "lag.csv"
+    rows = [f"{rpm},{2.2118 - 0.0083 * rpm + 0.3 + 0.01 * k:.3f}" for rpm in range(10, 80, 10) for k in (-1, 0, 1)]
+    table.write_text("shaft_rpm,lag_s\n" + "\n".join(rows) + "\n")
+    out = tmp_path / "found.json"
+    result = runner.invoke(app, ["diagnose", str(table), "--json", str(out)])
+    assert result.exit_code == 0, result.output
+    found = json.loads(out.read_text())
+    assert found["format"] == "topdress-diagnosis/1"
+    assert found["data"]["kind"] == "lag"
+    assert found["causes"][0]["id"] in {"lag.offset", "shaft.dead_time"}
+    assert {"data", "channels", "verdict", "causes", "not_shown", "unexplained", "next_run", "gain",
+            "extended_machine"} <= set(found)
