@@ -112,6 +112,12 @@ def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
     return np.maximum(1e-300, power)
 
 
+def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
+    """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
+    one = next(one for one in p.products if one.channel.name == channel)
+    return float(np.sum(_power(one, chosen, amplitude)))
+
+
 def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
     total = -0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
     for one in p.products:

@@ -4,18 +4,31 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from control.machine.elements import Table as Nodes
 
-from .likelihood import fitted
+from .likelihood import fitted, power_left
 from .search import Group, Refit
 from .sensitivities import FORM_CHANNEL
-from .smooth import LEAST_RANGE, SHAPES, TABLES, shape, span
+from .smooth import LEAST_RANGE, SHAPES, TABLES, Span, shape, span
 
 OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, over all stages and variables
-OWN = {("speed", "speed_mps"), ("scale", "hopper_kg")}     # a channel against its own reading
+LEAST_SHARE = 0.005         # of what is left; a structure below this and below LEAST_FIELD_PERCENT is nobody's worry
+LEAST_FIELD_PERCENT = 0.1   # of the dose
 TIME_FACTOR = 2.0           # slow noise is smooth in time by its nature
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
+
+# Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
+# and gate by the measured speed, and by the scale through the flow trim; shaft_rpm and opening_mm are the commands
+# (drives see them before they answer). A gate knows nothing of the shaft; the shaft bears the load of the opening.
+DOWNSTREAM: dict[str, frozenset[str]] = {
+    "shaft": frozenset(),
+    "gate": frozenset({"shaft_rpm"}),
+    "flow": frozenset(),
+    "scale": frozenset({"hopper_kg", "shaft_rpm", "opening_mm"}),
+    "speed": frozenset({"speed_mps", "shaft_rpm", "opening_mm"}),
+}
 
 
 class Table(NamedTuple):
@@ -26,7 +39,8 @@ class Table(NamedTuple):
     gain: float                 # of twice the log-likelihood
     nodes: Nodes
     values: Nodes               # in the unit of the stage's table
-    explained_share: float      # of the residual's variance
+    explained_share: float      # of what the named causes and the tolerances leave, as variance
+    field_percent: float        # of the dose, r.m.s. over the working rows; a scale's error moves no dose
 
 
 def best_table(group: Group, now: Refit) -> Table | None:
@@ -36,7 +50,7 @@ def best_table(group: Group, now: Refit) -> Table | None:
         if FORM_CHANNEL[stage] not in group.names:
             continue
         for variable in LEAST_RANGE:
-            if (stage, variable) in OWN:
+            if variable in DOWNSTREAM[stage]:
                 continue
             found = _table(group, now, stage, variable)
             if found is not None and (best is None or found.gain > best.gain):
@@ -45,6 +59,9 @@ def best_table(group: Group, now: Refit) -> Table | None:
 
 
 def significant(table: Table, explained: float) -> bool:
+    """Whether a dependence is worth a verdict. `explained`: gain of the named causes, twice the log-likelihood."""
+    if table.explained_share < LEAST_SHARE and table.field_percent < LEAST_FIELD_PERCENT:
+        return False
     factor = TIME_FACTOR if table.variable == "time_s" else 1.0
     return table.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
 
@@ -61,8 +78,19 @@ def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
     weights = full.amplitude[before:]
     values = np.array([shape(k) for k in range(1, SHAPES + 1)]).T @ weights
     name = FORM_CHANNEL[stage]
-    series = sum(w * c.coefficients[name] for w, c in zip(weights, columns, strict=True))
-    left = group.data_of(now.parts)[name]
-    share = float(np.clip(np.sum(np.asarray(series) ** 2) / max(1e-300, float(np.sum(left ** 2))), 0.0, 1.0))
+    series = np.asarray(sum(w * c.coefficients[name] for w, c in zip(weights, columns, strict=True)))
+    left = power_left(p, name, fixed, plain.amplitude)
+    share = float(np.clip(np.sum(series ** 2) / max(1e-300, left), 0.0, 1.0))
     return Table(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
-                 tuple(values.tolist()), share)
+                 tuple(values.tolist()), share, _field_percent(group, stage, over, values))
+
+
+def _field_percent(group: Group, stage: str, over: Span, values: npt.NDArray[np.float64]) -> float:
+    """R.m.s. of a table over the working rows, less its mean, as per cent of the dose."""
+    variables, working = group.data.variables, group.data.working > 0.0
+    if stage == "scale" or not working.any():
+        return 0.0
+    wrong = np.interp(variables[over.variable][working], over.nodes, values)
+    if stage == "gate":
+        wrong = 100.0 * wrong / np.maximum(1.0, variables["opening_mm"][working])
+    return float(np.std(wrong))
