@@ -63,6 +63,16 @@ def first_granule_s(machine: Machine, shaft_rpm: float) -> float:
     return first
 
 
+def turning_s(machine: Machine, shaft_rpm: float) -> float:
+    """From the command until the standing shaft turns at 2 r/min, s (table 2)."""
+    shaft = machine.shaft
+    rpm, now = 0.0, shaft.dead_time_s + shaft.extra_dead_time_s
+    while rpm < TURNING_RPM and rpm < 0.5 * shaft_rpm:
+        rpm = approach(rpm, shaft_rpm, shaft.time_constant_s + shaft.slow_s, shaft.acceleration_rpm_s, 0.1 * STEP_S)
+        now += 0.1 * STEP_S
+    return now
+
+
 def misses_m(machine: Machine, shaft_rpm: int, reading: Reading, corrected: bool, trials: int,
              rng: np.random.Generator) -> Array:
     """Misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed that the paper did not test."""

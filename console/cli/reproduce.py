@@ -1,0 +1,65 @@
+"""`topdress reproduce`: the papers' tables and figures, published beside obtained, on one page."""
+from __future__ import annotations
+
+import csv
+import datetime as dt
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.progress import progress
+
+if TYPE_CHECKING:
+    from control.simulation.papers.page import Section, Table
+
+DAY = dt.date(2014, 3, 7)           # the decision paper's day of sensing
+PAGE = "reproduce.html"
+
+
+def reproduce(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
+                   ] = Path("reproduce"),
+    seed: Annotated[int, typer.Option(min=0, help="Of the simulated canopies and noise.")] = 1,
+) -> None:
+    """Run the three papers and lay what they print beside what comes out here."""
+    from console.reports.figure import need_matplotlib
+    from console.reports.paper_page import paper_page
+    from drivers.files.atomic import write_atomically
+    from drivers.files.run_meta import software_version
+    need_matplotlib()
+    sections = run_papers(seed)
+    out.mkdir(parents=True, exist_ok=True)
+    for number, section in enumerate(sections, start=1):
+        for k, table in enumerate(section.tables, start=1):
+            write_atomically(out / f"{number}-{k}.csv", table_csv(table))
+    write_atomically(out / PAGE, paper_page(sections, f"topdress {software_version()}"))
+    for section in sections:
+        typer.echo(section.title)
+        for text in section.words:
+            typer.echo(f"    {text}")
+    typer.echo(f"written      {out / PAGE}")
+
+
+def run_papers(seed: int) -> list[Section]:
+    """Everything the page shows. Takes about half a minute."""
+    from control.simulation.papers.decision import decision_section
+    from control.simulation.papers.lag import lag_section
+    from control.simulation.papers.points import points_section
+    from drivers.files.setup import load_setup
+    setup = load_setup("huanghai", "demo", DAY)
+    papers: list[Callable[[], Section]] = [lambda: decision_section(setup.machine, setup.crop, seed),
+                                           lambda: lag_section(setup.machine), points_section]
+    return [paper() for paper in progress(papers, len(papers), "papers")]
+
+
+def table_csv(table: Table) -> str:
+    """One table as CSV, its title as the first line's comment, numbers in full."""
+    text = io.StringIO()
+    text.write(f"# {table.title}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.columns)
+    writer.writerows(["" if cell is None else cell for cell in row] for row in table.rows)
+    return text.getvalue()

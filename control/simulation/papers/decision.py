@@ -1,0 +1,190 @@
+"""The decision paper: sampling (table 1), rate over NDVI (figure 4), amounts (table 2)."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule, prepare, rate_table
+from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency, frequency_table
+from control.agronomy.trial import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
+from control.field.job import Canopy, Job, Simulated
+from control.machine.elements import Array
+from control.machine.machine import Machine
+from control.machine.planting import parse_planted
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.canopy import CanopyField
+from control.simulation.closed_loop import simulated_run
+
+from .page import Line, Picture, Section, Table
+from .published import APPLIED, EXTRA_N_KG_HA, MAIN_SPEED_KMH, PLOTS, SAMPLING, UNIFORM_KG_HA
+
+PLOT_M, WIDTH_M = 250.0, 2.4            # 600 m2 in one pass
+MEAN_NDVI, CV_PERCENT = 0.51, 9.7       # of the paper's plots, about
+NDVI_RANGE = (0.467, 0.546)             # of their means (figure 2)
+CORRELATION_M = 6.0
+RUNS = 4
+CANOPIES = (                            # a plot of 600 m2, or a third of it, in one pass; how far readings are alike
+    ("plots of 200 m2 and readings that hardly depend on one another", 83.0, 0.3),
+    ("plots of 200 m2 and a correlation of 6 m", 83.0, 6.0),
+    ("plots of 600 m2 and readings that hardly depend on one another", 250.0, 0.3),
+    ("plots of 600 m2 and a correlation of 6 m", 250.0, 6.0),
+)
+
+
+def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
+    """Everything of the paper, published beside obtained."""
+    rule = prepare(crop)
+    sampled, words = sampling(seed)
+    reading, reading_words = target_readings(crop)
+    return Section("Decision system: NDVI to urea rate", (*words, *reading_words), (
+        *sampled, reading, amounts(machine, crop, rule, seed), nitrogen(), grades(crop)), (rate_picture(crop),))
+
+
+def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
+    """Table 1 on simulated canopies: for each plot one of the published CV at 2 Hz, read as READINGS say."""
+    papers = [{hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))]
+    chosen = best_frequency(papers)
+    rows: list[tuple[str | float, ...]] = [("published", *(chosen.departure[hz] for hz in FREQUENCIES_HZ[1:]))]
+    apart: dict[str, float] = {}
+    for name, length_m, correlation_m in CANOPIES:
+        runs = [best_frequency(_plots(length_m, correlation_m, seed + 100 * run)) for run in range(RUNS)]
+        mean = [float(np.mean([run.departure[hz] for run in runs])) for hz in FREQUENCIES_HZ[1:]]
+        rows.append((name, *mean))
+        apart[name] = float(np.mean([abs(ours - chosen.departure[hz])
+                                     for ours, hz in zip(mean, FREQUENCIES_HZ[1:], strict=True)]))
+    fits = min(apart, key=lambda name: apart[name])
+    _, length_m, correlation_m = next(canopy for canopy in CANOPIES if canopy[0] == fits)
+    ours = _plots(length_m, correlation_m, seed)
+    table: list[tuple[str | float, ...]] = []
+    for hz in FREQUENCIES_HZ:
+        figures = [figure for side in (papers, ours) for figure in (
+            *_mean_sd([plot[hz].cv_percent for plot in side]), *_mean_sd([plot[hz].cuc_percent for plot in side]))]
+        table.append((f"{hz:g}", *figures))
+    words = (
+        "Table 1 needs the NDVI of the field, which is not printed: the canopy is simulated, each plot with its "
+        "published CV at 2 Hz. The frequency that changes CV and C_uc least is "
+        f"{chosen.frequency_hz:g} Hz in the paper's figures and {best_frequency(ours).frequency_hz:g} Hz in ours.",
+        f"How much they change tells how the canopy was read: the published changes fit best with {fits} (apart by "
+        f"{apart[fits]:.2f} percentage points in the mean; " + ", ".join(
+            f"{value:.2f} with {name}" for name, value in apart.items() if name != fits) + "). That the published CV "
+        "falls by a quarter at 0.125 Hz no reading gives: leaving readings out does not make the others alike.")
+    return (Table("Table 1: CV and uniformity by sampling frequency, mean and s.d. over twelve plots, %; ours with "
+                  + fits, ("Hz", "CV published", "s.d.", "C_uc published", "s.d.", "CV obtained", "s.d.",
+                           "C_uc obtained", "s.d."), tuple(table), (0, 2, 2, 2, 2, 2, 2, 2, 2)),
+            Table("Change of CV plus change of C_uc against 2 Hz, percentage points, by how the canopy is read",
+                  ("", *(f"{hz:g} Hz" for hz in FREQUENCIES_HZ[1:])), tuple(rows), (0, 2, 2, 2, 2))), words
+
+
+def _plots(length_m: float, correlation_m: float, seed: int) -> list[dict[float, Evenness]]:
+    return [frequency_table(_readings(cv_percent, length_m, correlation_m, seed + k))
+            for k, (cv_percent, _) in enumerate(SAMPLING[2.0])]
+
+
+def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: int) -> Array:
+    """NDVI at 2 Hz along a plot, mean of six heads, with the CV asked for."""
+    field = CanopyField(Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m), (0.0, 12.0),
+                        (0.0, length_m), seed)
+    ways = np.arange(0.0, length_m, MAIN_SPEED_KMH / 3.6 / 2.0)
+    heads = (np.arange(6) - 2.5) * WIDTH_M / 6
+    readings = np.array([np.mean([field.at(6.0 + aside, way) for aside in heads]) for way in ways])
+    return np.asarray(MEAN_NDVI + (readings - readings.mean()) * (
+        cv_percent / 100.0 * MEAN_NDVI / readings.std(ddof=1)), dtype=np.float64)
+
+
+def _mean_sd(values: list[float]) -> tuple[float, float]:
+    return float(np.mean(values)), float(np.std(values, ddof=1))
+
+
+def target_readings(crop: Crop) -> tuple[Table, tuple[str, ...]]:
+    """Which mean NDVI gives table 2's targets, if the rate is taken smooth at the mean, or graded over the canopy."""
+    rows = []
+    found: dict[str, list[float]] = {}
+    for plot, (area_m2, target_kg, _, _) in APPLIED.items():
+        rate = rate_from_weighing_kg_ha(target_kg, area_m2)
+        smooth = _solve(crop.model_copy(update={"grades": False}), rate, 0.0)
+        spread = _solve(crop.model_copy(update={"grades": False}), rate, CV_PERCENT)
+        graded = _solve(crop, rate, CV_PERCENT)
+        for name, ndvi in (("smooth", smooth), ("spread", spread), ("graded", graded)):
+            found.setdefault(name, []).append(ndvi)
+        rows.append((plot, rate, smooth, spread, graded))
+    beyond = {name: max(0.0, max(values) - NDVI_RANGE[1], NDVI_RANGE[0] - min(values))
+              for name, values in found.items()}
+    told = {"smooth": "one smooth rate at the plot's mean", "spread": "the smooth rate over the canopy",
+            "graded": "grades at their upper edge over the canopy"}
+    inside = " and ".join(told[name] for name in beyond if beyond[name] == 0.0)
+    outside = ", ".join(f"{told[name]} by {beyond[name]:.3f}" for name in beyond if beyond[name] > 0.0)
+    words = (f"The plots' mean NDVI lay between {NDVI_RANGE[0]} and {NDVI_RANGE[1]} (figure 2). Table 2's targets "
+             f"need a mean within that if they are {inside}; beyond it if they are {outside}.",)
+    return Table("Mean NDVI behind table 2's targets, by reading of section 2.1",
+                 ("plot", "target kg/ha", "smooth, at the mean", "smooth, over the canopy", "graded, over the canopy"),
+                 tuple(rows), (0, 1, 3, 3, 3)), words
+
+
+def _solve(crop: Crop, rate_kg_ha: float, cv_percent: float) -> float:
+    rule = prepare(crop)
+    z = np.linspace(-3.0, 3.0, 121) if cv_percent > 0.0 else np.zeros(1)
+    weight = np.exp(-0.5 * z * z)
+
+    def mean_rate(ndvi: float) -> float:
+        values = [rule.decide(float(ndvi * (1.0 + cv_percent / 100.0 * step))).rate_kg_ha for step in z]
+        return float(np.average(values, weights=weight))
+
+    low, high = 0.40, 0.70
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if mean_rate(middle) > rate_kg_ha else (low, middle)
+    return 0.5 * (low + high)
+
+
+def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
+    """Table 2 on the simulated machine: as it is in its file, and with an outflow 7 % above it, unknown to control."""
+    rows = []
+    for plot, (area_m2, target_kg, applied_kg, error_percent) in APPLIED.items():
+        ndvi = _solve(crop, rate_from_weighing_kg_ha(target_kg, area_m2), CV_PERCENT)
+        nominal, planted = (_plot(machine, crop, rule, ndvi, seed, effect) for effect in ((), ("flow.gain=7",)))
+        rows.append((plot, target_kg, applied_kg, error_percent, *nominal, *planted))
+    return Table("Table 2: amounts, kg, and control error, %; ours on one pass of 600 m2, the scale not correcting",
+                 ("plot", "target published", "applied", "error %", "target, nominal machine", "applied", "error %",
+                  "target, outflow +7 %", "applied", "error %"), tuple(rows), (0, 1, 1, 2, 1, 1, 2, 1, 1, 2))
+
+
+def _plot(machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int,
+          effects: tuple[str, ...]) -> tuple[float, float, float]:
+    """Target kg, kg really released over the plot, error %."""
+    canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)
+    job = with_simulated_field(Job(flow_trim=False, simulated=Simulated(
+        speed_kmh=MAIN_SPEED_KMH, passes=1, pass_length_m=PLOT_M, canopy=canopy)), machine)
+    plant = simulated_machine(machine, job, seed, 0.05, [parse_planted(text) for text in effects])
+    loop = control_loop(machine, crop, rule, job)
+    seconds = (PLOT_M + 24.0) / (MAIN_SPEED_KMH / 3.6) + 6.0
+    target = released = 0.0
+    for step in simulated_run(plant, loop, seconds):
+        target += step.target_rate_kg_ha * step.truth.speed_mps * 0.05 * machine.geometry.working_width_m / 10_000.0
+        released += step.truth.flow_kg_s * 0.05
+    return target, released, 100.0 * (released / target - 1.0)
+
+
+def nitrogen() -> Table:
+    """The abstract's 28 kg/ha more nitrogen: from which of table 2's columns."""
+    extra = [extra_nitrogen_kg_ha([rate_from_weighing_kg_ha(row[column], row[0]) for row in APPLIED.values()],
+                                  UNIFORM_KG_HA) for column in (1, 2)]
+    return Table("Nitrogen given more than the uniform 300 kg/ha of urea, kg/ha",
+                 ("published (about)", "from the target amounts", "from the applied amounts"),
+                 ((EXTRA_N_KG_HA, *extra),), (0, 2, 2))
+
+
+def grades(crop: Crop) -> Table:
+    """The grades of figure 4; the text's width of 0.5 is 0.05."""
+    rows = tuple((f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha) for grade in rate_table(crop))
+    return Table("Figure 4 as a table: rate of each grade, kg/ha; below 0.25 and above 0.75 none", ("NDVI", "kg/ha"),
+                 rows, (0, 1))
+
+
+def rate_picture(crop: Crop) -> Picture:
+    smooth, graded = prepare(crop.model_copy(update={"grades": False})), prepare(crop)
+    ndvi = np.linspace(0.2, 0.8, 601)
+    back = [(0.499, 366.7), (0.530, 336.7), (0.551, 315.0)]
+    return Picture("Figure 4: rate over NDVI", "NDVI", "urea, kg/ha", (
+        Line("eq 2 to 4", "other", ndvi.tolist(), [smooth.decide(float(v)).rate_kg_ha for v in ndvi], True),
+        Line("grades", "ours", ndvi.tolist(), [graded.decide(float(v)).rate_kg_ha for v in ndvi], True),
+        Line("targets of table 2", "published", [v for v, _ in back], [r for _, r in back])))

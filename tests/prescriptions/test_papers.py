@@ -1,0 +1,126 @@
+"""`topdress reproduce`: published figures as printed, ours beside them, and which reading of the text they follow."""
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from control.agronomy.crop import Crop
+from control.machine.machine import Machine
+from control.simulation.papers import published
+from control.simulation.papers.correction import READINGS, explain, first_granule_s, misses_m, turning_s
+from control.simulation.papers.decision import nitrogen, sampling, target_readings
+from control.simulation.papers.lag import eq3, lag_line
+from control.simulation.papers.points import delays, microsteps
+from drivers.files.config import load
+from drivers.files.kinds import CROP
+
+
+@pytest.fixture(scope="module")
+def data() -> Path:
+    folder = Path(__file__).resolve().parents[3] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("the shared tables are not beside this checkout")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def crop() -> Crop:
+    return load("huanghai_wheat", CROP).model
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_figures_are_typed_as_the_tables_have_them(data: Path) -> None:
+    for row in rows(data / "lag_table5_corrected.csv"):
+        assert published.CORRECTED_M[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(row["miss_m"])
+    for row in rows(data / "lag_table3_drop_time.csv"):
+        assert published.DROP_S[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(row["drop_s"])
+    for row in rows(data / "lag_table4_total.csv"):
+        assert published.TOTAL_LAG_S[int(row["shaft_rpm"])][row["source"] == "detected"] == float(row["lag_s"])
+    for row in rows(data / "decision_table1_sampling.csv"):
+        found = published.SAMPLING[float(row["frequency_hz"])][published.PLOTS.index(row["plot"])]
+        assert found == (float(row["cv_percent"]), float(row["cuc_percent"]))
+    for row in rows(data / "decision_table2_applied.csv"):
+        assert published.APPLIED[row["plot"]][1:3] == (float(row["target_kg"]), float(row["applied_kg"]))
+
+
+def test_eq_6_comes_out_of_the_detected_lags() -> None:
+    table, _ = lag_line()
+    assert table.rows[1][1] == pytest.approx(2.2118, abs=0.01)
+    assert table.rows[1][2] == pytest.approx(-8.3e-3, abs=2e-4)
+    assert table.rows[2][1] > 2.4
+
+
+def test_eq_3_as_printed_makes_8_39_m_of_10() -> None:
+    east, north, _ = eq3().rows
+    assert east[1] == pytest.approx(8.39, abs=0.05)        # the arccosine keeps few digits
+    assert east[2] == pytest.approx(10.0 * (1 - 0.0047), abs=0.03)
+    assert east[3] == pytest.approx(10.0, abs=1e-4) and north[3] == pytest.approx(10.0, abs=1e-4)
+
+
+def test_the_machine_turns_after_the_response_of_table_2() -> None:
+    for rpm, values in published.RESPONSE_S.items():
+        assert turning_s(Machine(), rpm) == pytest.approx(sum(values) / 2, abs=0.01)
+
+
+def test_eq_6_exact_leaves_nothing_after_the_correction() -> None:
+    import numpy as np
+    rng = np.random.default_rng(1)
+    for rpm in published.GAIN_M:
+        assert abs(misses_m(Machine(), rpm, READINGS[0], True, 1, rng)).max() < 1e-9
+        before = misses_m(Machine(), rpm, READINGS[0], False, 1, rng).mean()
+        assert before == pytest.approx(published.GAIN_M[rpm][0], abs=0.65)
+
+
+def test_a_rising_shaft_lands_later_than_its_settled_speed_would() -> None:
+    assert first_granule_s(Machine(), 70.0) > 0.373 + 1.8288 - 0.0083 * 70.0 + 0.2
+    assert first_granule_s(Machine(), 10.0) == pytest.approx(0.373 + 1.8288 - 0.083, abs=0.08)
+
+
+def test_a_position_once_a_second_explains_table_5_and_no_faster_one_does() -> None:
+    fits = explain(Machine(), published.CORRECTED_M, trials=400)
+    assert fits[0].reading.update_hz == 1.0 and fits[0].reading.lag_from == "line"
+    assert fits[0].mean_m == pytest.approx(0.626, abs=0.06)
+    worse = [fit for fit in fits if fit.reading.update_hz in (5.0, 10.0)]
+    assert all(fit.log_likelihood < fits[0].log_likelihood - 3.0 for fit in worse)
+
+
+def test_28_kg_more_nitrogen_is_of_the_applied_amounts() -> None:
+    assert nitrogen().rows[0] == (28.0, pytest.approx(17.75), pytest.approx(28.75))
+
+
+def test_sampling_prefers_one_hertz_in_both(crop: Crop) -> None:
+    (table, changes), words = sampling(1)
+    assert "1 Hz in the paper's figures and 1 Hz in ours" in words[0]
+    assert changes.rows[0][1:] == pytest.approx((1.25, 1.79, 3.68, 4.39), abs=0.01)
+    assert table.rows[0][1] == pytest.approx(table.rows[0][5], abs=1e-6)
+
+
+def test_smooth_rates_at_the_mean_lie_beyond_the_plots_ndvi(crop: Crop) -> None:
+    table, words = target_readings(crop)
+    assert [row[2] for row in table.rows] == pytest.approx([0.499, 0.530, 0.551], abs=1e-3)
+    assert words[0].endswith("beyond it if they are one smooth rate at the plot's mean by 0.005.")
+
+
+def test_the_point_papers_delays_and_shaft_speeds() -> None:
+    assert all(row[1] == pytest.approx(row[2], abs=0.005) for row in delays().rows)
+    assert all(row[1] == pytest.approx(row[2], rel=0.006) for row in microsteps().rows)
+
+
+def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    from console.cli import reproduce
+    from control.simulation.papers.lag import lag_section
+    monkeypatch.setattr(reproduce, "run_papers", lambda seed: [lag_section(Machine())])
+    told = CliRunner().invoke(app, ["reproduce", "--out", str(tmp_path / "r")])
+    assert told.exit_code == 0, told.stderr
+    page = (tmp_path / "r" / "reproduce.html").read_text()
+    assert page.count("<svg") == 3 and "position at 1 Hz" in page and "http" not in page.replace("http-equiv", "")
+    assert len(list((tmp_path / "r").glob("*.csv"))) == 8
