@@ -20,7 +20,8 @@ def map_files(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
                                            "shapefile; GeoJSON), or a run log (.csv).")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
-                                             "folder (ISOXML task); of a run log also .csv. None: IN is only told.")
+                                             "folder (ISOXML task); of a run log also .csv and .html (the job's "
+                                             "report). None: IN is only told.")
                    ] = None,
     column: Annotated[str | None, typer.Option(help="Rate column of a shapefile or GeoJSON.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
@@ -119,8 +120,12 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
     given = None
     if product is not None or nitrogen is not None:
         given = Product(product or "product", nitrogen or 0.0)
-    applied = as_applied(read_log(source), load(machine, MACHINE).model if machine else None, given, every_s)
-    if out is not None:
+    log, loaded = read_log(source), load(machine, MACHINE).model if machine else None
+    applied = as_applied(log, loaded, given, every_s)
+    if out is not None and out.suffix.lower() == ".html":
+        from console.reports.job_page import MOST_STRETCHES
+        _report(as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)), out)
+    elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
         typer.echo(json.dumps(summary(applied)))
@@ -128,6 +133,16 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
     _tell_applied(applied)
     if out is not None:
         typer.echo(f"written      {out}")
+
+
+def _report(applied: AsApplied, out: Path) -> None:
+    from console.reports.figure import need_matplotlib
+    from console.reports.job_page import job_page
+    from drivers.files.atomic import write_atomically
+    from drivers.files.run_meta import software_version
+    need_matplotlib()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(out, job_page(applied, f"topdress {software_version()}"))
 
 
 def _tell_applied(applied: AsApplied) -> None:

@@ -1,0 +1,100 @@
+"""The report of a job: what was applied where, how much, how evenly, and how far from the target."""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
+from console.reports.html import escape, facts, figure, section
+from console.reports.numbers import fixed, number, span_of
+from console.reports.page_style import STYLE
+from console.reports.picture import Picture
+from control.geodesy import TangentPlane
+from drivers.files.exports.as_applied import AsApplied
+
+ERROR_TO_PERCENT = 20.0         # the histogram's ends; what lies beyond is counted in its outermost bars
+MOST_STRETCHES = 4000           # that a map draws one by one
+
+
+def job_page(applied: AsApplied, software: str) -> str:
+    """A whole HTML page, pictures inside, nothing fetched from elsewhere. Needs matplotlib."""
+    t = applied.totals
+    said = f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(t.area_ha, 3)} ha"
+    sums = facts([
+        ("area worked", f"{fixed(t.area_ha, 4)} ha, overlaps included"),
+        ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(t.mean_rate_kg_ha, 4)} kg/ha"),
+        ("target", f"{fixed(t.target_kg, 2)} kg" + (
+            "" if t.error_percent is None else f"; applied {_signed(t.error_percent)} % against it")),
+        ("nitrogen", f"{fixed(t.applied_n_kg, 2)} kg ({fixed(100.0 * applied.product.n_fraction, 1)} % of the "
+                     "product)"),
+        ("evenness", f"CV {number(t.cv_percent)} %, Christiansen's uniformity {number(t.cuc_percent)} %"),
+        ("working time", escape(span_of(t.worked_s))),
+        ("machine", escape(f"{applied.machine.title or applied.machine.id}, {applied.width_m:g} m"))])
+    begun = applied.utc(float(applied.stretches.time_s[0]))
+    when = "" if begun is None else f", {begun:%Y-%m-%d %H:%M} UTC"
+    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+            f'content="width=device-width"><title>{escape(applied.title)}</title><style>{STYLE}</style></head>\n'
+            f'<body><h1>{escape(applied.title + when)}</h1><p class="verdict">{escape(said)}</p>\n'
+            f'{section("Sums", sums)}\n{section("Where", figure(applied_map(applied)))}\n'
+            f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'
+            f'<p class="dim">{escape(software)}</p></body></html>\n')
+
+
+def applied_map(applied: AsApplied) -> Picture:
+    """The ground covered, coloured by what it got."""
+    from matplotlib.collections import PolyCollection
+    s = applied.stretches
+    plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
+    corners = plane.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(-1, 4, 2)
+    with drawn(6.6, 4.6) as (canvas, axes):
+        ax = axes[0][0]
+        ground = PolyCollection(list(corners), array=s.applied_kg_ha, cmap="cividis", linewidths=0.0)
+        ax.add_collection(ground)
+        if applied.field_deg is not None:
+            edge = plane.many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
+            ax.plot(*np.vstack((edge, edge[:1])).T, color=LINE, linewidth=1.0)
+        ax.set_aspect("equal")
+        ax.autoscale_view()
+        ax.set_xlabel("east, m")
+        ax.set_ylabel("north, m")
+        bar: Any = canvas.colorbar(ground, ax=ax, shrink=0.8)
+        bar.set_label("applied, kg/ha")
+        return Picture(svg(canvas, "jobmap", "Map of the applied rate"),
+                       "Applied rate where the material came to lie; the line is the field's edge.")
+
+
+def error_percent(applied: AsApplied) -> tuple[np.ndarray, np.ndarray]:
+    """Applied over target less one, %, and the area behind each, m2; only where something was wanted."""
+    s = applied.stretches
+    known = np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0)
+    return 100.0 * (s.applied_kg_ha[known] / s.target_kg_ha[known] - 1.0), s.area_m2[known]
+
+
+def error_words(applied: AsApplied) -> str:
+    error, area = error_percent(applied)
+    if not len(error):
+        return "<p>No target was logged.</p>"
+    shares = [(f"within {limit:g} %", f"{fixed(100.0 * float(area[np.abs(error) <= limit].sum() / area.sum()), 1)} % "
+               "of the area") for limit in (2.0, 5.0, 10.0, 20.0)]
+    return facts(shares)
+
+
+def error_histogram(applied: AsApplied) -> Picture | None:
+    error, area = error_percent(applied)
+    if not len(error):
+        return None
+    with drawn(6.4, 2.8) as (canvas, axes):
+        ax = axes[0][0]
+        edges = np.linspace(-ERROR_TO_PERCENT, ERROR_TO_PERCENT, 41)
+        share = np.histogram(np.clip(error, -ERROR_TO_PERCENT, ERROR_TO_PERCENT), edges, weights=area)[0]
+        ax.bar(edges[:-1], 100.0 * share / area.sum(), width=1.0, align="edge", color=AFTER)
+        ax.axvline(0.0, color=BEFORE, linewidth=1.2)
+        ax.set_xlabel("applied against target, % (outermost bars: and beyond)")
+        ax.set_ylabel("share of the area, %")
+        return Picture(svg(canvas, "joberror", "Distribution of the rate error"),
+                       "Rate error by area, stretch by stretch.")
+
+
+def _signed(value: float) -> str:
+    return ("+" if value > 0.0 else "") + fixed(value, 2)

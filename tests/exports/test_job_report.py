@@ -1,0 +1,56 @@
+"""The report of a job: its figures are the log's, its pictures are inside, and `topdress map` writes it."""
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from drivers.files.exports.as_applied import AsApplied
+from drivers.files.read_log import RunLog
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+
+
+def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
+    from console.reports.job_page import job_page
+    page = job_page(applied, "topdress test")
+    t = applied.totals
+    assert f"{t.applied_kg:.2f} kg" in page and f"{t.area_ha:.4f} ha" in page
+    assert f"{t.applied_n_kg:.2f} kg (46.0 % of the product)" in page
+    assert page.count("<svg") == 2 and "2026-03-07 23:59 UTC" in page
+    assert "within 2 %" in page
+
+
+def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None:
+    from console.reports.job_page import error_percent
+    error, area = error_percent(applied)
+    assert area.sum() == pytest.approx(10_000 * applied.totals.area_ha)
+    assert float((error * area).sum() / area.sum()) == pytest.approx(0.0, abs=0.2)
+    doubled = dataclasses.replace(applied, stretches=applied.stretches._replace(
+        applied_kg_ha=2.0 * applied.stretches.target_kg_ha))
+    assert error_percent(doubled)[0] == pytest.approx(np.full(len(error), 100.0))
+
+
+def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:
+    from console.reports.job_page import job_page
+    unknown = applied.stretches._replace(target_kg_ha=np.full_like(applied.stretches.time_s, np.nan))
+    assert "No target was logged" in job_page(dataclasses.replace(applied, stretches=unknown), "topdress test")
+
+
+def test_topdress_map_writes_it_and_every_export(known_log: RunLog, tmp_path: Path) -> None:
+    for name in ("r.html", "r.csv", "r.geojson", "r.shp", "r.zip", "task"):
+        told = CliRunner().invoke(app, ["map", str(known_log.path), "--out", str(tmp_path / "new" / name)])
+        assert told.exit_code == 0, told.stderr
+        assert " in 60 s of work" in told.stdout
+        assert (tmp_path / "new" / name).exists()
+    assert "<svg" in (tmp_path / "new" / "r.html").read_text()
+
+
+def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
+    from console.reports.job_page import job_page
+    page = job_page(dataclasses.replace(applied, title="<script>x</script>"), "topdress test")
+    assert "<script>" not in page
