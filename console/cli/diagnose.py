@@ -26,6 +26,9 @@ def diagnose(
                                                  "output.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
     adopt: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="A machine file with the findings.")] = None,
+    closed_loop: Annotated[float | None, typer.Option(min=60.0, metavar="SECONDS", help="Also simulate the job `demo` "
+                                                      "this long, twice, on a machine that has the named effects: "
+                                                      "control without and with knowing them.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
 ) -> None:
     """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do."""
@@ -45,6 +48,9 @@ def diagnose(
     if adopt is not None:
         found = _adopt(found, loaded, data, adopt)
     _write(found, as_json, report, tools)
+    if closed_loop is not None:
+        for line in _closed_loop(found, machine, closed_loop):
+            typer.echo(line, err=as_json is not None and str(as_json) == "-")
 
 
 def _is_run(data: list[Path]) -> bool:
@@ -96,6 +102,29 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
     extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
     return dataclasses.replace(found, extended_machine=str(out))
+
+
+def _closed_loop(found: Diagnosis, machine: str, seconds: float) -> list[str]:
+    """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
+    import dataclasses
+
+    from control.diagnosis.extend import extend, planted
+    from control.diagnosis.gain import closed_loop_gain
+    from drivers.files.setup import load_setup
+    setup = load_setup(machine, "demo", dt.date.today())
+    effects = planted(setup.machine, found)
+    if not effects:
+        return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
+    known = extend(setup.machine, dataclasses.replace(found, tables=()))
+    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds)
+    trim = "on" if setup.job.flow_trim else "off"
+    lines = ["", f"closed loop, simulated {seconds:g} s of job demo ({setup.job.strategy.value}, flow trim {trim}), "
+                 "the sizes found taken for true:"]
+    for word, one in (("not known", gain.before), ("known", gain.after)):
+        bias = 100.0 * one.bias_kg_ha / one.mean_target_kg_ha if one.mean_target_kg_ha > 0.0 else 0.0
+        lines.append(f"  {word:9}  mean landed {one.bias_kg_ha:+.2f} kg/ha off ({bias:+.2f} %), rate error "
+                     f"{one.rate_error_percent:.2f} %, place error {one.place_error_m:.2f} m")
+    return lines
 
 
 def _write(found: Diagnosis, as_json: Path | None, report: Path | None, tools: dict[str, Any]) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from control.machine.machine import CATALOGUE, Adopted, Machine, with_effect
+from control.machine.planting import Planted
 
-from .result import Diagnosis, TableFit
+from .result import Cause, Diagnosis, TableFit
 
 TABLE_FIELD = {"shaft": "table_percent", "gate": "table_mm", "flow": "table_percent", "scale": "table_kg",
                "speed": "table_percent"}
@@ -21,13 +22,9 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
     """
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
-    for cause in diagnosis.causes:
-        entry = CATALOGUE[cause.id]
-        if entry.effect.onset_only or cause.onset_s is not None or cause.size.value is None:
-            continue
-        before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
-        total = min(entry.high - entry.neutral, max(entry.low - entry.neutral, before + cause.size.value))
-        machine = with_effect(machine, cause.id, total, cause.member)
+    for cause in adoptable(diagnosis):
+        assert cause.size.value is not None
+        machine = with_effect(machine, cause.id, _total(machine, cause), cause.member)
         adopted.append(Adopted(id=cause.id, size=cause.size.value, low=cause.size.low, high=cause.size.high,
                                unit=cause.size.unit, member=cause.member, data=diagnosis.data.path, sha256=sha256,
                                date=date, valid=ranges))
@@ -39,6 +36,23 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
                                data=diagnosis.data.path, sha256=sha256, date=date,
                                valid={table.variable: (table.nodes[0], table.nodes[-1])}))
     return machine.model_copy(update={"adopted": tuple(adopted), "tables_over": tables})
+
+
+def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
+    """Causes that can be modelled from the start of a run: those with a size, and without an onset."""
+    return tuple(c for c in diagnosis.causes if not CATALOGUE[c.id].effect.onset_only and c.onset_s is None
+                 and c.size.value is not None)
+
+
+def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:
+    """The adoptable causes as effects of a simulated `machine`, on top of what its file has of them already."""
+    return tuple(Planted(c.id, _total(machine, c), 0.0, c.member) for c in adoptable(diagnosis))
+
+
+def _total(machine: Machine, cause: Cause) -> float:
+    entry = CATALOGUE[cause.id]
+    before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
+    return float(min(entry.high - entry.neutral, max(entry.low - entry.neutral, before + (cause.size.value or 0.0))))
 
 
 def _with_table(machine: Machine, table: TableFit) -> Machine:

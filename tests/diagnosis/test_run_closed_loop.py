@@ -2,11 +2,14 @@
 from __future__ import annotations
 
 import datetime as dt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from console.cli import app
 from control.diagnosis import open_set
 from control.diagnosis.gain import closed_loop_gain
 from control.diagnosis.run import diagnose_run
@@ -76,3 +79,17 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
     assert before.bias_kg_ha / before.mean_target_kg_ha < -0.007
     assert abs(after.bias_kg_ha) < 0.5 * abs(before.bias_kg_ha)
     assert after.place_error_m < before.place_error_m + 0.02
+
+
+def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> None:
+    log = str(tmp_path / "a.csv")
+    runner = CliRunner()
+    made = runner.invoke(app, ["simulate", "--seconds", "200", "--seed", "3", "--effect", "shaft.gain=4", "--out", log])
+    assert made.exit_code == 0, made.output
+    plain = runner.invoke(app, ["diagnose", log])
+    assert "shaft.gain" in plain.output and "closed loop" not in plain.output
+    asked = runner.invoke(app, ["diagnose", log, "--closed-loop", "60"])
+    assert asked.exit_code == 0, asked.output
+    told = asked.output[asked.output.index("closed loop, simulated 60 s"):].splitlines()
+    assert told[1].split()[:2] == ["not", "known"] and told[2].split()[0] == "known"
+    assert told[1].split("landed")[1] != told[2].split("landed")[1]

@@ -95,7 +95,8 @@ def test_nothing_wrong_is_called_nothing(seed):
     ("flow.fill_falloff", 12.0), ("flow.slope", 1.0), ("scale.tilt", 0.2),
 ])
 def test_one_effect_is_named_with_its_size(effect, size):
-    found = diagnose_run(a_run(with_effect(Machine(), effect, size), seed=5), Machine())
+    seconds = 900.0 if effect.startswith(("flow", "scale")) else 500.0
+    found = diagnose_run(a_run(with_effect(Machine(), effect, size), seed=5, seconds=seconds), Machine())
     assert ids(found) == [effect]
     cause = found.causes[0]
     assert cause.size.value == pytest.approx(size, rel=0.15)
@@ -143,12 +144,12 @@ def test_what_no_effect_explains_is_said_with_its_variable():
 
 
 def test_a_stall_is_named_with_its_time():
-    columns = a_run(Machine(), seed=10)
-    late = columns["time_s"] > 600.0
+    columns = a_run(Machine(), seed=10, seconds=500.0)
+    late = columns["time_s"] > 350.0
     columns["shaft_rpm"] = np.where(late, 0.3 * np.sin(columns["time_s"] * 9.0), columns["shaft_rpm"])
     found = diagnose_run(columns, Machine())
     cause = next(c for c in found.causes if c.id == "shaft.stall")
-    assert cause.onset_s == pytest.approx(600.0, abs=0.5)
+    assert cause.onset_s == pytest.approx(350.0, abs=0.5)
     assert "shaft.slow" not in ids(found)
 
 
@@ -169,7 +170,7 @@ def test_bridging_is_named_by_its_share_of_time():
 
 
 def test_rows_missing_give_the_same_name():
-    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=13)
+    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=13, seconds=500.0)
     keep = np.random.default_rng(1).random(len(columns["time_s"])) > 0.05
     found = diagnose_run({name: series[keep] for name, series in columns.items()}, Machine())
     assert ids(found) == ["shaft.load_droop"]
@@ -185,7 +186,7 @@ def test_what_is_not_named_has_a_smallest_size_or_none_at_all():
 
 
 def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_nothing():
-    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=15)
+    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=15, seconds=500.0)
     first = diagnose_run(columns, Machine(), path="run.csv")
     extended = extend(Machine(), first, date="2026-01-01", sha256="ab")
     assert effect_sizes(extended)["shaft.load_droop"] == pytest.approx(5.0, rel=0.1)
@@ -196,7 +197,7 @@ def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_n
 
 
 def test_the_same_log_gives_the_same_diagnosis():
-    columns = a_run(with_effect(Machine(), "flow.slope", 1.0), seed=16)
+    columns = a_run(with_effect(Machine(), "flow.slope", 1.0), seed=16, seconds=300.0)
     assert diagnose_run(columns, Machine()).to_json() == diagnose_run(columns, Machine()).to_json()
 
 
