@@ -28,7 +28,7 @@ def levels(rng, time, low, high, hold_s):
     return np.round(values[(time / hold_s).astype(int)], 1)
 
 
-def a_run(machine, seed=1, seconds=900.0, still_opening=False):
+def a_run(machine, seed=1, seconds=600.0, still_opening=False):
     """Columns of a run of `machine` with its noise: random set-points, headlands, a slope, a wandering supply."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, STEP_S)
@@ -169,7 +169,7 @@ def test_missing_pulses_show_as_dips():
 
 
 def test_bridging_is_named_by_its_share_of_time():
-    found = diagnose_run(a_run(with_effect(Machine(), "flow.bridging", 15.0), seed=12), Machine())
+    found = diagnose_run(a_run(with_effect(Machine(), "flow.bridging", 15.0), seed=12, seconds=900.0), Machine())
     assert "flow.bridging" in ids(found)
     assert next(c for c in found.causes if c.id == "flow.bridging").size.value == pytest.approx(15.0, abs=6.0)
 
