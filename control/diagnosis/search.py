@@ -38,6 +38,7 @@ TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case t
 REFILL_SD_KG = 0.5          # of what the operator wrote down
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 OUTLIER = 4.5
+LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
 
 
 class Found(NamedTuple):
@@ -71,7 +72,7 @@ class Group:
         self._excess: dict[str, Array] = {c.name: np.zeros(len(c.measured)) for c in channels}
         heads = 0 if data.heads is None else int(np.isfinite(data.heads.ndvi).any(axis=1).sum())
         refilled = data.hopper is not None and bool(data.hopper.jumps)
-        self.candidates = candidates(self.names, heads, refilled)
+        self.candidates = [c for c in candidates(self.names, heads, refilled) if _excited(c, data)]
         self._heads = heads
         self._off: dict[str, float] = {}
         self._fixed = self._nuisance_columns()
@@ -412,6 +413,15 @@ class Group:
                 if channel.name in column.coefficients:
                     left -= size * column.coefficients[channel.name]
             self._excess[channel.name] = _lone(series_of(left, channel.cut))
+
+
+def _excited(candidate: Candidate, data: RunData) -> bool:
+    """Whether the log moves what the effect needs to be moved."""
+    least = LEAST_MOVES_MM.get(candidate.part.id)
+    opening = data.variables.get("opening_mm")
+    if least is None or opening is None:
+        return True
+    return bool(np.ptp(np.percentile(opening, (1.0, 99.0))) >= least)
 
 
 def _grown(part: Part, by: float) -> Part:

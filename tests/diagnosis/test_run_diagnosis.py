@@ -221,3 +221,10 @@ def test_manoeuvres_separate_what_they_are_for():
     assert separation(plans["openings"], Machine(), gain, "flow.zero_offset") > 3.0
     assert separation(plans["standing"], Machine(), gain, "flow.zero_offset") < 1.0
     assert separation(plans["refill"], Machine(), gain, "scale.gain") > 3.0
+
+
+def test_a_gate_that_hardly_moves_has_no_backlash():
+    columns = a_run(Machine(), seed=18, still_opening=True)
+    rng = np.random.default_rng(3)
+    columns["opening_mm_cmd"] = levels(rng, columns["time_s"], 24.4, 25.6, 5.0)     # asked, and never done
+    assert "gate.backlash" not in ids(diagnose_run(columns, Machine()))
