@@ -18,8 +18,8 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     """The console on the worker that runs, or on one started for it."""
     from console.app.app import TopdressApp
     from console.link import Link, WorkerFailed, find_running, start_worker
-    from drivers.files.setup import setup_of_files
-    setup = setup_of_files(config, dt.date.today())
+    from drivers.files.setup import by_kind, setup_of
+    setup = setup_of(by_kind(config), dt.date.today())
     arguments = [*_pairs("--config", config), *_pairs("--effect", effects), "--seed", str(seed), "--hz", f"{hz:g}"]
     if log is not None:
         arguments += ["--log", log]

@@ -15,6 +15,7 @@ from console.cli.progress import progress
 from control.orders import Strategy
 
 if TYPE_CHECKING:
+    from control.field.job import Job
     from control.simulation.closed_loop import Record
     from drivers.files.setup import Setup
 
@@ -89,31 +90,28 @@ def _switch(option: str, text: str) -> bool:
 class _Log:
     """Run log and truth under temporary names until both are whole."""
 
-    def __init__(self, path: Path, setup: Setup, job: object, seed: int, effects: list[str] | tuple[()]) -> None:
-        from control.field.job import Job
+    def __init__(self, path: Path, setup: Setup, job: Job, seed: int, effects: list[str] | tuple[()]) -> None:
         from drivers.files.run_log import PlainLogWriter
         from drivers.files.run_meta import run_meta
         if path.suffix != ".csv":
             raise CommandError(f"--out {path}: allowed is a name that ends in .csv")
-        assert isinstance(job, Job)
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         meta = run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256)
-        self._rows = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta, overwrite=True)
-        self.rows = self._rows
+        self.rows = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta, overwrite=True)
 
     def keep(self, record: Record, width_m: float) -> None:
         """Finish both files and give them their names."""
         from drivers.files.atomic import write_atomically
-        self._rows.close()
+        self.rows.close()
         write_atomically(truth_path(self.path), _truth_text(record, width_m))
-        part = self._rows.path
+        part = self.rows.path
         part.with_suffix(".yaml").replace(self.path.with_suffix(".yaml"))
         part.replace(self.path)
 
     def discard(self) -> None:
-        self._rows.close()
-        part = self._rows.path
+        self.rows.close()
+        part = self.rows.path
         for file in (part, part.with_suffix(".yaml")):
             file.unlink(missing_ok=True)
 
@@ -140,11 +138,9 @@ def _truth_text(record: Record, width_m: float) -> str:
     return text.getvalue()
 
 
-def _tell(record: Record, setup: Setup, job: object, seconds: float, took_s: float, alarms: dict[str, int],
+def _tell(record: Record, setup: Setup, job: Job, seconds: float, took_s: float, alarms: dict[str, int],
           effects: list[str] | tuple[()], as_json: bool) -> None:
-    from control.field.job import Job
     from control.simulation.errors import errors
-    assert isinstance(job, Job)
     found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m)
     if as_json:
         told = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,

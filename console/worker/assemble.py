@@ -2,11 +2,9 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
 from pathlib import Path
 
 import platformdirs
-from pydantic import BaseModel
 
 from console.worker.parts import Assembly, Bench, Names
 from console.worker.program import Clock, Options
@@ -16,11 +14,11 @@ from control.machine.machine import Machine
 from control.machine.planting import parse_planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import BoardConfig, Cab, CabConfig
-from drivers.files.config import ConfigError, Loaded, load_any
-from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE
+from drivers.files.config import ConfigError
+from drivers.files.kinds import CAB
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import load_setup
+from drivers.files.setup import by_kind, setup_of
 from drivers.virtual.machine import virtual_cab
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
@@ -32,11 +30,9 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     Raises ValueError or OSError with one line for each thing that is to be put right.
     """
     try:
-        found = _by_kind(options.config)
+        found = by_kind(options.config)
         cab = found.get(CAB.format)
-        machine_path, job_path = (found[kind.format].path if kind.format in found else shipped
-                                  for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo")))
-        setup = load_setup(machine_path, job_path, dt.date.today())
+        setup = setup_of(found, dt.date.today())
     except ConfigError as error:
         raise ValueError(str(error)) from error
     if cab is not None and options.effects:
@@ -72,19 +68,6 @@ def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
         "opening_low_mm": opening_mm, "opening_high_mm": opening_mm + machine.limits.opening_resolution_mm / 100.0})
     set_points = machine.set_points.model_copy(update={"opening_mm": opening_mm})
     return machine.model_copy(update={"limits": limits, "set_points": set_points})
-
-
-def _by_kind(files: Sequence[str]) -> dict[str, Loaded[BaseModel]]:
-    """The files given, by their format. Raises ConfigError."""
-    found: dict[str, Loaded[BaseModel]] = {}
-    for file in files:
-        kind, loaded = load_any(file, KINDS)
-        if kind is CROP:
-            raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
-        if kind.format in found:
-            raise ConfigError([f"{file}: a second file with format {kind.format}: allowed is one"])
-        found[kind.format] = loaded
-    return found
 
 
 def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> SimulatedBench:

@@ -1,7 +1,7 @@
 """A stage over a whole log. The same function runs interpreted here and compiled in `compiled`."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import ceil
 from typing import Any
 
@@ -61,7 +61,3 @@ def mapped(reads: Callable[..., float]) -> Run:
 
 def no_switch() -> npt.NDArray[np.int64]:
     return np.empty(0, dtype=np.int64)
-
-
-def one_set(params: Any) -> tuple[Sequence[Any], npt.NDArray[np.int64]]:
-    return (params,), no_switch()

@@ -73,9 +73,6 @@ class Stretches:
         self._to.clear()
         self._target.clear()
 
-    def newest_m(self) -> float | None:
-        return self._to[-1] if self._to else None
-
     def at(self, place_m: float) -> Target:
         """The decided target there, or that of the nearest stretch within reach, or the fallback."""
         if not self._from:

@@ -2,15 +2,17 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+
+from pydantic import BaseModel
 
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule, prepare
 from control.field.job import Job
 from control.machine.machine import Machine
-from drivers.files.config import ConfigError, load, load_any
+from drivers.files.config import ConfigError, Loaded, load, load_any
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.weather import WeatherError, growing_days
 
@@ -24,17 +26,24 @@ class Setup:
     sha256: dict[str, str]      # configuration file -> checksum
 
 
-def setup_of_files(config: Iterable[str], today: dt.date) -> Setup:
-    """The setup that a run with these configuration files would have: kinds by their `format:`, in any order; what is
-    not given is the shipped nominal one. Raises ConfigError.
-    """
-    given: dict[str, Path] = {}
-    for where in config:
-        kind, loaded = load_any(where, KINDS)
-        if kind.format in given:
-            raise ConfigError([f"{where}: a second file of kind {kind.format}: allowed is one"])
-        given[kind.format] = loaded.path
-    return load_setup(given.get(MACHINE.format, "huanghai"), given.get(JOB.format, "demo"), today)
+def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
+    """Configuration files in any order, by their `format:`. Raises ConfigError."""
+    found: dict[str, Loaded[BaseModel]] = {}
+    for file in files:
+        kind, loaded = load_any(file, KINDS)
+        if kind is CROP:
+            raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
+        if kind.format in found:
+            raise ConfigError([f"{file}: a second file with format {kind.format}: allowed is one"])
+        found[kind.format] = loaded
+    return found
+
+
+def setup_of(found: Mapping[str, Loaded[BaseModel]], today: dt.date) -> Setup:
+    """The setup of these files; what is not among them is the shipped nominal one. Raises ConfigError."""
+    machine, job = (found[kind.format].path if kind.format in found else shipped
+                    for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo")))
+    return load_setup(machine, job, today)
 
 
 def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
