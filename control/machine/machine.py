@@ -155,13 +155,3 @@ def effect_sizes(machine: Machine) -> dict[str, float]:
         if value != entry.neutral:
             found[effect_id] = value
     return found
-
-
-def plain(machine: Machine) -> dict[str, Any]:
-    """The machine as a mapping of plain values, as a machine file holds it; `Machine.model_validate` reads it back."""
-    found = machine.model_dump(mode="json")
-    for name in STAGES:
-        stage = getattr(machine, name)
-        found[name] = {field: list(value) if isinstance(value, tuple) else value
-                       for field, value in stage._asdict().items()}
-    return found
