@@ -14,7 +14,7 @@ from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, s
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.machine import Machine, effect_sizes, with_effect
-from control.machine.over_log import MOST_STEP_S, input_rows, one_set
+from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
 from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
@@ -38,21 +38,21 @@ def a_run(machine, seed=1, seconds=600.0, still_opening=False):
     gate_cmd = np.full(n, 25.0) if still_opening else levels(rng, time, 15.0, 40.0, 5.0)
     supply = 13.2 + 0.5 * np.sin(time / 40.0)
     pitch = 3.0 * np.sin(time / 60.0)
-    gates, none = one_set(machine.gate)
-    gate = gate_run(gates, none, gate_start(gate_cmd[0]), GateOutput(gate_cmd[0], gate_cmd[0]),
+    gates = (machine.gate,)
+    gate = gate_run(gates, no_switch(), gate_start(gate_cmd[0]), GateOutput(gate_cmd[0], gate_cmd[0]),
                     input_rows(GateInput, n, command_mm=gate_cmd), time, MOST_STEP_S)
-    shafts, none = one_set(machine.shaft)
-    shaft = shaft_run(shafts, none, shaft_start(0.0), ShaftOutput(0.0, 0.0),
+    shafts = (machine.shaft,)
+    shaft = shaft_run(shafts, no_switch(), shaft_start(0.0), ShaftOutput(0.0, 0.0),
                       input_rows(ShaftInput, n, command_rpm=shaft_cmd, opening_mm=gate[:, 0], supply_v=supply), time,
                       MOST_STEP_S)
-    flows, none = one_set(machine.flow)
-    flow = flow_run(flows, none, flow_start(280.0), FlowOutput(0.0, 280.0),
+    flows = (machine.flow,)
+    flow = flow_run(flows, no_switch(), flow_start(280.0), FlowOutput(0.0, 280.0),
                     input_rows(FlowInput, n, shaft_rpm=shaft[:, 0], opening_mm=gate[:, 0], pitch_deg=pitch), time,
                     MOST_STEP_S)
     scale = scale_run(machine.scale, input_rows(ScaleInput, n, hopper_kg=flow[:, 1], time_s=time, pitch_deg=pitch))
     true_speed = 1.3 + 0.2 * np.sin(time / 7.0)
-    speeds, none = one_set(machine.speed)
-    speed = speed_run(speeds, none, speed_start(1.3), SpeedOutput(1.3, 1.3),
+    speeds = (machine.speed,)
+    speed = speed_run(speeds, no_switch(), speed_start(1.3), SpeedOutput(1.3, 1.3),
                       input_rows(SpeedInput, n, speed_mps=true_speed, working=work.astype(float), pitch_deg=pitch),
                       time, MOST_STEP_S)
     keep = np.exp(-STEP_S / noise.scale_correlation_s)
