@@ -4,6 +4,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from pathlib import Path
 from typing import ClassVar
 
 from textual import events
@@ -14,16 +15,18 @@ from textual.widgets import Input
 from textual.worker import Worker
 
 from console.app import actions, themes, words
+from console.app.action import ANYWHERE, REPLAY, RUN
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
 from console.app.history import History
 from console.app.pace import NUMBERS_S
+from console.app.pages import all_pages
 from console.app.replay_job import ReplayJob
-from console.app.screens.base import PanelScreen
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
+from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
-from console.app.screens.run import RunScreen
+from console.app.services import Services
 from console.app.source import FrameSource
 from console.app.units import METRIC, UNITS, Units
 from console.link import WorkerGone
@@ -31,6 +34,7 @@ from console.locale import _, in_use, languages, use
 from control.orders import Do, Order, Severity, Strategy, TargetSource
 
 NOTICE_S = 4.0
+_HERE = Path(__file__).parent
 Connect = Callable[[], Awaitable[FrameSource]]
 
 
@@ -48,7 +52,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     nothing moves but by `tick`.
     """
 
-    CSS_PATH = "style.tcss"
+    CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "screens").glob("*.tcss"))]
     TITLE = "topdress"
     ENABLE_COMMAND_PALETTE = False         # Textual's own key for it would pass by the lock
     BINDINGS: ClassVar = actions.bindings()
@@ -57,7 +61,8 @@ class TopdressApp(App[None], inherit_bindings=False):
                  start: Connect | None = None, attach: Connect | None = None, replay: ReplayJob | None = None,
                  units: Units = METRIC, language: str | None = None, theme: str = themes.DAY.name,
                  keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
-                 limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True) -> None:
+                 limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
+                 services: Services | None = None) -> None:
         super().__init__()
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
@@ -65,11 +70,12 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.hopper_kg = limits_kg_ha, hopper_kg
         self.live = live
+        self.services = services or Services()
         self.locked = False
         self.gone = ""
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
-        self.run_page, self.replay_page = RunScreen(), ReplayScreen(replay)
+        self.pages = all_pages(replay)
         self._supervisor: Worker[None] | None = None
         if language is not None:
             use(language)
@@ -81,11 +87,18 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._hold_keys = frozenset(keys.get("hold", actions.BY_ID["hold"].keys).split(","))
 
     def get_default_screen(self) -> Screen[None]:
-        return self.run_page if self.source is not None or self.replay_page.job is None else self.replay_page
+        return self.pages[RUN if self.source is not None or self.replay_page.job is None else REPLAY]
+
+    @property
+    def replay_page(self) -> ReplayScreen:
+        page = self.pages[REPLAY]
+        assert isinstance(page, ReplayScreen)
+        return page
 
     def on_mount(self) -> None:
-        other = self.replay_page if self.screen is self.run_page else self.run_page
-        self.install_screen(other, other.where)
+        for where, page in self.pages.items():
+            if page is not self.screen:
+                self.install_screen(page, where)
         self._supervise()
         if self.live:
             self.set_interval(NUMBERS_S, self.tick)
@@ -103,9 +116,9 @@ class TopdressApp(App[None], inherit_bindings=False):
     # --- frames -------------------------------------------------------------------------------------------------
 
     @property
-    def page(self) -> PanelScreen:
+    def page(self) -> Page:
         """The screen under any dialogs."""
-        return next(screen for screen in reversed(self.screen_stack) if isinstance(screen, PanelScreen))
+        return next(screen for screen in reversed(self.screen_stack) if isinstance(screen, Page))
 
     def tick(self) -> None:
         """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
@@ -193,15 +206,18 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.locked and not action.locked:
             self.notice(_("locked: F8 unlocks; hold and stop work"))
             return
-        if action.where not in (actions.ANYWHERE, self.page.where):
+        if action.where not in (ANYWHERE, self.page.where):
             return
-        if action.where == actions.REPLAY:
-            self.replay_page.command(name)
-            return
-        getattr(self, f"_do_{name}")()
+        where = name.removesuffix("_screen")
+        if where in self.pages:
+            self.turn_to(where)
+        elif action.where in (ANYWHERE, RUN):
+            getattr(self, f"_do_{name}")()
+        else:
+            self.page.command(name)
 
     def _do_hold(self) -> None:
-        if self.source is None and self.page is self.replay_page:
+        if self.source is None and self.page.where == REPLAY:
             self.replay_page.command("play")
         else:
             self.give(Do.HOLD)
@@ -322,21 +338,16 @@ class TopdressApp(App[None], inherit_bindings=False):
         if not isinstance(self.screen, HelpScreen):
             self.push_screen(HelpScreen(self.page.where))
 
-    def _do_run_screen(self) -> None:
-        self._turn_to(self.run_page)
-
-    def _do_replay_screen(self) -> None:
-        self._turn_to(self.replay_page)
-
-    def _turn_to(self, page: PanelScreen) -> None:
-        """One page is the app's first screen, the other lies over it while it is looked at."""
-        while not isinstance(self.screen, PanelScreen):
+    def turn_to(self, where: str) -> None:
+        """One page is the app's first screen, another lies over it while it is looked at."""
+        page = self.pages[where]
+        while not isinstance(self.screen, Page):
             self.pop_screen()
         if self.page is page:
             return
-        if page in self.screen_stack:
+        if len(self.screen_stack) > 1:
             self.pop_screen()
-        else:
+        if self.page is not page:
             self.push_screen(page)
         page.hurry()
         self.call_after_refresh(self.tick)
@@ -344,7 +355,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     def open_replay(self, job: ReplayJob) -> None:
         """Show a log on the Replay screen."""
         self.replay_page.open(job)
-        self._turn_to(self.replay_page)
+        self.turn_to(REPLAY)
 
     def _do_lock(self) -> None:
         if not self.locked:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from console.app.app import TopdressApp
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
-from console.app.sample import run_frames, sample_alarms
+from console.app.sample import run_frames, sample_alarms, sample_services
 from console.app.units import METRIC
 from console.frame import Frame
 from console.locale import ENGLISH, use
@@ -53,7 +53,7 @@ class Picture(NamedTuple):
     size: tuple[int, int]
     theme: str = "day"
     language: str = ENGLISH
-    screen: str = "run"            # run, replay, help, gone
+    screen: str = "run"            # a page, help, gone
     alarms: bool = False
 
 
@@ -104,7 +104,8 @@ def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
         source.set_speed(10.0)
         replay = ReplayJob(source, "run.csv", ("2 rows with a time that runs back were left out",))
     app = TopdressApp(None if replay else StillSource(frames[-1]), clock, replay=replay, language=picture.language,
-                      theme=picture.theme, units=METRIC, utc_offset_s=8 * 3600.0, live=False)
+                      theme=picture.theme, units=METRIC, utc_offset_s=8 * 3600.0, live=False,
+                      services=sample_services())
     for frame in frames[:-1]:
         app.history.add(frame)
     return app, clock
@@ -114,6 +115,10 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     """Bring a still app to what its picture shows."""
     await wait()
     app.tick()
+    if picture.screen in app.pages and app.page.where != picture.screen:
+        app.turn_to(picture.screen)
+        await wait()
+        app.tick()
     if picture.screen == "help":
         await app.action_do("help")
     if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from math import cos, floor, sin
 from random import Random
 
+from console.app.services import Services
 from console.frame import DeviceView, Frame
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
@@ -77,3 +78,8 @@ def sample_alarms(at_s: float) -> tuple[Alarm, ...]:
     return (Alarm("shaft_silent", Severity.RED, at_s - 35.0),
             Alarm("hopper_low", Severity.AMBER, at_s - 12.0, False, (("hopper_kg", 18.5), ("metres_left", 640.0))))
 
+
+
+def sample_services() -> Services:
+    """What the screens' pictures are given: made-up answers, the same every time."""
+    return Services()

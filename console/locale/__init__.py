@@ -1,4 +1,5 @@
-"""Words shown to people, by the language in use. English stands in the code; other languages in `<language>.po`.
+"""Words shown to people, by the language in use. English stands in the code; other languages in `<language>/*.po`,
+a file for each part of the console.
 
 The catalogues are read as they are, so no tool has to compile them. `_` translates now, `N_` only marks a text that a
 table holds and that is translated when it is shown.
@@ -35,15 +36,17 @@ def catalogue(language: str) -> Catalogue:
     """
     if language == ENGLISH:
         return Catalogue({})
-    path = _FOLDER / f"{language}.po"
     if language not in languages():
         raise ValueError(f"language: {language!r} is not known; allowed: {', '.join(languages())}")
-    return Catalogue(read_po(path.read_text(encoding="utf-8"), path.name))
+    texts: dict[str, str] = {}
+    for path in sorted((_FOLDER / language).glob("*.po")):
+        texts |= read_po(path.read_text(encoding="utf-8"), f"{language}/{path.name}")
+    return Catalogue(texts)
 
 
 def languages() -> tuple[str, ...]:
     """Codes of all languages that can be used, English first."""
-    return (ENGLISH, *sorted(path.stem for path in _FOLDER.glob("*.po")))
+    return (ENGLISH, *sorted({path.parent.name for path in _FOLDER.glob("*/*.po")}))
 
 
 def preferred(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:

@@ -223,7 +223,7 @@ async def test_every_action_of_the_screen_is_in_the_palette(app):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.pause()
         titles = {command.title for command in app.get_system_commands(app.screen)}
-        assert titles == {action.label for action in actions.at(actions.RUN) if action.id != "palette"}
+        assert titles == {action.label for action in actions.at("run") if action.id != "palette"}
 
 
 async def test_quit_asks_while_the_machine_works(app):

@@ -255,4 +255,4 @@ async def test_without_a_log_the_screen_says_how_to_open_one(app, shown):
         await pilot.pause()
         await pilot.press("f2")
         await pilot.pause()
-        assert app.page is app.run_page
+        assert app.page is app.pages["run"]

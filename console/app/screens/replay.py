@@ -7,7 +7,8 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.worker import Worker, WorkerState
 
-from console.app import actions, words
+from console.app import words
+from console.app.action import REPLAY
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.history import TREND_SPAN_S, Point, Spot, points_of, spots_of
 from console.app.replay_job import ReplayJob, WhatIf
@@ -22,7 +23,7 @@ _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
 class ReplayScreen(PanelScreen):
-    where: ClassVar[str] = actions.REPLAY
+    where: ClassVar[str] = REPLAY
 
     def __init__(self, job: ReplayJob | None = None) -> None:
         super().__init__()

@@ -32,6 +32,11 @@ class Canvas(Widget, Generic[V]):
             self._painted_for = None
             self.refresh()
 
+    def repaint(self) -> None:
+        """Paint again although the view is the same: another language, another theme."""
+        self._painted_for = None
+        self.refresh()
+
     def notify_style_update(self) -> None:
         super().notify_style_update()
         self._painted_for = None

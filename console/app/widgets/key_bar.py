@@ -7,7 +7,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 
-from console.app.actions import Action
+from console.app.action import Action
 from console.app.widgets.panel import Panel, Part, fit, line
 from console.locale import _
 

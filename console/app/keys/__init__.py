@@ -1,0 +1,1 @@
+"""The actions of each screen, a file a screen."""

@@ -1,0 +1,23 @@
+"""Actions of every screen."""
+from __future__ import annotations
+
+from console.app.action import Action
+from console.locale import N_
+
+ACTIONS = (
+    Action("hold", "space", "Space", N_("hold"), N_("Flow to zero at once; start goes on. In a replay alone: pause."),
+           bar=1, locked=True, priority=True),
+    Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."),
+           bar=2, locked=True, priority=True),
+    Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), bar=9),
+    Action("help", "f1", "F1", N_("help"), N_("This page."), bar=3, locked=True),
+    Action("run_screen", "f2,2", "F2", N_("run"), N_("The machine at work."), locked=True),
+    Action("replay_screen", "f7,7", "F7", N_("replay"), N_("A log, played again."), locked=True),
+    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), bar=11,
+           locked=True),
+    Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), bar=12, locked=True),
+    Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), bar=13),
+    Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac.")),
+    Action("language", "g", "G", N_("language"), N_("English, Chinese.")),
+    Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asked once while the machine works.")),
+)
