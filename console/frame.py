@@ -8,8 +8,10 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
+from control.safety import Allowances, BenchRun
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,22 +52,34 @@ class Frame:
     place_m: tuple[float, float] | None = None    # outlet, east and north of the field's origin
     devices: tuple[DeviceView, ...] = ()
     notes: tuple[str, ...] = field(default=())    # e.g. "lag_out_of_range"
+    why_no_flow: tuple[str, ...] = ()             # ids of `control.safety.INTERLOCKS`; empty: flow is allowed
+    why_state: str = ""                           # an order, an alarm id, or one of `control.safety.STATE_REASONS`
+    allow: Allowances = field(default_factory=Allowances)     # what the operator told safety to put up with
+    totals: Totals | None = None                  # of the job so far, anew once a second
+    head_ndvi: tuple[float | None, ...] = ()      # every head, left to right; None: silent
+    bench: BenchRun | None = None                 # while calibrating: set-points as sent, seconds gone and left
+
+
+_NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun}
 
 
 def to_json(frame: Frame) -> bytes:
-    return json.dumps(asdict(frame) | {"row": frame.row._asdict(), "alarms": [a._asdict() for a in frame.alarms]},
+    tuples = {name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None}
+    return json.dumps(asdict(frame) | tuples | {"alarms": [a._asdict() for a in frame.alarms]},
                       separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
 
 def from_json(message: dict[str, Any]) -> Frame:
     """Unknown keys are ignored, so that an older console can look at a newer worker."""
     known = {k: v for k, v in message.items() if k in Frame.__dataclass_fields__}
-    known["row"] = LogRow(**{k: v for k, v in message["row"].items() if k in LogRow._fields})
+    for name, kind in _NAMED.items():
+        if known.get(name) is not None:
+            known[name] = kind(**{k: v for k, v in known[name].items() if k in kind._fields})
     known["alarms"] = tuple(
         Alarm(**(a | {"severity": Severity(a["severity"]), "details": tuple((k, v) for k, v in a["details"])}))
         for a in message.get("alarms", ()))
     known["devices"] = tuple(DeviceView(**d) for d in message.get("devices", ()))
-    for name in ("dropped_heads", "notes"):
+    for name in ("dropped_heads", "notes", "why_no_flow", "head_ndvi"):
         known[name] = tuple(message.get(name, ()))
     if known.get("place_m") is not None:
         known["place_m"] = tuple(known["place_m"])

@@ -22,7 +22,18 @@ from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Alarm, Answer, Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading
-from control.safety import DriveLimits, Safety, SafetyLimits, Situation, limited
+from control.safety import (
+    SETTINGS,
+    Allowances,
+    BenchRun,
+    BenchSetting,
+    DriveLimits,
+    Safety,
+    SafetyLimits,
+    Situation,
+    after_setting,
+    limited,
+)
 from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
 from control.targets.canopy import STRAIGHT_DEG_S, CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
@@ -32,6 +43,7 @@ from control.targets.profile import Change, Everywhere, Profile, Stretches, Targ
 from control.targets.unspread import Unspread
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
+HEAD_SILENT_S = 1.25            # a reading that is older stands in no log and on no screen
 HEAD_LATENCY_S = 0.5            # a head's reading may be one period old
 NUDGE_PERCENT = 30.0
 
@@ -57,6 +69,10 @@ class Tick(NamedTuple):
     flow_trim_on: bool
     place_m: tuple[float, float] | None
     notes: tuple[str, ...]
+    why_state: str                          # an order, an alarm id, or one of STATE_REASONS
+    allow: Allowances
+    head_ndvi: tuple[float | None, ...]     # as many as there are heads, left to right; None: silent
+    bench: BenchRun | None                  # while calibrating
 
 
 class ControlLoop:
@@ -100,6 +116,7 @@ class ControlLoop:
         self._expected_gate = gate_start(machine.set_points.opening_mm)
         self._expected = Pair(0.0, machine.set_points.opening_mm)
         self._command: DriveCommand | None = None
+        self._bench = BenchSetting()
         self._events: list[str] = []
         self._time_s: float | None = None
         self._begun_s = 0.0
@@ -153,10 +170,17 @@ class ControlLoop:
                 self._look_ahead = value
             else:
                 self._flow_trim_on = value
+        elif order.do in SETTINGS:
+            self._bench, answer = after_setting(self._bench, order, self.safety.state)
+            if not answer.accepted:
+                return answer
         elif order.do is not Do.MARK:
+            before = self.safety.state
             answer = self.safety.order(order, now)
             if not answer.accepted:
                 return answer
+            if order.do is Do.CALIBRATE and before is State.CALIBRATING:
+                return answer                   # the button is still down: no event of its own
             self._obeyed(order.do)
         if order.do is not Do.ACKNOWLEDGE:
             self._events.append(_event(order))
@@ -167,6 +191,8 @@ class ControlLoop:
         if do is Do.REFILL:
             self._refilled = True
             self._flow_trim.restart()
+        elif do is Do.CALIBRATE:
+            self._bench = BenchSetting()
         elif do is Do.START:                # the operator wants flow from here on, also where some lies already
             self._landed_to_m = self._spread_to_m = float("-inf")
 
@@ -206,16 +232,19 @@ class ControlLoop:
             m, sensed, holding, rate, model_flow, applied, trim, metres_left, usable,
             reach.lag(holding, Change(sensed.track_m, OUTSIDE)),
             console_age_s, log_ok, conditions))
-        command = limited(self._setting.command(pair, conditions, self._drive_trim, self._command),
-                          self._drive_limits, verdict.flow_allowed,
+        calibrating = verdict.state is State.CALIBRATING
+        asked = self._by_hand() if calibrating else self._setting.command(
+            pair, conditions, self._drive_trim, self._command)
+        command = limited(asked, self._drive_limits, verdict.flow_allowed,
                           None if self._command is None else self._command.opening_mm)
         enabled = verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
-        if command.shaft_rpm > 0.0:         # with the shaft stopped the gate stays: nothing to trim, and no wind-up
+        if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
                                     self._expected.opening_mm, m.opening_mm)
         if model_flow is not None and self._flow_trim_on:
             self._flow_trim.update(now, dt, model_flow, m.hopper_kg)
-        self._expect(pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm), conditions, dt)
+        bare = pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm)
+        self._expect(command if calibrating else self._setting.wire(bare, conditions), conditions, dt)
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
             self._totals.add(dt, sensed.speed_mps, applied * trim, rate)
         self._note_landing(m, sensed)
@@ -231,9 +260,21 @@ class ControlLoop:
         return Tick(row, command, enabled, verdict.alarms, tuple(fired), verdict.why_no_flow, sensed,
                     self._fused.dropped if self._fused else (), metres_left,
                     self._totals.area_ha, self._totals.applied_kg, sensed.gnss_age_s, hz,
-                    usable if speed > usable else None, self._look_ahead, self._flow_trim_on, place, tuple(notes))
+                    usable if speed > usable else None, self._look_ahead, self._flow_trim_on, place, tuple(notes),
+                    verdict.why_state, self.safety.memory.allow, tuple(_fresh(r, now, HEAD_SILENT_S) for r in m.ndvi),
+                    self._bench_run(command, now) if calibrating else None)
 
     # -- parts of a tick -----------------------------------------------------------------------------------------
+
+    def _by_hand(self) -> DriveCommand:
+        """What a calibrating run asks for."""
+        wanted, last = self._bench, self._command or DriveCommand(0.0, self._expected.opening_mm)
+        return self._setting.by_hand(
+            wanted.shaft_rpm, last.opening_mm if wanted.opening_mm is None else wanted.opening_mm)
+
+    def _bench_run(self, command: DriveCommand, now: float) -> BenchRun:
+        memory = self.safety.memory
+        return BenchRun(command.shaft_rpm, command.opening_mm, now - memory.entered_s, memory.calibrate_until_s - now)
 
     def _look_at_canopy(self, m: Measurements, sensed: Sensed, now: float) -> None:
         times = tuple(None if r is None else r.time_s for r in m.ndvi)
@@ -326,11 +367,10 @@ class ControlLoop:
             return None
         return flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, m.opening_mm.value), c)
 
-    def _expect(self, pair: Pair, c: Conditions, dt: float) -> None:
+    def _expect(self, command: DriveCommand, c: Conditions, dt: float) -> None:
         """What the drives as the model knows them do with the untrimmed set-points."""
         if dt <= 0.0:
             return
-        command = self._setting.wire(pair, c)
         supply = c.supply_v if c.supply_v is not None else self.machine.shaft.nominal_supply_v
         self._expected_shaft, shaft = shaft_step(
             self.machine.shaft, self._expected_shaft,
@@ -373,7 +413,7 @@ class ControlLoop:
     def _row(self, m: Measurements, sensed: Sensed, holding: Target, rate: float, command: DriveCommand,
              applied: float | None, lag: Lag, trim: float, state: State, alarms: tuple[Alarm, ...]) -> LogRow:
         fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= 1.0 else None
-        ndvi = [_fresh(r, m.time_s, 1.25) for r in m.ndvi] + [None] * 6
+        ndvi = [_fresh(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi] + [None] * 6
         events, self._events = self._events, []
         speed = sensed.speed_mps
         return LogRow(

@@ -41,7 +41,9 @@ class Do(StrEnum):
     START = "start"                  # ready or held -> working
     HOLD = "hold"                    # working -> held
     STOP = "stop"                    # any -> off
-    CALIBRATE = "calibrate"          # ready -> calibrating; value: seconds at most
+    CALIBRATE = "calibrate"          # ready -> calibrating; value: seconds at most; repeated while the button is down
+    CALIBRATE_SHAFT = "calibrate_shaft"      # while calibrating; value: r/min
+    CALIBRATE_OPENING = "calibrate_opening"  # while calibrating; value: mm
     RELEASE = "release"              # hold-to-run button released: calibrating -> ready
     STRATEGY = "strategy"            # value: a Strategy
     SOURCE = "source"                # value: a TargetSource

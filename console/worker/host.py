@@ -7,14 +7,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from math import ceil
+from math import ceil, inf
 from typing import Any, NamedTuple
 
 from console.frame import DeviceView, Frame
-from console.worker.limits import CATCH_UP_PERIODS, FRAME_HZ, HZ_DEFAULT, ORPHAN_S, REQUESTS_A_TICK, REQUESTS_WAITING
+from console.worker.limits import (
+    CATCH_UP_PERIODS,
+    FRAME_HZ,
+    HZ_DEFAULT,
+    ORPHAN_S,
+    REQUESTS_A_TICK,
+    REQUESTS_WAITING,
+    TOTALS_S,
+)
 from console.worker.parts import Assembly, DeviceStatus, Tick
 from console.worker.period import Punctuality
 from console.worker.requests import Ask
+from control.field.totals import Totals
 from control.orders import Answer, Do, Order
 
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
@@ -43,6 +52,8 @@ class Host:
         self._inbox: deque[Waiting] = deque()
         self._heard_s = clock()
         self._ticks = 0
+        self._totals: Totals | None = None
+        self._totals_due_s = -inf
         self._stop = ""                              # why the run shall end
         self._off = False                            # the last tick, with the loop stopped, was run
 
@@ -142,13 +153,17 @@ class Host:
 
     def _frame(self, now_s: float, tick: Tick) -> Frame:
         names = self._names
+        if now_s >= self._totals_due_s:
+            self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
         return Frame(
             seq=self._ticks, at_s=now_s, row=tick.row, alarms=tick.alarms, dropped_heads=tick.dropped_heads,
             metres_left_m=tick.metres_left_m, area_ha=tick.area_ha, applied_kg=tick.applied_kg,
             gnss_age_s=tick.gnss_age_s, gnss_hz=tick.gnss_hz, usable_speed_mps=tick.usable_speed_mps,
             look_ahead=tick.look_ahead, flow_trim_on=tick.flow_trim_on, job=names.job, machine=names.machine,
             crop=names.crop, log_path=names.log_path, simulated=names.simulated, place_m=tick.place_m,
-            devices=tuple(map(_view, self._bench.status(now_s))), notes=tick.notes)
+            devices=tuple(map(_view, self._bench.status(now_s))), notes=tick.notes,
+            why_no_flow=tick.why_no_flow, why_state=tick.why_state, allow=tick.allow, totals=self._totals,
+            head_ndvi=tick.head_ndvi, bench=tick.bench)
 
 
 def _view(status: DeviceStatus) -> DeviceView:

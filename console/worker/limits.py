@@ -6,6 +6,7 @@ HZ_DEFAULT = 20.0            # control ticks a second
 HZ_LOWEST = 1.0
 HZ_HIGHEST = 100.0
 FRAME_HZ = 20.0              # frames a second to each client, at most
+TOTALS_S = 1.0               # totals are made anew this often
 CATCH_UP_PERIODS = 5         # further behind than this, missed ticks are skipped rather than run in a burst
 REQUESTS_A_TICK = 16         # requests answered in one tick, at most: bounds what clients can cost the loop
 REQUESTS_WAITING = 256       # more than this waiting: refused at once

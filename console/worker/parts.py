@@ -4,9 +4,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order
 from control.readings import DriveCommand, Measurements
+from control.safety import Allowances, BenchRun
 
 
 class DeviceStatus(Protocol):
@@ -74,9 +76,21 @@ class Tick(Protocol):
     def place_m(self) -> tuple[float, float] | None: ...
     @property
     def notes(self) -> tuple[str, ...]: ...
+    @property
+    def why_no_flow(self) -> tuple[str, ...]: ...
+    @property
+    def why_state(self) -> str: ...
+    @property
+    def allow(self) -> Allowances: ...
+    @property
+    def head_ndvi(self) -> tuple[float | None, ...]: ...
+    @property
+    def bench(self) -> BenchRun | None: ...
 
 
 class Loop(Protocol):
+    @property
+    def totals(self) -> Totals: ...
     def order(self, order: Order) -> Answer: ...
     def tick(self, measurements: Measurements, console_age_s: float | None, log_ok: bool) -> Tick: ...
 

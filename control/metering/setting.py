@@ -82,6 +82,11 @@ class Setting:
                 opening = last.opening_mm
         return DriveCommand(_rounded(shaft, self.machine.limits.shaft_resolution_rpm), _rounded(opening, self._step_mm))
 
+    def by_hand(self, shaft_rpm: float, opening_mm: float) -> DriveCommand:
+        """A pair wanted as it is, in steps of the drives' resolution: no trims, no dead bands."""
+        return DriveCommand(_rounded(shaft_rpm, self.machine.limits.shaft_resolution_rpm),
+                            _rounded(opening_mm, self._step_mm))
+
     @property
     def _step_mm(self) -> float:
         return self.machine.limits.opening_resolution_mm

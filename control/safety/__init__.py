@@ -2,13 +2,16 @@
 from __future__ import annotations
 
 from control.safety.alarms import ALARMS, AlarmKind
+from control.safety.bench_run import SETTINGS, BenchRun, BenchSetting, after_setting
 from control.safety.drive_gate import limited
 from control.safety.interlocks import INTERLOCKS
 from control.safety.limits import DriveLimits, SafetyLimits
+from control.safety.memory import Allowances
 from control.safety.watchdog import Safety
 from control.safety.words import REFUSALS, STATE_REASONS, Situation, Verdict, read_refusal
 
 __all__ = [
-    "ALARMS", "INTERLOCKS", "REFUSALS", "STATE_REASONS", "AlarmKind", "DriveLimits", "Safety", "SafetyLimits",
-    "Situation", "Verdict", "limited", "read_refusal",
+    "ALARMS", "INTERLOCKS", "REFUSALS", "SETTINGS", "STATE_REASONS", "AlarmKind", "Allowances", "BenchRun",
+    "BenchSetting", "DriveLimits", "Safety", "SafetyLimits", "Situation", "Verdict", "after_setting", "limited",
+    "read_refusal",
 ]

@@ -60,6 +60,7 @@ REFUSALS: Mapping[str, str] = {
     "cause_lives": N_("The cause is still there: {alarm}."),
     "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),
     "calibrate_seconds": N_("A calibration run lasts more than 0 and at most {max_s} s."),
+    "calibrate_setting": N_("A shaft speed is a number of r/min, an opening a number of mm, both 0 or more."),
     "release_first": N_("Let go of the calibration button first."),
     "no_such_alarm": N_("There is no live alarm {alarm}."),
     "log_works": N_("The log works; there is nothing to go on without."),

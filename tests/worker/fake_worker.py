@@ -9,13 +9,15 @@ import queue
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from console.worker.parts import Assembly, Names
 from console.worker.program import Clock, Options, main
+from control.field.totals import Totaliser, Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Do, Order, Severity
 from control.readings import DriveCommand, Measurements, Reading
+from control.safety import Allowances, BenchRun
 
 HELD_AFTER_S = 2.0
 
@@ -50,6 +52,11 @@ class FakeTick:
     flow_trim_on: bool = False
     place_m: tuple[float, float] | None = (1.0, 2.0)
     notes: tuple[str, ...] = ("note",)
+    why_no_flow: tuple[str, ...] = ("low_speed",)
+    why_state: str = "start"
+    allow: Allowances = field(default_factory=lambda: Allowances(outside=True))
+    head_ndvi: tuple[float | None, ...] = (0.5, None)
+    bench: BenchRun | None = field(default_factory=lambda: BenchRun(50.0, 20.0, 3.0, 117.0))
 
 
 class FakeBench:
@@ -81,6 +88,11 @@ class FakeLoop:
         self.log_oks: list[bool] = []
         self.break_at_tick: int | None = None
         self.not_finite = False
+        self.totaliser = Totaliser(2.4, 0.46)
+
+    @property
+    def totals(self) -> Totals:
+        return self.totaliser.snapshot()
 
     def order(self, order: Order) -> Answer:
         self.orders.append(order)

@@ -27,7 +27,19 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     assert frame.simulated and frame.dropped_heads == (3,) and frame.place_m == (1.0, 2.0) and frame.notes == ("note",)
     assert frame.metres_left_m == 120.0 and frame.area_ha == 1.25 and frame.applied_kg == 300.0
     assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (0.1, 10.0, True, False)
+    assert (frame.why_no_flow, frame.why_state, frame.allow) == (("low_speed",), "start", (False, True, False))
+    assert (frame.head_ndvi, frame.bench) == ((0.5, None), (50.0, 20.0, 3.0, 117.0))
     assert frame.devices[0].name == "board" and frame.devices[0].rejected == 1 and frame.devices[0].last_raw == "$"
+
+
+def test_totals_are_made_anew_once_a_second(rig):
+    r = rig(hz=20.0)
+    seen = []
+    for k in range(45):
+        r.host.tick(0.05 * k)
+        r.loop.totaliser.add(0.05, 2.0, 300.0)
+        seen.append(r.host.newest.totals)
+    assert [t.worked_s for t in dict.fromkeys(seen)] == pytest.approx([0.0, 1.0, 2.0])
 
 
 def test_deadlines_are_absolute(rig):

@@ -7,16 +7,27 @@ import pytest
 from console import link
 from console.frame import DeviceView, Frame, from_json
 from console.worker import wire
+from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Severity
+from control.safety import Allowances, BenchRun
 
 
 def test_a_frame_comes_back_as_it_was():
     frame = Frame(3, 1.5, LogRow(1.5, state="working", ndvi_3=0.61), alarms=(
         Alarm("rate_off", Severity.AMBER, 1.0, details=(("percent", 12.0), ("word", "x"))),), dropped_heads=(2,),
         place_m=(1.0, 2.0), notes=("n",),
-        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA"),))
+        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA"),),
+        why_no_flow=("low_speed", "reversing"), why_state="standstill", allow=Allowances(outside=True),
+        totals=Totals(1.0, 300.0, 138.0, 310.0, 600.0, 300.0, 4.0, 96.0, None), head_ndvi=(0.5, None, 0.6),
+        bench=BenchRun(50.0, 25.0, 3.2, 116.8))
     assert from_json(json.loads(wire.framed(frame))) == frame
+
+
+def test_an_older_workers_frame_lacks_nothing_that_the_console_needs():
+    message = json.loads(wire.framed(Frame(3, 1.5, LogRow(1.5))))
+    older = {name: message[name] for name in ("seq", "at_s", "row")} | {"of_tomorrow": 1}
+    assert from_json(older) == Frame(3, 1.5, LogRow(1.5))
 
 
 def test_one_value_that_is_not_finite_does_not_blind_the_console():

@@ -1,0 +1,146 @@
+"""Set-points of a calibrating run: obeyed while the button is down and the machine stands, and by nothing else."""
+from __future__ import annotations
+
+import datetime as dt
+from typing import Any
+
+import pytest
+
+from control.field.job import Simulated
+from control.orders import Do, Order, State
+from control.readings import DriveCommand
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.measuring import Measuring
+from drivers.files.setup import load_setup
+
+STANDS = ({"at_s": 0.0, "speed_kmh": 0.0},)
+
+
+class Bench:
+    """A standing machine, its loop, and somebody who holds the button down while `held`."""
+
+    def __init__(self, speed_changes: Any = STANDS) -> None:
+        setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+        values = setup.job.simulated.model_dump() | {"speed_changes": speed_changes}
+        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
+                                   setup.machine)
+        self.plant = simulated_machine(setup.machine, job, 1, 0.05)
+        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+        self._measuring = Measuring(6)
+        self._command, self._enabled = None, False
+        self.held = False
+        self.now_s = 0.0
+        self.events: list[str] = []
+
+    def order(self, do: Do, value: Any = None) -> Any:
+        return self.loop.order(Order(do, value))
+
+    def run(self, seconds: float) -> Any:
+        tick = None
+        for k in range(round(seconds / 0.05)):
+            if self.held and k % 4 == 0:
+                self.order(Do.CALIBRATE)
+            tick = self.loop.tick(self._measuring.take(
+                self.plant.step(self._command or DriveCommand(0.0, 25.0), self._enabled)))
+            self._command, self._enabled = tick.command, tick.enabled
+            self.events += tick.row.events.split(";") if tick.row.events else []
+        return tick
+
+    def press(self) -> Any:
+        self.held = True
+        return self.order(Do.CALIBRATE)
+
+
+@pytest.fixture
+def bench() -> Any:
+    made = Bench()
+    made.run(1.0)
+    made.order(Do.READY)
+    made.run(0.2)
+    return made
+
+
+def test_set_points_reach_the_drives_and_nothing_trims_them(bench: Any) -> None:
+    assert bench.press().accepted
+    assert bench.run(0.5).bench[:2] == pytest.approx((0.0, 25.0), abs=0.2), "a run begins with a standing shaft, the gate where it is"
+    assert bench.order(Do.CALIBRATE_SHAFT, 50.04).accepted
+    assert bench.order(Do.CALIBRATE_OPENING, 18.0).accepted
+    tick = bench.run(8.0)
+    assert tick.row.state == "calibrating"
+    assert tick.command == pytest.approx((50.0, 18.0), abs=0.06)
+    assert bench.plant.truth.shaft_rpm == pytest.approx(50.0, abs=1.0)
+    assert bench.plant.truth.opening_mm == pytest.approx(18.0, abs=0.3)
+    assert tick.bench.elapsed_s == pytest.approx(8.5, abs=0.1)
+    assert tick.bench.left_s == pytest.approx(111.5, abs=0.1)
+    assert [e.split()[0] for e in bench.events] == ["ready", "calibrate", "calibrate_shaft", "calibrate_opening"]
+
+
+def test_the_shaft_stops_within_half_a_second_of_letting_go(bench: Any) -> None:
+    bench.press()
+    bench.order(Do.CALIBRATE_SHAFT, 60.0)
+    bench.run(2.0)
+    bench.held = False
+    tick = bench.run(0.5)
+    assert (tick.row.state, tick.command.shaft_rpm, tick.enabled, tick.bench) == ("ready", 0.0, False, None)
+    assert tick.why_state == "released"
+
+
+def test_a_run_lasts_two_minutes_at_most_and_the_next_begins_standing(bench: Any) -> None:
+    bench.press()
+    bench.order(Do.CALIBRATE_SHAFT, 60.0)
+    bench.order(Do.CALIBRATE_OPENING, 12.0)
+    assert bench.run(119.9).command.shaft_rpm == 60.0
+    tick = bench.run(0.2)
+    assert (tick.row.state, tick.command.shaft_rpm, tick.why_state) == ("ready", 0.0, "calibration_time")
+    bench.held = False
+    bench.order(Do.RELEASE)
+    assert bench.press().accepted
+    assert bench.run(0.5).bench[:2] == (0.0, 12.0), "the set-points of the run before are forgotten"
+
+
+def test_set_points_are_cut_to_the_drives_limits(bench: Any) -> None:
+    bench.press()
+    bench.order(Do.CALIBRATE_SHAFT, 1e6)
+    bench.order(Do.CALIBRATE_OPENING, 1e6)
+    limits = bench.loop.machine.limits
+    assert bench.run(0.2).command == (limits.shaft_high_rpm, limits.opening_high_mm)
+    bench.order(Do.CALIBRATE_SHAFT, 3.0)
+    bench.order(Do.CALIBRATE_OPENING, 0.0)
+    assert bench.run(0.2).command == (0.0, limits.opening_low_mm)
+
+
+@pytest.mark.parametrize("value", [None, True, "50", -1.0, float("nan"), float("inf")])
+def test_what_is_no_set_point_is_refused(bench: Any, value: Any) -> None:
+    bench.press()
+    for do in (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING):
+        assert bench.order(do, value) == (False, "calibrate_setting")
+    assert bench.run(0.2).bench[:2] == pytest.approx((0.0, 25.0), abs=0.2)
+
+
+@pytest.mark.parametrize("state", [State.OFF, State.READY, State.WORKING, State.HELD])
+def test_in_no_other_state_is_a_set_point_taken(state: State) -> None:
+    bench = Bench(speed_changes=({"at_s": 0.0, "speed_kmh": 4.0},))
+    bench.run(3.0)
+    for do in {State.OFF: (), State.READY: (Do.READY,), State.WORKING: (Do.READY, Do.START),
+               State.HELD: (Do.READY, Do.START, Do.HOLD)}[state]:
+        assert bench.order(do).accepted
+        bench.run(0.1)
+    for do in (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING):
+        assert bench.order(do, 60.0) == (False, f"not_from_state;state={state.value}")
+
+
+def test_a_machine_that_moves_is_not_calibrated(bench: Any) -> None:
+    moving = Bench(speed_changes=({"at_s": 0.0, "speed_kmh": 4.0},))
+    moving.run(3.0)
+    moving.order(Do.READY)
+    moving.run(0.2)
+    assert moving.press() == (False, "calibrate_moving;speed_mps=0.1")
+    assert moving.run(1.0).bench is None
+
+
+def test_work_after_calibrating_is_as_without(bench: Any) -> None:
+    """Nothing learnt on the bench stays in the trims."""
+    bench.press()
+    bench.order(Do.CALIBRATE_SHAFT, 33.0)
+    bench.run(10.0)
+    assert bench.loop._drive_trim.shaft_share == bench.loop._drive_trim.gate_mm == 0.0
