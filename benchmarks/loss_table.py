@@ -21,12 +21,13 @@ from console.worker.parts import Assembly, Names
 from console.worker.simulated_bench import SimulatedBench
 from control.field.job import Simulated
 from control.machine.planting import parse_planted
-from control.orders import Answer, Do, Order, TargetSource
+from control.orders import Answer, Do, Order
 from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.plant import Plant, Sensed
 from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.files.atomic import NewFile
+from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import load_setup
@@ -75,14 +76,14 @@ class FullDisk(NewFile):
 class Rig:
     """One machine at work, and everything that can go wrong with it."""
 
-    def __init__(self, folder: Path, effects: Iterable[str] = (), **sim: Any) -> None:
-        setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    def __init__(self, folder: Path, effects: Iterable[str] = (), job: str = "demo", **sim: Any) -> None:
+        setup = load_setup("huanghai", job, dt.date(2014, 3, 7))
         values = setup.job.simulated.model_dump() | {"begin_m": 40.0} | sim
-        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
-                                   setup.machine)
+        resolved = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
+                                        setup.machine)
         self.now_s = 0.0
         self.console = True
-        self.plant = simulated_machine(setup.machine, job, 1, 0.02, [parse_planted(text) for text in effects])
+        self.plant = simulated_machine(setup.machine, resolved, 1, 0.02, [parse_planted(text) for text in effects])
         self.wheel = WheelFaults(self.plant)
         self.fallback_kg_ha = setup.crop.fallback_rate_kg_ha
         heads = [f"head_{k}" for k in range(1, 7)]
@@ -93,9 +94,10 @@ class Rig:
         cab = Cab(config, self.clock, lambda url, _baud, _clock: self.ports[url])
         self.virtual = VirtualMachine(self.wheel, pairs["gnss"][1], [pairs[name][1] for name in heads],
                                       pairs["board"][1], 0.0)
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+        self.loop = control_loop(setup.machine, setup.crop, setup.rule, resolved,
+                                 prescription=map_of_job(resolved, setup.folder))
         FullDisk.full = False
-        self.writer = RunLogWriter(folder / "run.csv", run_meta(setup.machine, setup.crop, job), create=FullDisk,
+        self.writer = RunLogWriter(folder / "run.csv", run_meta(setup.machine, setup.crop, resolved), create=FullDisk,
                                    flush_s=0.01, sync_s=0.0)
         self.host = Host(Assembly(SimulatedBench(cab, self.virtual), self.loop, self.writer, Names()), self.clock,
                          lambda s: None)
@@ -238,32 +240,24 @@ def gnss_silent(folder: Path) -> Found:
 
 
 def gnss_silent_map(folder: Path) -> Found:
-    """Map mode is not built yet: what its loop would be told is measured, what safety makes of it is asked directly."""
-    from control.safety import Safety, Situation
-    with Rig(folder) as rig:
+    """The shipped map job, its map and its position through the bytes."""
+    with Rig(folder, job="map_demo") as rig:
         rig.at_work()
-        sensing = rig.loop._sensing
-        told: list[bool] = []
-        update = sensing.update
-
-        def noted(m: Any) -> Any:
-            sensed = update(m)
-            told.append(sensed.position_ok)
-            return sensed
-
-        sensing.update = noted                                  # type: ignore[method-assign]
+        by_map = rig.row.target_source == "map"
         rig.unplug("gnss")
-        measured_s = rig.until(lambda: bool(told) and not told[-1], 6.0)
-        m = rig.host._bench.measure(rig.now_s)
-    safety = Safety()
-    safety.order(Order(Do.READY), rig.now_s)
-    safety.order(Order(Do.START), rig.now_s)
-    verdict = safety.check(rig.now_s, Situation(
-        m, 1.25, 0.1, False, TargetSource.MAP, False, True, None, None, 300.0, 300.0, 0.1, 300.0, None, None, 0.0,
-        True))
-    return Found("GNSS silent, map mode", "dead reckoning for 2 s, then no flow", 2.1, measured_s,
-                 f"position no longer believed; safety in map mode: {', '.join(verdict.why_no_flow)}; "
-                 f"{', '.join(a.id for a in verdict.alarms)}", "position_lost" in verdict.why_no_flow)
+        rig.run(1.5)
+        reckoned = rig.rpm > 5.0 and rig.row.target_source == "map" and rig.alarms == ["gnss_silent"]
+        measured_s = 1.5 + rig.until(rig.no_flow_commanded, 6.0)
+        why = ", ".join(rig.host.newest.why_no_flow)            # type: ignore[union-attr]
+        alarms = ", ".join(rig.alarms)
+        still_s = measured_s + rig.until(lambda: rig.rpm < 1.0, 3.0)
+        rig.plug_in("gnss")
+        back_s = rig.until(lambda: rig.row.target_source == "map" and rig.rpm > 5.0, 10.0)
+        return Found("GNSS silent, map mode", "dead reckoning for 2 s, then no flow", 2.1, measured_s,
+                     f"on the map by dead reckoning until then; no flow: {why}; {alarms}; the true shaft stands after "
+                     f"{still_s:.2f} s; plugged in: on the map again after {back_s:.1f} s",
+                     by_map and reckoned and why == "position_lost" and still_s < measured_s + RUN_DOWN_S
+                     and back_s < 3.0)
 
 
 def wheel_stuck(folder: Path) -> Found:

@@ -97,7 +97,8 @@ def oblique_run(setup: Setup, shaft_rpm: float, speed_kmh: float, changing: bool
     flow = machine.flow.grams_per_rev_mm / 1000.0 * opening_mm * shaft_rpm / 60.0
     rates = flow * 10_000.0 / (machine.geometry.working_width_m * speed)
     rates *= min(1.0, HIGHEST_KG_HA / rates.max())
-    job = Job(target=Wanted(source=TargetSource.MAP), look_ahead=look_ahead, strategy=Strategy.OPENING_FIRST,
+    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"), look_ahead=look_ahead,
+              strategy=Strategy.OPENING_FIRST,
               simulated=Simulated(speed_kmh=speed_kmh, passes=1, refill_at_kg=0.0, hopper_kg=300.0,
                                   speed_changes=_changes(speed_kmh, pass_m / speed) if changing else ()))
     plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)

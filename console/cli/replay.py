@@ -50,7 +50,8 @@ def _again(recorded: RunLog, out: Path, machine: str | None, job: str | None, st
     setup = setup_of(recorded, machine, job, strategy)
     begun = time.perf_counter()
     part = out.with_name(f".{out.stem}.part.csv")
-    meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256, extra={"replay_of": str(recorded.path)})
+    meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256,
+                    extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)})
     writer = PlainLogWriter(part, meta, overwrite=True)
     try:
         for tick in progress(rerun(recorded, setup), len(recorded), "replaying"):

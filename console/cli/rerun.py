@@ -4,13 +4,16 @@ from __future__ import annotations
 import dataclasses
 import datetime as dt
 from collections.abc import Iterator
+from pathlib import Path
 
 from control.agronomy.noa import prepare
+from control.field.job import Job
 from control.loop import Tick
 from control.orders import Do, Order, State, Strategy
 from control.simulation.assembly import control_loop
 from drivers.files.config import validated
 from drivers.files.kinds import CROP, JOB, MACHINE
+from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.read_log import RunLog
 from drivers.files.replay import measurements
 from drivers.files.setup import Setup, load_setup
@@ -20,7 +23,8 @@ MOVES_MPS = 0.6
 
 def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     """A tick a row. Orders come from the log's events; a log without any gets ready and start when it moves."""
-    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job,
+                        prescription=map_of_job(setup.job, setup.folder))
     orders = [parse_events(text) for text in recorded.texts("events")]
     own = any(orders)
     state = State.OFF.value
@@ -63,6 +67,17 @@ def _operator(state: str, speed_mps: float) -> list[Order]:
     return []
 
 
+def _folder(recorded: RunLog, job: Job) -> Path:
+    """Where the map and the plants of a recorded job are looked for: beside the log if they lie there, else beside the
+    job file of the run."""
+    names = [name for name in (job.target.map, job.target.plants) if name is not None]
+    beside_log = recorded.path.parent
+    written = recorded.meta.extra.get("job_folder") if recorded.meta is not None else None
+    if not isinstance(written, str) or all((beside_log / name).exists() for name in names):
+        return beside_log
+    return Path(written)
+
+
 def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
     """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
     meta = recorded.meta
@@ -73,7 +88,8 @@ def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: S
     if meta is not None and job is None and meta.job is not None and meta.crop is not None:
         crop = validated(meta.crop, CROP, label)
         own = validated(meta.job, JOB, label)
-        setup = dataclasses.replace(setup, crop=crop, job=own, rule=prepare(crop, own.days, own.ndvi_nrich))
+        setup = dataclasses.replace(setup, crop=crop, job=own, rule=prepare(crop, own.days, own.ndvi_nrich),
+                                    folder=_folder(recorded, own))
     if strategy is not None:
         setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))
     return setup

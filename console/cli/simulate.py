@@ -44,6 +44,7 @@ def simulate(
     from control.machine.planting import parse_planted
     from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
     from control.simulation.closed_loop import Record, simulated_run
+    from drivers.files.prescriptions.for_job import map_of_job
     from drivers.files.setup import load_setup
 
     setup = load_setup(machine, job, dt.date.today())
@@ -57,7 +58,8 @@ def simulate(
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     planted = [parse_planted(text) for text in effect or ()]
     plant = simulated_machine(setup.machine, resolved, seed, DT_S, planted)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, resolved)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, resolved,
+                        prescription=map_of_job(resolved, setup.folder))
     record = Record()
     alarms: dict[str, int] = {}
     writer = _Log(out, setup, resolved, seed, effect or ()) if out is not None else None
@@ -97,7 +99,8 @@ class _Log:
             raise CommandError(f"--out {path}: allowed is a name that ends in .csv")
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
-        meta = run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256)
+        meta = run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256,
+                        extra={"job_folder": str(setup.folder)})
         self.rows = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta, overwrite=True)
 
     def keep(self, record: Record, width_m: float) -> None:

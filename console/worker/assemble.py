@@ -16,6 +16,7 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from drivers.cab import BoardConfig, Cab, CabConfig
 from drivers.files.config import ConfigError
 from drivers.files.kinds import CAB
+from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import by_kind, setup_of
@@ -52,10 +53,12 @@ def assemble(options: Options, clock: Clock) -> Assembly:
             machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
         sha256[str(cab.path)] = cab.sha256
-    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch)
+    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch,
+                        prescription=map_of_job(job, setup.folder))
     meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
                     started_utc=_utc_now().isoformat(timespec="milliseconds"),
-                    extra={"effects": list(options.effects)} if options.effects else None)
+                    extra={"job_folder": str(setup.folder)} | (
+                        {"effects": list(options.effects)} if options.effects else {}))
     writer = RunLogWriter(_log_path(options.log), meta)
     names = Names(job.title or job.id, machine.title or machine.id, setup.crop.name,
                   str(writer.path), simulated)

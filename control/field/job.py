@@ -22,8 +22,14 @@ class Wanted(Part):
                     TargetSource.MANUAL] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
     decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
-    map: str | None = None
-    plants: str | None = None
+    map: str | None = None                      # a prescription, beside the job file
+    plants: str | None = None                   # a plant list, beside the job file
+
+    @model_validator(mode="after")
+    def _map_named(self) -> Wanted:
+        if self.source is TargetSource.MAP and self.map is None:
+            raise ValueError("source map needs the key map: a prescription file beside the job")
+        return self
 
 
 class Ground(Part):

@@ -12,7 +12,7 @@ from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule, prepare
 from control.field.job import Job
 from control.machine.machine import Machine
-from drivers.files.config import ConfigError, Loaded, load, load_any
+from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.weather import WeatherError, growing_days
 
@@ -23,7 +23,8 @@ class Setup:
     crop: Crop
     rule: Rule
     job: Job
-    sha256: dict[str, str]      # configuration file -> checksum
+    sha256: dict[str, str]      # configuration file -> checksum; the job's map and plant list too
+    folder: Path                # of the job file: what the job names lies beside it
 
 
 def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
@@ -60,5 +61,12 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
         rule = prepare(crop, days, got_job.model.ndvi_nrich)
     except (WeatherError, ValueError) as error:
         raise ConfigError([str(error)]) from error
-    return Setup(got_machine.model, crop, rule, got_job.model,
-                 {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop)})
+    folder = got_job.path.parent
+    sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop)}
+    return Setup(got_machine.model, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder)
+
+
+def _sums_beside(job: Job, folder: Path) -> dict[str, str]:
+    """Checksums of the single files that a job names; what is not there, or is a folder, is said when it is read."""
+    named = [folder / name for name in (job.target.map, job.target.plants) if name is not None]
+    return {str(path): sha256_of(path) for path in named if path.is_file()}

@@ -76,7 +76,7 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, monkeypatch):
     from console.worker.program import Options
     told = []
     monkeypatch.setattr(assembling, "control_loop",
-                        lambda *parts: told.append(parts[4]) or control_loop(*parts))
+                        lambda *parts, **named: told.append(parts[4]) or control_loop(*parts, **named))
     for fitted in (True, False):
         path = tmp_path / f"{fitted}.yaml"
         path.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "

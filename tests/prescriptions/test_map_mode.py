@@ -42,7 +42,7 @@ def grid() -> Prescription:
 
 def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[float], ControlLoop]:
     """Place errors of one oblique pass of 50 m at 6 km/h, by the begin of each step's row."""
-    job = Job(target=Wanted(source=TargetSource.MAP), look_ahead=look_ahead,
+    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"), look_ahead=look_ahead,
               simulated=Simulated(speed_kmh=6.0, passes=1, refill_at_kg=0.0))
     profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
     plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))

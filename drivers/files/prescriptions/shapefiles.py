@@ -28,6 +28,8 @@ def read_shapefile(path: Path, choice: Choice) -> Imported:
                 raise PrescriptionError(f"{path}: shapes of type {reader.shapeTypeName}: allowed POLYGON")
             names = [field[0] for field in reader.fields if field[0] != "DeletionFlag"]
             features, empty = _features(path, reader, names)
+    except PrescriptionError:
+        raise
     except (shapefile.ShapefileException, UnicodeDecodeError, zipfile.BadZipFile) as error:
         raise PrescriptionError(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
     except (ValueError, IndexError, OverflowError, MemoryError) as error:

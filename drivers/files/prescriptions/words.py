@@ -20,7 +20,7 @@ NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
 
-class PrescriptionError(Exception):
+class PrescriptionError(ValueError):
     """The file cannot be used; one line that names file, place, value and what is allowed."""
 
 
