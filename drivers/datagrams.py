@@ -7,7 +7,7 @@ from collections import deque
 from typing import NamedTuple, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from drivers.ports import TAIL_BYTES, Clock, Port, PortState, open_port
+from drivers.ports import TAIL_BYTES, UNPLUGGED, Clock, Port, PortState, open_port
 
 LONGEST_DATAGRAM = 2048
 MOST_WAITING = 256              # datagrams taken at one read; more than that is a flood, left to the system to drop
@@ -80,6 +80,7 @@ class UdpPort:
         self._last_error = ""
         self._next_try_s = clock()
         self._closed = False
+        self._plugged = True
         self._bind()
 
     @property
@@ -127,17 +128,28 @@ class UdpPort:
             self._traffic.dropped_out += 1
 
     def state(self) -> PortState:
-        return self._traffic.state(self._connects, self._last_error)
+        state = self._traffic.state(self._connects, self._last_error)
+        return state if self._plugged else state._replace(connected=False, last_error=UNPLUGGED)
+
+    def plug(self, plugged: bool) -> None:
+        """False: nobody listens here; True: bound at the next use."""
+        self._plugged = plugged
+        self._next_try_s = self._clock()
+        if not plugged:
+            self._unbind()
 
     def close(self) -> None:
         self._closed = True
+        self._unbind()
+
+    def _unbind(self) -> None:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def _bind(self) -> None:
         now_s = self._clock()
-        if self._socket is not None or self._closed or now_s < self._next_try_s:
+        if self._socket is not None or self._closed or not self._plugged or now_s < self._next_try_s:
             return
         self._next_try_s = now_s + TRY_AGAIN_S
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -161,6 +173,7 @@ class MemoryDatagrams:
         self._traffic = _Traffic(clock)
         self._waiting: deque[bytes] = deque()
         self._other: MemoryDatagrams | None = None
+        self._plugged = True
 
     @property
     def name(self) -> str:
@@ -180,14 +193,17 @@ class MemoryDatagrams:
         return b"".join(self.read_each())
 
     def write(self, data: bytes) -> None:
-        if self._other is None:
+        if self._other is None or not (self._plugged and self._other._plugged):
             self._traffic.dropped_out += 1
             return
         self._traffic.out += len(data)
         self._other._waiting.append(data)
 
     def state(self) -> PortState:
-        return self._traffic.state(1, "")
+        return self._traffic.state(1, "" if self._plugged else UNPLUGGED)
+
+    def plug(self, plugged: bool) -> None:
+        self._plugged = plugged
 
     def close(self) -> None:
         if self._other is not None:

@@ -26,7 +26,8 @@ READ_TIMEOUT_S = 0.05           # a reader thread looks at its stop flag this of
 WRITE_TIMEOUT_S = 0.5
 CONNECT_TIMEOUT_S = 3.0
 FIRST_BACK_OFF_S = 0.25
-LONGEST_BACK_OFF_S = 5.0
+LONGEST_BACK_OFF_S = 2.0
+UNPLUGGED = "unplugged"
 TAIL_BYTES = 512                # kept to show the last raw lines
 
 
@@ -65,6 +66,10 @@ class Port(Protocol):
         ...
 
     def state(self) -> PortState: ...
+
+    def plug(self, plugged: bool) -> None:
+        """False: let go of the line and leave it alone until True, as if the plug had been pulled."""
+        ...
 
     def close(self) -> None: ...
 
@@ -134,6 +139,8 @@ class MemoryPort:
         self._inbox = _Inbox(clock)
         self._other: MemoryPort | None = None
         self._open = True
+        self._plugged = True
+        self._connects = 1
 
     @property
     def name(self) -> str:
@@ -147,18 +154,27 @@ class MemoryPort:
         return self._inbox.take()
 
     def write(self, data: bytes) -> None:
-        if self._open and self._other is not None and self._other._open:
+        if self._connected and self._other is not None:
             self._other._inbox.put(data)
             self._inbox.out += len(data)
         else:
             self._inbox.dropped_out += 1
 
     def state(self) -> PortState:
-        connected = self._open and self._other is not None and self._other._open
-        return self._inbox.state(connected, 1, "" if connected else "closed")
+        return self._inbox.state(self._connected, self._connects,
+                                 "" if self._connected else "closed" if self._plugged else UNPLUGGED)
+
+    def plug(self, plugged: bool) -> None:
+        self._connects += plugged and not self._plugged
+        self._plugged = plugged
 
     def close(self) -> None:
         self._open = False
+
+    @property
+    def _connected(self) -> bool:
+        other = self._other
+        return self._open and self._plugged and other is not None and other._open and other._plugged
 
 
 def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[MemoryPort, MemoryPort]:
@@ -216,6 +232,8 @@ class ThreadedPort:
 
     `opener` gives a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or `ValueError`. What was
     queued for sending when the line went down is dropped: a set-point must never arrive late.
+
+    A subclass may say in `let_go` what else ends while it is unplugged; the reader's thread calls it, again and again.
     """
 
     def __init__(self, name: str, opener: Callable[[], Stream], clock: Clock,
@@ -228,6 +246,8 @@ class ThreadedPort:
         self._outbox: deque[bytes] = deque()
         self._to_send = threading.Condition()
         self._stop = threading.Event()
+        self._again = threading.Event()                     # ends a pause of the reader's thread
+        self._plugged = True
         self._stream: Stream | None = None
         self._connects = 0
         self._last_error = "not yet opened"
@@ -258,6 +278,17 @@ class ThreadedPort:
     def state(self) -> PortState:
         return self._inbox.state(self._stream is not None, self._connects, self._last_error)
 
+    def plug(self, plugged: bool) -> None:
+        """False: the line ends now and is not opened again until True, which opens it without waiting."""
+        self._plugged = plugged
+        stream = self._stream
+        if not plugged and stream is not None:
+            self._forget(stream)
+        self._again.set()
+
+    def let_go(self) -> None:
+        """For subclasses: unplugged."""
+
     def close(self) -> None:
         """Send what is queued (a last stop, say), then give the line back; takes a second at most."""
         with self._to_send:
@@ -265,23 +296,35 @@ class ThreadedPort:
             self._to_send.notify()
         self._writer.join(timeout=WRITE_TIMEOUT_S)
         self._stop.set()
+        self._again.set()
         self._reader.join(timeout=WRITE_TIMEOUT_S)
 
     def _keep_reading(self) -> None:
         back_off_s = self._first_back_off_s
         while not self._stop.is_set():
+            if not self._plugged:
+                self.let_go()
+                self._last_error = UNPLUGGED
+                self._pause(self._longest_back_off_s)
+                back_off_s = self._first_back_off_s
+                continue
             try:
                 stream = self._opener()
             except (OSError, ValueError) as error:
                 self._last_error = str(error)
-                self._stop.wait(back_off_s)
+                self._pause(back_off_s)
                 back_off_s = min(2.0 * back_off_s, self._longest_back_off_s)
                 continue
             self._connect(stream)
             if self._read_until_lost(stream):
                 back_off_s = self._first_back_off_s
             self._disconnect(stream)
-            self._stop.wait(back_off_s)
+            if self._plugged:
+                self._pause(back_off_s)
+
+    def _pause(self, seconds: float) -> None:
+        self._again.wait(seconds)
+        self._again.clear()
 
     def _read_until_lost(self, stream: Stream) -> bool:
         """True when anything at all was received on this connection."""
@@ -317,6 +360,8 @@ class ThreadedPort:
 
     def _connect(self, stream: Stream) -> None:
         with self._to_send:
+            if not self._plugged:                           # pulled while it was being opened
+                return
             self._connects += 1
             self._last_error = ""
             self._stream = stream

@@ -20,26 +20,22 @@ class ListeningPort(ThreadedPort):
         self._server.settimeout(READ_TIMEOUT_S)
         self.number: int = self._server.getsockname()[1]
         self._address = host, self.number
-        self._plugged = True
         super().__init__(f"socket://{host}:{self.number}", self._accept, clock,
                          first_back_off_s=0.01, longest_back_off_s=0.01)
 
-    def plug(self, plugged: bool) -> None:
-        """False: as if the cable were pulled; the client's line ends and nobody can connect until True."""
-        self._plugged = plugged
-        stream = self._stream
-        if not plugged and stream is not None:
-            self._forget(stream)
+    def let_go(self) -> None:
+        """Unplugged: nobody can connect."""
+        if self._server is not None:
+            with contextlib.suppress(OSError):
+                self._server.close()
+            self._server = None
 
     def close(self) -> None:
         super().close()
-        self._stop_listening()
+        self.let_go()
 
     def _accept(self) -> SocketStream:
         """On the reader's thread, the only one that touches the listening socket while the port is open."""
-        if not self._plugged:
-            self._stop_listening()
-            raise ConnectionError("unplugged")
         if self._server is None:
             self._server = socket.create_server(self._address)
             self._server.settimeout(READ_TIMEOUT_S)
@@ -48,12 +44,6 @@ class ListeningPort(ThreadedPort):
         except TimeoutError:
             raise TimeoutError("no client yet") from None
         return SocketStream(connection)
-
-    def _stop_listening(self) -> None:
-        if self._server is not None:
-            with contextlib.suppress(OSError):
-                self._server.close()
-            self._server = None
 
 
 def listen_port(host: str, number: int, clock: Clock) -> ListeningPort:

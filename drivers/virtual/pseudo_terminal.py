@@ -21,25 +21,22 @@ class TerminalPort(ThreadedPort):
     def __init__(self, link: Path, clock: Clock) -> None:
         self._link = link
         self._master = -1
-        self._plugged = True
         self._make()
         super().__init__(str(link), self._wait_for_a_program, clock, first_back_off_s=0.01, longest_back_off_s=0.01)
 
-    def plug(self, plugged: bool) -> None:
-        """False: the terminal and its name are gone, as when a USB plug is pulled, until True."""
-        self._plugged = plugged
-        stream = self._stream
-        if not plugged and stream is not None:
-            self._forget(stream)
+    def let_go(self) -> None:
+        """Unplugged: the terminal and its name are gone, as when a USB plug is pulled."""
+        if self._master >= 0:
+            with contextlib.suppress(OSError):
+                os.close(self._master)
+            self._master = -1
+            self._link.unlink(missing_ok=True)
 
     def close(self) -> None:
         super().close()
-        self._remove()
+        self.let_go()
 
     def _wait_for_a_program(self) -> _MasterStream:
-        if not self._plugged:
-            self._remove()
-            raise ConnectionError("unplugged")
         if self._master < 0:
             self._make()
         poll = select.poll()
@@ -60,13 +57,6 @@ class TerminalPort(ThreadedPort):
         self._link.parent.mkdir(parents=True, exist_ok=True)
         self._link.unlink(missing_ok=True)
         self._link.symlink_to(name)
-
-    def _remove(self) -> None:
-        if self._master >= 0:
-            with contextlib.suppress(OSError):
-                os.close(self._master)
-            self._master = -1
-            self._link.unlink(missing_ok=True)
 
 
 class _MasterStream:

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from drivers.datagrams import Datagrams, UdpPort
 from drivers.devices.canopy_heads import PROTOCOLS
@@ -47,10 +47,6 @@ class Serve:
         return replace(self, faults=faults)
 
 
-class Pluggable(Port, Protocol):
-    def plug(self, plugged: bool) -> None: ...
-
-
 class Address(NamedTuple):
     device: str
     protocol: str
@@ -60,7 +56,7 @@ class Address(NamedTuple):
 class ServedLine:
     """One device's line on all its ends: what it says goes, spoilt, to each; what any of them says is heard."""
 
-    def __init__(self, ends: Sequence[Pluggable], clock: Clock, seed: int) -> None:
+    def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)
         self._spoiler = Spoiler(clock, seed=seed)
 
@@ -78,6 +74,10 @@ class ServedLine:
             if faults.unplugged != self._spoiler.faults.unplugged:
                 end.plug(not faults.unplugged)
         self._spoiler.faults = faults
+
+    def plug(self, plugged: bool) -> None:
+        for end in self._ends:
+            end.plug(plugged)
 
     def read(self) -> bytes:
         self.push()
@@ -136,6 +136,9 @@ class ServedDatagrams:
 
     def state(self) -> PortState:
         return self._inner.state()
+
+    def plug(self, plugged: bool) -> None:
+        self._inner.plug(plugged)
 
     def close(self) -> None:
         self._inner.close()
@@ -206,7 +209,7 @@ class ServedMachine:
 
     def _line(self, device: str, serve: Serve, place: int) -> ServedLine:
         number = serve.first_port + place if serve.first_port else 0
-        ends: list[Pluggable] = [ListeningPort(serve.host, number, self._clock)]
+        ends: list[Port] = [ListeningPort(serve.host, number, self._clock)]
         if serve.terminals is not None:
             ends.append(TerminalPort(serve.terminals / device, self._clock))
         return ServedLine(ends, self._clock, seed=place)

@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from drivers.datagrams import UdpPort
 from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, ThreadedPort, memory_pair, open_port
 from drivers.virtual.listen import listen_port
 
@@ -211,3 +212,79 @@ def test_a_socket_without_host_or_port_is_refused_in_one_line(url, clock):
         open_port(url, 9600, clock)
     with pytest.raises(ValueError, match="baud 0"):
         open_port("loop://", 0, clock)
+
+
+def test_unplugged_by_order_it_is_left_alone_until_plugged_again(server, opened, clock):
+    port = opened(open_port(f"socket://127.0.0.1:{server.number}", 115200, clock))
+    wait_for(lambda: port.state().connected and server.state().connected)
+    port.plug(False)
+    wait_for(lambda: not server.state().connected)
+    assert (port.state().connected, port.state().connects) == (False, 1)
+    wait_for(lambda: port.state().last_error == "unplugged")
+    time.sleep(0.6)
+    assert port.state().connects == 1 and not server.state().connected
+    begin = time.perf_counter()
+    port.plug(True)
+    wait_for(lambda: port.state().connected and server.state().connected)
+    assert time.perf_counter() - begin < 0.5, "the operator does not wait for a back-off"
+    assert port.state().connects == 2
+
+
+def test_a_line_pulled_while_it_is_being_opened_stays_down(opened, clock):
+    opening, go = threading.Event(), threading.Event()
+
+    def opener() -> StuckStream:
+        opening.set()
+        go.wait(3.0)
+        return StuckStream()
+
+    port = opened(ThreadedPort("slow to open", opener, clock))
+    assert opening.wait(3.0)
+    port.plug(False)
+    go.set()
+    time.sleep(0.1)
+    assert (port.state().connected, port.state().connects) == (False, 0)
+
+
+def test_a_lost_device_is_looked_for_every_two_seconds_at_least(opened, clock, monkeypatch):
+    waits: list[float] = []
+
+    def refuse() -> StuckStream:
+        raise OSError("not there")
+
+    def pause(port: ThreadedPort, seconds: float) -> None:
+        waits.append(seconds)
+        time.sleep(0.005)
+
+    monkeypatch.setattr(ThreadedPort, "_pause", pause)
+    opened(ThreadedPort("lost", refuse, clock))
+    wait_for(lambda: len(waits) > 10)
+    assert waits[:6] == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
+
+
+def test_a_memory_line_can_be_pulled_at_either_end(clock):
+    host, device = memory_pair("line", clock)
+    device.plug(False)
+    device.write(b"lost")
+    host.write(b"lost")
+    assert not host.state().connected and host.read() == device.read() == b""
+    device.plug(True)
+    device.write(b"heard")
+    assert host.read() == b"heard" and host.state().connected
+    assert (device.state().connects, device.state().dropped_out, host.state().dropped_out) == (2, 1, 1)
+
+
+def test_a_udp_port_can_be_let_go_and_taken_again(clock):
+    port = UdpPort("udp://127.0.0.1:0", clock)
+    other = UdpPort(f"udp://127.0.0.1:0?to=127.0.0.1:{port.number}", clock)
+    port.plug(False)
+    assert port.number == 0 and port.state().last_error == "unplugged"
+    other.write(b"lost")
+    assert port.read_each() == []
+    port.plug(True)
+    port.read_each()
+    other.send_to(("127.0.0.1", port.number))
+    other.write(b"heard")
+    wait_for(lambda: port.read_each() == [b"heard"])
+    port.close()
+    other.close()
