@@ -1,9 +1,10 @@
 """The benchmark of the diagnosis: hidden effects, found or not, counted into one table.
 
-    python benchmarks/diagnosis/run.py --cases 1000 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
+    python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
 
-Cases done are kept (one line each below --keep) and not done again, as long as the program's code is the same;
-`--minutes` bounds the time, and the next call goes on from there.
+What case k hides is dealt by hidden/plan.py (runs and tables, nulls, every id in turn); with `--category` or `--kind`
+it is drawn among those instead. Cases done are kept (one line each below --keep) and not done again, as long as the
+program's code is the same; `--minutes` bounds the time, and the next call goes on from there.
 """
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
@@ -46,16 +47,41 @@ def done_in(path: Path) -> dict[int, dict[str, Any]]:
     return kept
 
 
-def examine(task: tuple[int, int, str, tuple[str, ...], tuple[str, ...]]) -> dict[str, Any]:
+class Task(NamedTuple):
+    """One case to be made and asked about: the arguments of `hidden.cases.one`."""
+
+    number: int
+    seed: int
+    programmes: str
+    categories: tuple[str, ...]
+    kinds: tuple[str, ...]
+    ids: tuple[str, ...] = ()
+
+
+def tasks_of(args: argparse.Namespace) -> list[Task]:
+    """By the timetable, or drawn among the categories and kinds asked for."""
+    from hidden.cases import CATEGORIES
+    from hidden.plan import wanted
+
+    numbers = range(args.start, args.start + args.cases)
+    if args.category or args.kind:
+        return [Task(k, args.seed, args.programmes, tuple(args.category or CATEGORIES), tuple(args.kind or ()))
+                for k in numbers]
+    planned = [(k, wanted(k, args.seed)) for k in numbers]
+    return [Task(k, args.seed, args.programmes, (w.category,), w.kinds, w.ids) for k, w in planned
+            if args.data == "all" or (args.data == "run") == (w.kinds == ("run",))]
+
+
+def examine(task: Task) -> dict[str, Any]:
     """Makes one case, asks the diagnosis, returns truth, answer and seconds."""
-    number, seed, programmes, categories, kinds = task
+    number, seed = task.number, task.seed
     import ask
     from hidden.cases import one
 
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
 
-    case = one(number, seed, programmes, categories, kinds)
+    case = one(*task)
     machine = load("huanghai", MACHINE).model
     began, answer, trouble, share = time.perf_counter(), None, None, None
     try:
@@ -79,11 +105,13 @@ def _results(tasks: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    a.add_argument("--cases", type=int, default=1000)
+    a.add_argument("--cases", type=int, default=1200)
+    a.add_argument("--start", type=int, default=0, help="number of the first case")
     a.add_argument("--seed", type=int, default=1)
     a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="all")
     a.add_argument("--category", action="append", choices=CATEGORIES)
     a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
+    a.add_argument("--data", choices=("all", "run", "table"), default="all", help="of the timetable, only these")
     a.add_argument("--jobs", type=int, default=2)
     a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
     a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "diagnosis")
@@ -91,12 +119,15 @@ def main() -> None:
     args = a.parse_args()
     from hidden.score import mark, report
 
-    categories, kinds = tuple(args.category or CATEGORIES), tuple(args.kind or ())
-    words = "-".join((str(args.seed), args.programmes, *sorted(set(CATEGORIES) - set(categories)), *kinds, code_hash()))
+    plan = "drawn" if args.category or args.kind else "plan"
+    words = "-".join((str(args.seed), args.programmes, plan, *sorted(set(args.category or ())), *(args.kind or ()),
+                      code_hash()))
     args.keep.mkdir(parents=True, exist_ok=True)
     path = args.keep / f"{words}.jsonl"
-    kept = done_in(path)
-    tasks = [(k, args.seed, args.programmes, categories, kinds) for k in range(args.cases) if k not in kept]
+    asked = tasks_of(args)
+    wanted_numbers = {task.number for task in asked}
+    kept = {k: one for k, one in done_in(path).items() if k in wanted_numbers}
+    tasks = [task for task in asked if task.number not in kept]
     began = time.monotonic()
     with path.open("a", encoding="utf-8", newline="\n") as out:
         for one in _results(tasks, args.jobs):
@@ -106,8 +137,8 @@ def main() -> None:
             if one["trouble"]:
                 print(f"\ncase {one['number']}:\n{one['trouble']}", file=sys.stderr)
             spent = time.monotonic() - began
-            left = spent / max(1, len(kept) - (args.cases - len(tasks))) * (args.cases - len(kept))
-            print(f"\r{len(kept)}/{args.cases}, {left / 60:.0f} min left ", end="", file=sys.stderr, flush=True)
+            left = spent / max(1, len(kept) - (len(asked) - len(tasks))) * (len(asked) - len(kept))
+            print(f"\r{len(kept)}/{len(asked)}, {left / 60:.0f} min left ", end="", file=sys.stderr, flush=True)
             if spent > 60.0 * args.minutes:
                 break
     marks = [mark(o["truth"], o["answer"], o["seconds"], o["gain_share"]) for o in kept.values()]

@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .nominal import IDS
+from .nominal import IDS, OUTSIDE, OUTSIDE_TABLES
 from .programmes import SPLITS, Programme, chosen
 from .run_cases import run_case
 from .table_cases import table_case
 from .truth import Columns, Made, Share
 
+TABLE_KINDS = ("lag", "catch", "heads", "place", "weigh")
 CATEGORIES = ("none", "single", "pair", "lookalike", "outside")
 SHARES = (0.32, 0.36, 0.12, 0.09, 0.11)
 
@@ -58,7 +59,7 @@ def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,
     Raises ValueError on an unknown word.
     """
     chosen(programmes)
-    for given, known in ((categories, CATEGORIES), (ids or (), tuple(IDS))):
+    for given, known in ((categories, CATEGORIES), (ids or (), (*IDS, *OUTSIDE, *OUTSIDE_TABLES))):
         for word in given:
             if word not in known:
                 raise ValueError(f"{word!r} is not one of {', '.join(known)}")
@@ -86,6 +87,8 @@ def _make(category: str, split: str, rng: np.random.Generator, kinds: tuple[str,
           ids: tuple[str, ...]) -> Made | None:
     """One draw; None where it is not what was asked for, or does not work out."""
     on_table = {"none": 0.25, "pair": 0.2, "outside": 0.0}.get(category, 0.3)
+    if category == "outside" and kinds and "run" not in kinds:
+        on_table = 1.0
     kind = "table" if rng.random() < on_table else "run"
     wanted: tuple[str, ...] = ()
     suits: Callable[[Programme], bool] = _any_programme
@@ -103,12 +106,12 @@ def _make(category: str, split: str, rng: np.random.Generator, kinds: tuple[str,
         if kind == "table":
             kind = str(rng.choice([s for s in IDS[wanted[0]].seen if s != "run"]))
     elif kind == "table":
-        kind = str(rng.choice(["lag", "catch", "heads", "place", "weigh"]))
+        kind = str(rng.choice(TABLE_KINDS))
     if (kinds and kind not in kinds) or (ids and wanted and not set(ids) & set(wanted)):
         return None
     if kind == "run":
-        return run_case(category, wanted, split, rng, suits)
-    return table_case(category, wanted, kind, split, rng)
+        return run_case(category, wanted, split, rng, suits, ids)
+    return table_case(category, wanted, kind, split, rng, ids)
 
 
 def _seen(name: str, kind: str) -> bool:

@@ -115,6 +115,19 @@ OUTSIDE: dict[str, tuple[str, float, tuple[str, ...]]] = {
     "x.scale_roll": ("scale", 0.02, ("roll_deg",)),
     "x.flow_vibration": ("flow", 1.0, ("speed_mps", "wheel_speed_mps", "speed_used_mps")),
 }
+# The same for bench tables: kind of table, layouts' variants, first guess, variables.
+OUTSIDE_TABLES: dict[str, tuple[str, tuple[str, ...], float, tuple[str, ...]]] = {
+    "x.lag_hump": ("lag", ("lag_s", "response_s"), 0.05, ("shaft_rpm",)),
+    "x.lag_tiring": ("lag", ("lag_s", "response_s"), 0.05, ("replicate",)),
+    "x.lag_ground_speed": ("lag", ("both",), 0.05, ("speed_mps", "speed_kmh")),
+    "x.catch_resonance": ("catch", ("all",), 1.0, ("shaft_rpm",)),
+    "x.catch_waist": ("catch", ("all",), 1.0, ("opening_mm",)),
+    "x.catch_packing": ("catch", ("all", "outlet"), 1.0, ("replicate",)),
+    "x.heads_hump": ("heads", ("all",), 0.01, ("ndvi_reference",)),
+    "x.heads_swing": ("heads", ("all",), 1.0, ("warm_min",)),
+    "x.place_speeding": ("place", ("plain",), 0.05, ("shaft_rpm",)),
+    "x.place_tiring": ("place", ("plain",), 0.05, ("replicate",)),
+}
 
 
 class Effect(NamedTuple):

@@ -81,7 +81,8 @@ def fits(name: str, p: Programme) -> bool:
 
 
 def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.Generator,
-              suits: Callable[[Programme], bool]) -> Made | None:
+              suits: Callable[[Programme], bool], outsiders: tuple[str, ...] = ()) -> Made | None:
+    """`outsiders`: of the category outside, only these (empty: any). None where the draw does not work out."""
     pool = [p for p in chosen(split) if all(fits(w, p) for w in wanted) and suits(p)]
     if not pool:
         return None
@@ -94,7 +95,7 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     found: list[tuple[Effect, float]] = []
     outside = None
     if category == "outside":
-        made = _outside(eye, rng, plant)
+        made = _outside(eye, rng, plant, [n for n in OUTSIDE if n in outsiders] or list(OUTSIDE))
         if made is None:
             return None
         outside, planted = made[0], (made[1],)
@@ -168,8 +169,9 @@ def _pair_is_one(eye: Eye, planted: tuple[Effect, ...]) -> bool:
     return left > 0.9 or rest < 0.2 * max(eye.inner(a, a), eye.inner(b, b))
 
 
-def _outside(eye: Eye, rng: np.random.Generator, plant: Plant) -> tuple[dict[str, Any], Effect] | None:
-    name = str(rng.choice(list(OUTSIDE)))
+def _outside(eye: Eye, rng: np.random.Generator, plant: Plant,
+             names: list[str]) -> tuple[dict[str, Any], Effect] | None:
+    name = str(rng.choice(names))
     channel, guess, variables = OUTSIDE[name]
     d = plant.drive
     e = Effect(name, guess * float(rng.choice([-1, 1])), int(rng.integers(12)), float(rng.random()))

@@ -84,3 +84,14 @@ def spells(time_s: Floats, share: float, seed: int) -> Floats:
         out[(time_s >= at) & (time_s < at + length)] = 1.0
         left -= length
     return out
+
+
+def hump(x: Floats, middle: float, width: float) -> Floats:
+    """1 in the middle, nothing far from it."""
+    return np.asarray(np.exp(-((x - middle) / width) ** 2))
+
+
+def trend(x: Floats) -> Floats:
+    """0 at the lowest of `x`, 1 at the highest."""
+    spread = float(np.ptp(x))
+    return np.asarray((x - x.min()) / spread) if spread > 0 else np.zeros_like(x)

@@ -6,14 +6,20 @@ from typing import Any
 import numpy as np
 
 from . import tables
-from .nominal import IDS, Effect
+from .nominal import IDS, OUTSIDE_TABLES, Effect
 from .truth import Floats, Made, Relations, share_of, told
+
+OUTSIDE_LEFT = 0.5                # share of an outside trace's length that the whole catalogue must leave
+MEMBERED = ("canopy.head_fouled", "flow.outlet_uneven")
 
 
 def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
-               rng: np.random.Generator) -> Made | None:
+               rng: np.random.Generator, outsiders: tuple[str, ...] = ()) -> Made | None:
+    """`outsiders`: of the category outside, only these (empty: any). None where the draw does not work out."""
     pool = [lay for lay in tables.LAYOUTS if lay.split in (split, "all") and lay.kind == kind and
             all(w in tables.shown(lay) for w in wanted)]
+    if category == "outside":
+        return _outside(pool, rng, [n for n in OUTSIDE_TABLES if n in outsiders] or list(OUTSIDE_TABLES))
     if category == "lookalike" and kind == "place":
         pool = [lay for lay in pool if len(lay.others) == 1]
     if not pool:
@@ -24,7 +30,7 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     for name in wanted:
         k = IDS[name]
         sign = k.sign or float(rng.choice([-1, 1]))
-        member = int(rng.integers(1, 7)) if name in ("canopy.head_fouled", "flow.outlet_uneven") else None
+        member = int(rng.integers(1, 7)) if name in MEMBERED else None
         e = Effect(name, sign * k.guess, int(rng.integers(12)), float(rng.random()), None, member)
         if not k.by_z:
             found.append((e._replace(size=float(np.round(rng.uniform(k.guess, k.most), 2))), 99.0))
@@ -53,6 +59,47 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     return kind, columns, {"programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "outside": None,
                            "causes": causes, "traits": [], "physics": {}}, \
         share_of(tuple(planted), table.trace, lambda a, b: float(a @ b))
+
+
+def _outside(pool: list[tables.Layout], rng: np.random.Generator, names: list[str]) -> Made | None:
+    """A table with something that no effect of the catalogue describes, alone or with others.
+
+    Its z, of what the whole catalogue leaves, is log-uniform from 6 to 40."""
+    name = str(rng.choice(names))
+    kind, variants, guess, variables = OUTSIDE_TABLES[name]
+    pool = [lay for lay in pool if lay.kind == kind and lay.variant in variants and _varies(name, lay)]
+    if not pool:
+        return None
+    layout = pool[int(rng.integers(len(pool)))]
+    table, noise = tables.Table(layout, rng), str(rng.choice(tables.KINDS))
+    e = Effect(name, guess * float(rng.choice([-1, 1])), int(rng.integers(12)), float(rng.random()))
+    mine = table.trace([e])
+    known = np.array([table.trace([r]) for r in _catalogued(table)]).T
+    left = float(np.linalg.norm(mine - known @ np.linalg.lstsq(known, mine, rcond=1e-8)[0]))
+    share = left / max(1e-9, float(np.linalg.norm(mine)))
+    if share < OUTSIDE_LEFT:
+        return None                                          # effects of the catalogue would be a fair answer
+    z = float(np.exp(rng.uniform(np.log(6.0), np.log(40.0))))
+    e = e._replace(size=float(f"{e.size * z / left:.4g}"))
+    return kind, table.observed([e], noise, rng), {
+        "programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "causes": [], "traits": [],
+        "physics": {}, "outside": {"name": name, "channel": {"catch": "flow"}.get(kind, kind),
+                                   "variables": list(variables), "z": round(z, 3), "size": e.size,
+                                   "likest_catalogued": round(float(np.sqrt(max(0.0, 1 - share**2))), 3)}}, \
+        share_of((), table.trace, lambda a, b: float(a @ b))
+
+
+def _varies(name: str, layout: tables.Layout) -> bool:
+    """The layout varies what the effect depends on, often enough to show its shape."""
+    if name.endswith(("tiring", "packing")):
+        return layout.replicates > 1
+    return {"x.heads_swing": len(layout.others) > 1, "x.lag_hump": len(layout.values) > 4}.get(name, True)
+
+
+def _catalogued(table: tables.Table) -> list[Effect]:
+    """Every effect that the table can show, once (two forms of one effect together can imitate anything)."""
+    return [Effect(i, IDS[i].guess, 0, 0.5, None, member) for i in tables.shown(table.layout) if IDS[i].by_z
+            for member in (range(1, 7) if i in MEMBERED else (None,))]
 
 
 def _relations(table: tables.Table, e: Effect, z: float) -> dict[str, Any]:

@@ -190,6 +190,12 @@ class Table:
             elif e.id == "lag.asymmetry" and "direction" in self.given:
                 down = self.given["direction"] == "down"
                 t = t + e.size * (down - 0.1 * e.knob * (e.form % 2))       # rising ones: nominal, or nearly
+            elif e.id == "x.lag_hump":
+                t = t + e.size * shapes.hump(n, 28.0 + 20.0 * e.knob, 9.0)
+            elif e.id == "x.lag_tiring":
+                t = t + e.size * shapes.trend(self.given["replicate"])
+            elif e.id == "x.lag_ground_speed":
+                t = t + e.size * (self.given["speed_kmh"] / 3.6 - 1.2)
         if "lag_m" not in self.measured:
             return t
         s = has["lag.speed_scale"].size / 100.0 if "lag.speed_scale" in has else 0.0
@@ -214,6 +220,12 @@ class Table:
                 phase = 2 * np.pi * e.knob
                 w = 2 * np.pi * nom.FLUTES
                 turns = turns + s * (np.cos(phase) - np.cos(phase + w * turns)) / w
+            elif e.id == "x.catch_resonance":
+                factor = factor * (1 + s * shapes.hump(n, 45.0 + 15.0 * e.knob, 14.0))
+            elif e.id == "x.catch_waist":
+                factor = factor * (1 + s * shapes.hump(o, 25.0 + 5.0 * e.knob, 8.0))
+            elif e.id == "x.catch_packing":
+                factor = factor * (1 + s * shapes.trend(self.given["replicate"]))
         return np.asarray(g_rev * turns * factor / 1000.0)
 
     def _weigh(self, has: dict[str, Effect], shift: dict[str, float]) -> Floats:
@@ -240,6 +252,10 @@ class Table:
                 power = 2.0 + 2.0 * e.knob
                 loss = (r / 0.8) ** power if e.form % 2 == 0 else np.maximum(0.0, (r - 0.35) / 0.45) ** (0.5 * power)
                 y = y * (1 - s * loss)
+            elif e.id == "x.heads_hump":
+                y = y + e.size * shapes.hump(r, 0.45 + 0.1 * e.knob, 0.1)
+            elif e.id == "x.heads_swing" and "warm_min" in self.given:
+                y = y * (1 + s * shapes.hump(np.log(self.given["warm_min"]), 1.7 + 0.5 * e.knob, 0.6))
         return np.asarray(y)
 
     def _place(self, has: dict[str, Effect], shift: dict[str, float]) -> Floats:
@@ -248,7 +264,12 @@ class Table:
         if "corrected_lag_s" in self.given:
             miss = miss + v * (nom.RESPONSE_S + nom.DROP_INTERCEPT_S + nom.DROP_SLOPE_S_PER_RPM * n)
         for e in has.values():
-            miss = miss + (e.size if e.id == "place.lever_arm" else v * e.size)
+            if e.id == "x.place_speeding":
+                miss = miss + e.size * (n - 45.0) / 20.0
+            elif e.id == "x.place_tiring":
+                miss = miss + e.size * (shapes.trend(self.given["replicate"]) - 0.5)
+            else:
+                miss = miss + (e.size if e.id == "place.lever_arm" else v * e.size)
         return np.asarray(miss)
 
     # -- how visible -----------------------------------------------------------------------------------------------
@@ -274,4 +295,7 @@ class Table:
             if clock is not None and name != "lag_m":
                 row = np.round(row / clock) * clock
             out[name] = np.round(row, digits)
-        return out
+        if noise != "tails":
+            return out
+        kept = rng.random(y.shape[1]) > rng.uniform(0.0, 0.08)               # rows that somebody failed to write down
+        return {k: v[kept] for k, v in out.items()} if kept.sum() >= 0.8 * kept.size else out
