@@ -1,13 +1,12 @@
 """The cab: all ports and drivers of one machine, and what they say and are told once a tick."""
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
+from drivers.cab_line import DatagramLine, DeviceLine, DeviceStatus
 from drivers.datagrams import Datagrams, open_datagrams, open_line
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import HeadDecoder
@@ -23,8 +22,6 @@ from drivers.ports import Clock, Port
 
 __all__ = ["BoardConfig", "Cab", "CabConfig", "DeviceStatus", "GnssConfig", "HeadsConfig", "RateModuleConfig"]
 
-RATE_OVER_S = 2.0           # a device silent for this long has rate 0
-
 Opener = Callable[[str, int, Clock], Port]
 DatagramOpener = Callable[[str, Clock], Datagrams]
 
@@ -35,47 +32,6 @@ class FixDecoder(Protocol):
     counts: Counts
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]: ...
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceStatus:
-    """One device as the Devices screen lists it; the fields of `console.frame.DeviceView`."""
-
-    name: str
-    port: str
-    protocol: str
-    connected: bool
-    age_s: float | None       # since the last accepted message
-    rate_hz: float
-    accepted: int
-    rejected: int
-    last_raw: str = ""
-
-
-class _Line:
-    """A port with the name, the counts and the rate of the device on it."""
-
-    def __init__(self, name: str, protocol: str, port: Port, counts: Counts) -> None:
-        self.name = name
-        self.port = port
-        self._protocol = protocol
-        self._counts = counts
-        self._times_s: deque[float] = deque(maxlen=64)
-
-    def note(self, times_s: Iterable[float]) -> None:
-        self._times_s.extend(times_s)
-
-    def status(self, now_s: float) -> DeviceStatus:
-        state = self.port.state()
-        times_s = self._times_s
-        age_s = now_s - times_s[-1] if times_s else None
-        span_s = times_s[-1] - times_s[0] if times_s else 0.0
-        lively = age_s is not None and age_s < RATE_OVER_S and span_s > 0.0
-        last = state.last_lines()
-        return DeviceStatus(
-            self.name, self.port.name, self._protocol, state.connected, age_s,
-            (len(times_s) - 1) / span_s if lively else 0.0,
-            self._counts.accepted, self._counts.rejected_total, last[0] if last else state.last_error)
 
 
 class Cab:
@@ -94,13 +50,13 @@ class Cab:
         self._clock = clock
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
-        self._readings: dict[str, Reading | None] = dict.fromkeys(BOARD_READINGS)
+        self._readings: dict[str, Any] = dict.fromkeys(BOARD_READINGS)      # Reading or None
         self._work_switch: bool | None = None
         self._work_switch_s = 0.0
         self._switch_fitted = config.has_work_switch
         self._gnss = _Gnss(config.gnss, clock, opener) if config.gnss else None
-        self._heads: list[tuple[_Line, HeadDecoder]] = []
-        self._drives: tuple[_Line, SlaveBoard] | None = None
+        self._heads: list[tuple[DeviceLine, HeadDecoder]] = []
+        self._drives: tuple[DeviceLine, SlaveBoard] | None = None
         self._module = _Module(config.rate_module, clock, datagram_opener) if config.rate_module else None
         if config.heads is not None:
             self._heads = [_open_heads(config.heads, place, clock, opener) for place in range(len(config.heads.ports))]
@@ -109,12 +65,14 @@ class Cab:
                 DriveLimits(config.board.max_shaft_rpm, config.board.max_opening_mm),
                 WheelGeometry(config.board.wheel_circumference_m, config.board.wheel_pulses_per_turn))
             port = opener(config.board.port, config.board.baud, clock)
-            self._drives = _Line("board", "slave-board/1", port, board.counts), board
-        self._rig: tuple[_Line, LagRig] | None = None
+            self._drives = DeviceLine("board", "slave-board/1", port, board.counts,
+                                      serial_baud(config.board.port, config.board.baud)), board
+        self._rig: tuple[DeviceLine, LagRig] | None = None
         if config.lag_rig is not None:
             rig = LagRig()
             port = opener(config.lag_rig.port, config.lag_rig.baud, clock)
-            self._rig = _Line("lag_rig", "lag-rig/1", port, rig.counts), rig
+            self._rig = DeviceLine("lag_rig", "lag-rig/1", port, rig.counts,
+                                   serial_baud(config.lag_rig.port, config.lag_rig.baud)), rig
 
     def measure(self, now_s: float) -> Measurements:
         """Read what has arrived and give the newest accepted value of everything, however old.
@@ -157,7 +115,7 @@ class Cab:
         if self._drives is None:
             return None
         line, board = self._drives
-        line.port.write(board.give_dose(angle_deg, shaft_rpm, now_s))
+        line.write(now_s, board.give_dose(angle_deg, shaft_rpm, now_s))
         return board.dose.newest
 
     @property
@@ -169,11 +127,15 @@ class Cab:
         """Arm the lag rig for a run, or let it idle; without a rig nothing happens."""
         if self._rig is not None:
             line, rig = self._rig
-            line.port.write(rig.order(run, arm))
+            line.write(self._clock(), rig.order(run, arm))
 
     def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
         """Every device, in the order gnss, heads, board, rate module, lag rig."""
         return tuple(line.status(now_s) for line in self._lines())
+
+    def line(self, name: str) -> DeviceLine | None:
+        """The line of a device by the name that `status` gives it."""
+        return next((line for line in self._lines() if line.name == name), None)
 
     def close(self) -> None:
         """Stop the drives and give the ports back."""
@@ -189,16 +151,16 @@ class Cab:
             command = None if command is None else command._replace(shaft_rpm=0.0)
         if self._drives is not None:
             line, board = self._drives
-            line.port.write(board.command(command, enabled))
+            line.write(now_s, board.command(command, enabled))
             if not enabled or command is None:
                 self._told_to_turn_s = None
             elif self._told_to_turn_s is None:
                 self._told_to_turn_s = now_s
         for data in datagrams:
             assert self._module is not None
-            self._module.line.port.write(data)
+            self._module.line.write(now_s, data)
 
-    def _lines(self) -> list[_Line]:
+    def _lines(self) -> list[DeviceLine]:
         lines = [line for line, _ in self._heads]
         if self._gnss is not None:
             lines.insert(0, self._gnss.line)
@@ -229,15 +191,15 @@ class Cab:
     def _note_work_switch(self, down: bool | None, time_s: float) -> None:
         self._work_switch, self._work_switch_s = down, time_s
 
-    def _read_head(self, line: _Line, decoder: HeadDecoder, now_s: float) -> None:
-        data = line.port.read()
+    def _read_head(self, line: DeviceLine, decoder: HeadDecoder, now_s: float) -> None:
+        data = line.read(now_s)
         samples = decoder.feed(data, now_s) if data else []
         for sample in samples:
             self._ndvi[sample.head - 1] = Reading(sample.ndvi, sample.time_s)
         line.note(sample.time_s for sample in samples)
 
-    def _read_board(self, line: _Line, board: SlaveBoard, now_s: float) -> None:
-        data = line.port.read()
+    def _read_board(self, line: DeviceLine, board: SlaveBoard, now_s: float) -> None:
+        data = line.read(now_s)
         accepted = board.feed(data, now_s) if data else []
         for readings in accepted:
             self.board = readings
@@ -250,8 +212,8 @@ class Cab:
         board.dose.look(now_s)
         line.note(readings.time_s for readings in accepted)
 
-    def _read_rig(self, line: _Line, rig: LagRig, now_s: float) -> None:
-        data = line.port.read()
+    def _read_rig(self, line: DeviceLine, rig: LagRig, now_s: float) -> None:
+        data = line.read(now_s)
         accepted = rig.feed(data, now_s) if data else []
         self.rig = accepted[-1] if accepted else self.rig
         line.note(readings.time_s for readings in accepted)
@@ -269,7 +231,8 @@ class _Gnss:
         makers: dict[str, Callable[[], FixDecoder]] = {
             "nmea0183": GnssDecoder, "gpsd": GpsdDecoder, "agopengps": AgOpenGpsDecoder}
         self._decoder = makers[config.protocol]()
-        self.line = _Line("gnss", config.protocol, opener(config.port, config.baud, clock), self._decoder.counts)
+        self.line = DeviceLine("gnss", config.protocol, opener(config.port, config.baud, clock), self._decoder.counts,
+                               serial_baud(config.port, config.baud))
         self._hello = WATCH if config.protocol == "gpsd" else b""
         self._greeted = 0
 
@@ -280,8 +243,8 @@ class _Gnss:
             state = port.state()
             if state.connected and state.connects != self._greeted:
                 self._greeted = state.connects
-                port.write(self._hello)
-        data = port.read()
+                self.line.write(now_s, self._hello)
+        data = self.line.read(now_s)
         fixes = self._decoder.feed(data, now_s) if data else []
         self.line.note(fix.time_s for fix in fixes)
         return fixes[-1] if fixes else None
@@ -293,9 +256,8 @@ class _Module:
     def __init__(self, config: RateModuleConfig, clock: Clock, opener: DatagramOpener) -> None:
         self.driver = RateModule(ModuleAddress(config.module, config.sensor), config.pulses_per_turn,
                                  config.max_shaft_rpm, config.drive)
-        self.port = opener(config.url, clock)
-        self.line = _Line("rate_module", f"rate-module/udp (stops by itself after {MODULE_STOPS_S:g} s)", self.port,
-                          self.driver.counts)
+        self.line = DatagramLine("rate_module", f"rate-module/udp (stops by itself after {MODULE_STOPS_S:g} s)",
+                                 opener(config.url, clock), self.driver.counts)
         self._fixed_opening_mm = config.fixed_opening_mm
         self._has_switch = config.work_switch
 
@@ -308,7 +270,7 @@ class _Module:
     def read(self, now_s: float) -> dict[str, Reading | None]:
         """The readings that are new."""
         found: dict[str, Reading | None] = {}
-        accepted = self.driver.feed(self.port.read_each(), now_s)
+        accepted = self.driver.feed(self.line.read_each(now_s), now_s)
         for readings in accepted:
             if readings.shaft_rpm is not None:
                 found["shaft_rpm"] = readings.shaft_rpm
@@ -318,9 +280,15 @@ class _Module:
         return found
 
 
-def _open_heads(config: HeadsConfig, place: int, clock: Clock, opener: Opener) -> tuple[_Line, HeadDecoder]:
+def _open_heads(config: HeadsConfig, place: int, clock: Clock, opener: Opener) -> tuple[DeviceLine, HeadDecoder]:
     head = None if config.multiplexed else place + 1
     decoder = HeadDecoder(config.field_map, head=head, heads=config.count)
-    port = opener(config.ports[place], config.baud or config.field_map.baud, clock)
+    baud = config.baud or config.field_map.baud
+    port = opener(config.ports[place], baud, clock)
     name = "heads" if config.multiplexed else f"head_{place + 1}"
-    return _Line(name, config.protocol, port, decoder.counts), decoder
+    return DeviceLine(name, config.protocol, port, decoder.counts, serial_baud(config.ports[place], baud)), decoder
+
+
+def serial_baud(url: str, baud: int) -> int | None:
+    """The rate of a line that has one: not a socket, a datagram port or one in memory."""
+    return None if url.startswith(("socket://", "udp://", "memory:")) else baud
