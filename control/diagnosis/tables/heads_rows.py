@@ -10,6 +10,7 @@ from control.machine.machine import Machine
 from .piece import Array, Choice, Piece, varying
 
 WARM_S = 100.0 * WARM_UP_S
+LEVELS_KEPT = 3             # minutes that free shapes of warming up must leave, or they would fit anything
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
@@ -26,9 +27,10 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
 
     choices = [Choice("canopy.head_fouled", int(k)) for k in np.unique(head) if k == int(k)]
     choices += [Choice("canopy.saturation")] + ([Choice("canopy.warm_up")] if timed else [])
+    speeds = (0.5, 2.0, 0.25)[:max(1, len(np.unique(on_s)) - LEVELS_KEPT)]
     forms = {"canopy.saturation": np.column_stack([reference ** 2, reference ** 3, reference ** 6,
                                                    np.maximum(0.0, reference - 0.6)]),
-             "canopy.warm_up": np.column_stack([reference * np.exp(-on_s / (k * WARM_UP_S)) for k in (0.25, 0.5, 2.0)])}
+             "canopy.warm_up": np.column_stack([reference * np.exp(-on_s / (k * WARM_UP_S)) for k in speeds])}
     tolerance = machine.tolerance.head_percent / 100.0
     variables = {"ndvi_reference": reference, "head": head, "replicate": columns.get("replicate", head * np.nan)}
     if timed:

@@ -19,6 +19,7 @@ from .problem import Problem
 LEVEL = 0.005               # of a false alarm by the best single effect; pairs and the open set have the rest of 1 %
 PAIR_LEVEL = 0.001
 ONE_SIDED = {"lag.asymmetry": ("lag.offset", "shaft.dead_time")}    # what half of it looks like on one side only
+NEVER_LESS = ("shaft.dead_time", "lag.rebound", "lag.first_fill", "flow.fill_falloff", "speed.wheel_slip")
 MOST = 3                    # effects at once
 SAME_LEVEL = 0.03           # rivals: a confidence set of 97 %, a little wider than what is reported
 UNEVEN_P = 0.05             # settings differ by more than replicates do: intervals are widened
@@ -144,7 +145,7 @@ def _pair(problem: Problem, space: Space, seed: int) -> tuple[tuple[Choice, Choi
 
 def _within_bounds(problem: Problem, chosen: Sequence[Choice]) -> bool:
     found, parts = sizes_of(problem, chosen)
-    return found is not None and all(_allowed(choice, size) for choice, size in parts)
+    return found is not None and all(_allowed(problem, choice, size) for choice, size in parts)
 
 
 def _exchanged(problem: Problem, chosen: list[Choice], barred: set[Choice]) -> list[Choice] | None:
@@ -201,7 +202,7 @@ def _with_rivals(problem: Problem, space: Space, parts: tuple[Sized, ...], k: in
         tried = [problem.choices.index(part.choice) for part in parts]
         tried[k] = problem.choices.index(choice)
         found = subset(space, tried)
-        if found is None or not _allowed(choice, float(found.sizes[k])):
+        if found is None or not _allowed(problem, choice, float(found.sizes[k])):
             continue
         found = _exactly(problem, [problem.choices[i] for i in tried]) or found
         if _as_good(found, best):
@@ -225,9 +226,12 @@ def _exactly(problem: Problem, chosen: list[Choice]) -> Subset | None:
     return sizes_of(problem, chosen, rounds=3)[0] if len(chosen) > 1 else None
 
 
-def _allowed(choice: Choice, size: float) -> bool:
+def _allowed(problem: Problem, choice: Choice, size: float) -> bool:
+    """Within the catalogue's bounds; what is lost or extra by its definition is not below what the machine has of it."""
     entry = CATALOGUE[choice.id]
-    return entry.low - entry.neutral <= size <= entry.high - entry.neutral
+    has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
+    low = entry.neutral - has if choice.id in NEVER_LESS else entry.low - entry.neutral
+    return low <= size <= entry.high - entry.neutral
 
 
 def _between_settings(problem: Problem, parts: Sequence[Sized], best: Subset) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from .algebra import SPENT, Space, orthonormal, space_of, widened, without
-from .naming import forms_of
+from .naming import ONE_SIDED, forms_of
 from .piece import Array, Sized
 from .problem import Problem
 
@@ -27,6 +27,9 @@ class Left(NamedTuple):
     sum_of_squares: float
 
 
+LEAST_OF_REPLICATES = 0.01
+
+
 class _Basis(NamedTuple):
     channel: str
     variable: str
@@ -38,13 +41,16 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
     space = space_of(problem, parts)
     chosen = [part.choice for part in parts]
     index = [problem.choices.index(choice) for choice in chosen]
-    basis = orthonormal(np.column_stack([space.basis, space.x[:, index], forms_of(problem, chosen)]))
+    sides = [problem.choices.index(choice) for choice in problem.choices
+             if any(choice.id in ONE_SIDED.get(one.id, ()) for one in chosen)]
+    basis = orthonormal(np.column_stack([space.basis, space.x[:, [*index, *sides]], forms_of(problem, chosen)]))
     bases = _bases(problem, basis, space)
     if not bases:
         return None
     y = without(basis, space.y)
     dof = len(y) - basis.shape[1] + space.extra_dof
-    ps = _p_values(y[None, :], np.array([float(y @ y) + space.extra_rss]), bases, dof, space.least_variance)[0]
+    ps = _p_values(y[None, :], np.array([float(y @ y) + space.extra_rss]), bases, dof,
+                   [_least(one, space) for one in bases])[0]
     best = int(np.argmin(ps))
     single = float(ps[best])
     if single * len(bases) < 0.2 * LEVEL or single > LEVEL:
@@ -54,7 +60,7 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
         draws = rng.standard_normal((DRAWS, len(y)))
         draws = draws - (draws @ basis) @ basis.T
         totals = np.sum(draws ** 2, axis=1) + (rng.chisquare(space.extra_dof, DRAWS) if space.extra_dof else 0.0)
-        least = _p_values(draws, totals, bases, dof, 1e-12).min(axis=1)
+        least = _p_values(draws, totals, bases, dof, [1e-12] * len(bases)).min(axis=1)
         p = (int(np.sum(least <= single)) + 1) / (DRAWS + 1)
     size = bases[best].unit.shape[1]
     explained = float(np.sum((bases[best].unit.T @ y) ** 2))
@@ -64,15 +70,21 @@ def left_over(problem: Problem, parts: Sequence[Sized], seed: int) -> Left | Non
     return Left(bases[best].channel, bases[best].variable, p, share, max(0.0, explained - size * noise))
 
 
-def _p_values(rows: Array, totals: Array, bases: Sequence[_Basis], dof: float, least: float) -> Array:
-    """(draws, bases): F test of each basis; `least`: variance below which the rest does not count as smaller."""
+def _p_values(rows: Array, totals: Array, bases: Sequence[_Basis], dof: float,
+              least: Sequence[float]) -> Array:
+    """(draws, bases): F test of each basis; `least`: variances below which the rest does not count as smaller."""
     out = np.ones((len(rows), len(bases)))
     for k, basis in enumerate(bases):
         size = basis.unit.shape[1]
         explained = np.sum((rows @ basis.unit) ** 2, axis=1)
-        rest = np.maximum(totals - explained, least * (dof - size))
+        rest = np.maximum(totals - explained, least[k] * (dof - size))
         out[:, k] = fisher.sf(explained / size / (rest / (dof - size)), size, dof - size)
     return out
+
+
+def _least(basis: _Basis, space: Space) -> float:
+    """Rows do not scatter less than their replicates, unless what is asked is whether the replicates differ."""
+    return LEAST_OF_REPLICATES if basis.variable == "replicate" else space.least_variance
 
 
 def _bases(problem: Problem, basis: Array, space: Space) -> list[_Basis]:

@@ -16,6 +16,9 @@ UNCORRECTED = "before"
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     """One piece: miss_m = v (lag - corrected lag + latency) + lever arm.
 
+    A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and lever arm say the same
+    with less; where a lag table with distances beside them asks for it, the misses have their say.
+
     The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled `before`, else what the machine
     file in use says.
     """
@@ -33,7 +36,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
         lag = predicted(m, rpm, "lag_s", roles)
         return true_mps * (lag + m.fall.latency_s - corrected) + m.fall.lever_arm_m
 
-    choices = ["place.lever_arm", "place.latency", "lag.rebound", "lag.speed_scale"]
+    choices = ["place.lever_arm", "place.latency", "lag.rebound"]
     choices += ["lag.first_fill"] if roles.tell_start else []
     choices += ["lag.asymmetry"] if roles.tell_direction else []
     variables = {"shaft_rpm": rpm, "speed_mps": speed,

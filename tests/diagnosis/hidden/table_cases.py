@@ -27,13 +27,14 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     layout = pool[int(rng.integers(len(pool)))]
     table, noise = tables.Table(layout, rng), str(rng.choice(tables.KINDS))
     found: list[tuple[Effect, float]] = []
-    for name in wanted:
+    for name in sorted(wanted, key=lambda i: IDS[i].by_z):       # a clock first: the others show less beside it
         k = IDS[name]
         sign = k.sign or float(rng.choice([-1, 1]))
         member = int(rng.integers(1, 7)) if name in MEMBERED else None
         e = Effect(name, sign * k.guess, int(rng.integers(12)), float(rng.random()), None, member)
         if not k.by_z:
-            found.append((e._replace(size=float(np.round(rng.uniform(k.guess, k.most), 2))), 99.0))
+            table.clock_s = float(np.round(rng.uniform(k.guess, k.most), 2))
+            found.append((e._replace(size=table.clock_s), 99.0))
             continue
         target = float(np.exp(rng.uniform(np.log(5.0 if category == "lookalike" else 2.0), np.log(40.0))))
         z = 0.0

@@ -60,9 +60,10 @@ LAYOUTS: tuple[Layout, ...] = (
 )
 SHOWS: dict[str, tuple[str, ...]] = {
     "lag_s": ("lag.offset", "lag.rebound", "lag.coarse_clock", "shaft.dead_time"),
-    "response_s": ("shaft.dead_time", "lag.offset"),
-    "start": ("lag.first_fill", "lag.offset"), "direction": ("lag.asymmetry", "lag.offset"),
-    "both": ("lag.speed_scale", "lag.offset"),
+    "response_s": ("shaft.dead_time",),          # the extra lag lies between shaft and ground
+    "start": ("lag.first_fill", "lag.offset", "shaft.dead_time"),
+    "direction": ("lag.asymmetry", "lag.offset", "shaft.dead_time"),
+    "both": ("lag.speed_scale", "lag.offset", "shaft.dead_time"),
     "all": ("flow.gain", "flow.zero_offset", "flow.fill_falloff"), "outlet": ("flow.outlet_uneven", "flow.gain"),
     "short": ("flow.pulsation",),
 }
@@ -89,6 +90,7 @@ class Table:
         self.measured: tuple[str, ...] = ()
         self.sd: Floats = np.zeros(0)
         getattr(self, f"_lay_{layout.kind}")(layout, rng)
+        self.clock_s = 0.0            # of a detector that rounds the times
         self.base = self.predict(())
 
     def _cross(self, **axes: Sequence[Any]) -> None:
@@ -276,11 +278,18 @@ class Table:
 
     def trace(self, effects: Sequence[Effect], beside: Sequence[Effect] = ()) -> Floats:
         """Difference in units of noise, nuisances projected under their priors (rows + nuisances,)."""
-        d = ((self.predict((*beside, *effects)) - self.predict(beside)) / self.sd).ravel()
-        j = np.array([((self.predict((), {k: sd}) - self.base) / self.sd).ravel()
+        noise = self._noise_sd()
+        d = ((self.predict((*beside, *effects)) - self.predict(beside)) / noise).ravel()
+        j = np.array([((self.predict((), {k: sd}) - self.base) / noise).ravel()
                       for k, sd in self.nuisances().items()])
         theta = np.linalg.solve(j @ j.T + np.eye(len(j)), j @ d)
         return np.r_[d - theta @ j, theta]
+
+    def _noise_sd(self) -> Floats:
+        """Noise of the rows and what a coarse clock adds to it: replicates share its rounding."""
+        shared = self.layout.replicates * self.clock_s**2 / 12.0
+        timed = np.array([[name != "lag_m"] for name in self.measured])
+        return np.asarray(np.sqrt(self.sd**2 + shared * timed))
 
     def observed(self, effects: Sequence[Effect], noise: str, rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
         """The table as measured: given columns and noisy ones."""
