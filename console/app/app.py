@@ -28,6 +28,7 @@ from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
 from console.app.services import Services
 from console.app.source import FrameSource
+from console.app.tour import Tour
 from console.app.units import METRIC, UNITS, Units
 from console.link import WorkerGone
 from console.locale import _, in_use, languages, use
@@ -49,7 +50,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic. start, attach: make a
     new source when the worker is gone; their errors (OSError, RuntimeError) are one line. replay: a log to open.
     keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False for tests and pictures:
-    nothing moves but by `tick`.
+    nothing moves but by `tick`. tour: begin with the guided tour.
     """
 
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "screens").glob("*.tcss"))]
@@ -62,7 +63,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                  units: Units = METRIC, language: str | None = None, theme: str = themes.DAY.name,
                  keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
                  limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
-                 services: Services | None = None) -> None:
+                 services: Services | None = None, tour: bool = False) -> None:
         super().__init__()
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
@@ -71,6 +72,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.limits_kg_ha, self.hopper_kg = limits_kg_ha, hopper_kg
         self.live = live
         self.services = services or Services()
+        self.tour = Tour() if tour else None
         self.locked = False
         self.gone = ""
         self.arrival, self.history = Arrival(), History()
@@ -127,6 +129,11 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.history.add(self.arrival.frame)
         if self.notice_text and now_s >= self._notice_until_s:
             self.notice_text = ""
+        if self.tour is not None:
+            self.tour.see(self.arrival.frame, self.page.where, now_s)
+            if self.tour.over:
+                self.tour = None
+                self.notice(_("That was the tour. Ctrl+T shows it again."))
         self.page.tick(now_s)
 
     def notice(self, text: str) -> None:
@@ -396,6 +403,26 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._show_gone(_("no machine is connected"))
         else:
             self.notice(_("the control worker is connected"))
+
+    def _do_tour(self) -> None:
+        frame = self.arrival.frame
+        if frame is None or not frame.simulated or self.gone:
+            self.notice(_("the tour needs the simulated machine: topdress run without a configuration"))
+            return
+        self.tour = Tour()
+        self.page.hurry()
+        self.tick()
+
+    def _do_tour_next(self) -> None:
+        if self.tour is not None:
+            self.tour.next()
+            self.page.hurry()
+            self.tick()
+
+    def _do_tour_end(self) -> None:
+        self.tour = None
+        self.page.hurry()
+        self.tick()
 
     def _do_palette(self) -> None:
         self.push_screen(CommandPalette(placeholder=_("find an action"), id="--command-palette"))

@@ -19,6 +19,7 @@ from console.app.widgets.key_bar import KeyBar, KeysView
 from console.app.widgets.page_bar import PageBar, PagesView
 from console.app.widgets.panel import Panel
 from console.app.widgets.status_line import StatusLine
+from console.app.widgets.tour_bar import TourBar, TourView
 from console.frame import Frame
 from console.locale import _, in_use
 
@@ -56,6 +57,7 @@ class Page(Screen[None]):
         view = look(None, 0.0, self.app.units)
         yield StatusLine(view.status, id="status")
         yield AlarmBar(view.alarms, id="alarms")
+        yield TourBar(None, id="tour")
         yield from self.extra()
         with Horizontal(id="body"):
             yield from self.body()
@@ -110,7 +112,15 @@ class Page(Screen[None]):
         """State, alarms, keys; a subclass adds its numbers."""
         self.query_one("#status", StatusLine).show(view.status)
         self.query_one("#alarms", AlarmBar).show(view.alarms)
+        self.show_tour()
         self.show_keys()
+
+    def show_tour(self) -> None:
+        """The guided tour's rows, while there is one."""
+        bar, tour = self.query_one("#tour", TourBar), self.app.tour
+        bar.display = tour is not None
+        if tour is not None:
+            bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text), in_use()))
 
     def show_keys(self) -> None:
         self.query_one("#keys", KeyBar).show(

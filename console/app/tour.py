@@ -1,0 +1,81 @@
+"""The guided tour: eight steps on the simulated machine, each done by doing it; about a minute."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from console.app.action import MAP
+from console.frame import Frame
+from console.locale import N_
+
+FLOWING_KG_HA = 1.0
+READ_S = 8.0                  # long enough to read what a step only shows
+
+
+class Seen(NamedTuple):
+    """What a step looks at. began: the frame with which the step began; lasted_s: since then."""
+
+    frame: Frame
+    began: Frame
+    where: str
+    lasted_s: float
+
+    @property
+    def state(self) -> str:
+        return self.frame.row.state or ""
+
+
+class Step(NamedTuple):
+    text: str
+    done: Callable[[Seen], bool]
+
+
+STEPS = (
+    Step(N_("This machine is simulated: nothing moves outside. Press R: it gets ready."),
+         lambda seen: seen.state in ("ready", "working", "held")),
+    Step(N_("Press S: the tractor drives on and fertilizer flows."),
+         lambda seen: seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA),
+    Step(N_("Largest: the rate wanted and the rate given. Below: speed, shaft, opening, what is left in the hopper."),
+         lambda seen: seen.lasted_s >= READ_S),
+    Step(N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
+         lambda seen: seen.frame.row.strategy != seen.began.row.strategy),
+    Step(N_("Press F3: the map of what was applied, and where."), lambda seen: seen.where == MAP),
+    Step(N_("Press Space: flow stops at once, on every page."), lambda seen: seen.state == "held"),
+    Step(N_("Press F2 for the numbers, then S: work goes on."), lambda seen: seen.state == "working"),
+    Step(N_("Press X: machine off, from any state. F1 explains every key of a page."),
+         lambda seen: seen.state == "off"),
+)
+
+
+class Tour:
+    """Which step is shown. None of it gives an order: the keys pressed are the operator's."""
+
+    def __init__(self, steps: tuple[Step, ...] = STEPS) -> None:
+        self.steps = steps
+        self.index = 0
+        self._began: tuple[Frame, float] | None = None
+
+    @property
+    def over(self) -> bool:
+        return self.index >= len(self.steps)
+
+    @property
+    def text(self) -> str:
+        """What the present step asks for, untranslated; empty when the tour is over."""
+        return "" if self.over else self.steps[self.index].text
+
+    def see(self, frame: Frame | None, where: str, now_s: float) -> None:
+        """One look, some times a second; goes on when the step is done. where: the page that is open."""
+        if frame is None or self.over:
+            return
+        if self._began is None:
+            self._began = frame, now_s
+        began, began_s = self._began
+        if self.steps[self.index].done(Seen(frame, began, where, now_s - began_s)):
+            self.next()
+
+    def next(self) -> None:
+        """To the next step, whether this one was done or not."""
+        if not self.over:
+            self.index += 1
+            self._began = None

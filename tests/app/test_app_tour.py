@@ -1,0 +1,81 @@
+"""The guided tour goes on when a step is done by the operator, never by itself, and gives no order."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.tour import READ_S, STEPS, Tour
+
+SIZE = (120, 40)
+
+
+@pytest.fixture
+def frame_of(frames):
+    def make(state="off", strategy="opening_first", applied_kg_ha=0.0):
+        row = frames[-1].row._replace(state=state, strategy=strategy, applied_rate_kg_ha=applied_kg_ha)
+        return replace(frames[-1], row=row, simulated=True)
+    return make
+
+
+def test_every_step_waits_for_its_deed_and_the_last_ends_it(frame_of):
+    tour = Tour()
+    deeds = [({"state": "ready"}, "run", 1.0), ({"state": "working", "applied_kg_ha": 300.0}, "run", 1.0),
+             ({"state": "working"}, "run", READ_S + 1.0),
+             ({"state": "working", "strategy": "speed_first"}, "run", 1.0),
+             ({"state": "working", "strategy": "speed_first"}, "map", 1.0), ({"state": "held"}, "map", 1.0),
+             ({"state": "working"}, "run", 1.0), ({"state": "off"}, "run", 1.0)]
+    assert len(deeds) == len(STEPS)
+    before, where, now_s = {"state": "off"}, "run", 0.0
+    for number, (deed, page, lasts_s) in enumerate(deeds):
+        for _ in range(3):
+            tour.see(frame_of(**before), where, now_s)
+            assert tour.index == number, "a step went on by itself"
+        now_s += lasts_s
+        tour.see(frame_of(**deed), page, now_s)
+        assert tour.index == number + 1
+        before, where = deed, page
+    assert tour.over and tour.text == ""
+
+
+async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, clock, shown):
+    source.newest = frame_of()
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        for where in app.pages:
+            app.turn_to(where)
+            await pilot.pause()
+            app.tick()
+            await pilot.pause()
+            assert "Press R" in "\n".join(shown(app)), where
+        app.turn_to("run")
+        await pilot.press("ctrl+n")
+        await pilot.pause()
+        assert "Press S" in "\n".join(shown(app)) and "2/8" in "\n".join(shown(app))
+        await pilot.press("ctrl+e")
+        await pilot.pause()
+        assert "Press S" not in "\n".join(shown(app)) and app.tour is None
+        assert source.orders == []
+
+
+async def test_the_tour_is_refused_on_a_real_machine(frame_of, source, clock):
+    source.newest = replace(frame_of(), simulated=False)
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("ctrl+t")
+        await pilot.pause()
+        assert app.tour is None and "simulated" in app.notice_text
+
+
+async def test_a_click_ends_it(frame_of, source, clock):
+    source.newest = frame_of()
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        bar = app.page.query_one("#tour")
+        await pilot.click(bar, offset=(bar.size.width - 3, 1))
+        await pilot.pause()
+        assert app.tour is None
