@@ -39,7 +39,18 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     except WorkerFailed as error:
         raise CommandError(str(error)) from None
     TopdressApp(source, start=start, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
-                hopper_kg=setup.machine.flow.full_kg).run()
+                hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time()).run()
+
+
+def first_time() -> bool:
+    """Whether this user never saw the console; from now on they did."""
+    mark = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "seen"
+    try:
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        mark.touch(exist_ok=False)
+    except OSError:                      # it is there, or no file can be written: no tour either way
+        return False
+    return True
 
 
 def show_replay(recorded: RunLog) -> None:
