@@ -41,4 +41,4 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                   np.full(table.rows, "") if table.label is None else table.label, tuple(choices), (),
                   varying(variables),
                   {f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0) for k in np.unique(head)},
-                  forms, noise_sd=machine.noise.ndvi),)
+                  forms, {"canopy.warm_up": np.full(len(speeds), 100.0)}, noise_sd=machine.noise.ndvi),)

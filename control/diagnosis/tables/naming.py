@@ -86,6 +86,7 @@ def named(problem: Problem, seed: int) -> Named:
     parts, found, space = fit
     wider, dof = _between_settings(problem, parts, found)
     parts, found = _beside_forms(problem, parts, found, space)
+    parts, found = _in_its_own_form(problem, parts, found, space)
     causes = tuple(_with_rivals(problem, space, parts, k, found, float(found.se[k] * wider), dof, ps[k])
                    for k in range(len(parts)))
     best_dof = found.dof
@@ -278,6 +279,40 @@ def _beside_forms(problem: Problem, parts: tuple[Sized, ...], best: Subset,
         ratio = (best.rss - found.rss) / spent / found.variance
         if fisher.sf(max(0.0, ratio), spent, found.dof) < UNEVEN_P:
             sizes[k], errors[k] = float(found.sizes[0]), float(found.se[0])
+    return (tuple(Sized(part.choice, size) for part, size in zip(parts, sizes, strict=True)),
+            best._replace(sizes=np.array(sizes), se=errors))
+
+
+def _in_its_own_form(problem: Problem, parts: tuple[Sized, ...], best: Subset,
+                     space: Space) -> tuple[tuple[Sized, ...], Subset]:
+    """Sizes read where the catalogue defines them, off the effect in whatever shape the rows ask for.
+
+    Only where the other shapes fit better, and only for effects whose piece says what a shape is worth there.
+    """
+    sizes, errors = [part.size for part in parts], best.se.copy()
+    for k, part in enumerate(parts):
+        worth = next((piece.at_definition[part.choice.id] for piece in problem.pieces
+                      if part.choice.id in piece.at_definition), None)
+        if worth is None:
+            continue
+        shapes = forms_of(problem, [part.choice])
+        fixed = orthonormal(np.column_stack([space.basis, *(space.x[:, [problem.choices.index(o.choice)]]
+                                                            for o in parts if o != part)]))
+        y = without(fixed, space.y)
+        x = without(fixed, np.column_stack([space.x[:, problem.choices.index(part.choice)], shapes]))
+        dof = best.dof - len(worth)
+        scale = np.linalg.norm(x, axis=0)
+        if dof < 1.0 or np.any(scale <= 0.0):
+            continue
+        inverse = np.linalg.pinv((x / scale).T @ (x / scale))
+        fit = inverse @ ((x / scale).T @ y)
+        rest = y - (x / scale) @ fit
+        variance = max((float(rest @ rest) + space.extra_rss) / dof, space.least_variance)
+        if fisher.sf(max(0.0, best.rss - float(rest @ rest) - space.extra_rss) / len(worth) / variance,
+                     len(worth), dof) >= UNEVEN_P:
+            continue
+        at = np.concatenate([[1.0], worth]) / scale
+        sizes[k], errors[k] = float(at @ fit), float(np.sqrt(at @ inverse @ at * variance))
     return (tuple(Sized(part.choice, size) for part, size in zip(parts, sizes, strict=True)),
             best._replace(sizes=np.array(sizes), se=errors))
 

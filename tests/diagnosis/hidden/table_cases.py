@@ -10,6 +10,7 @@ from .nominal import IDS, OUTSIDE_TABLES, Effect
 from .truth import Floats, Made, Relations, share_of, told
 
 OUTSIDE_LEFT = 0.5                # share of an outside trace's length that the whole catalogue must leave
+SIDED = ("lag.offset", "shaft.dead_time")
 MEMBERED = ("canopy.head_fouled", "flow.outlet_uneven")
 
 
@@ -53,7 +54,10 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     causes = []
     for e, z in found:
         span = {"shaft_high_rpm": max(layout.values, default=0.0), "opening_high_mm": 60.0}
-        causes.append(told(e, z, _relations(table, e, z), span))
+        cause = told(e, z, _relations(table, e, z), span)
+        if kind == "weigh" or (len(planted) == 2 and e.id in SIDED and any(p.id == "lag.asymmetry" for p in planted)):
+            cause["size_defined"] = False        # depends on an opening, or on which side is called nominal
+        causes.append(cause)
     if category == "lookalike" and not causes[0]["equal"] and not causes[0]["near"]:
         return None
     columns = table.observed(planted, noise, rng)
