@@ -5,13 +5,48 @@ The same frame is made from a log by replay, so that the screens know one thing 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, NamedTuple
 
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
 from control.safety import Allowances, BenchRun
+
+
+class DeviceDo(StrEnum):
+    """What may be ordered of one device (`Link.device`)."""
+
+    CONNECT = "connect"
+    DISCONNECT = "disconnect"        # refused while the state is working or calibrating
+    TEST = "test"                    # listens what speaks there; nothing is sent
+    CAPTURE = "capture"              # what comes and goes into a file beside the log
+    END_CAPTURE = "end_capture"
+
+
+class DeviceTest(NamedTuple):
+    """What listening to a device has found so far."""
+
+    running: bool
+    protocol: str = ""        # empty: nothing known speaks there
+    baud: int | None = None   # of a serial line, where it was found at another rate than configured
+    accepted: int = 0
+    rejected: int = 0
+    said: str = ""            # the last line heard, or why the port cannot be used
+
+
+class LagTestView(NamedTuple):
+    """The lag test under way (`Link.lag_test`): it goes on while the state is calibrating."""
+
+    phase: str                # settling, arming, running, done
+    shaft_rpm: float          # of the run under way
+    replicate: int
+    progress: float           # 0 to 1
+    runs: tuple[tuple[float, float, float], ...]    # shaft speed r/min, response s, drop s: as far as measured
+    left_out: int             # runs given up
+    said: str = ""            # the newest failure, in English
+    table_path: str = ""      # the lag bench table, complete as far as `runs`
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +62,14 @@ class DeviceView:
     accepted: int
     rejected: int
     last_raw: str = ""
+    connects: int = 0         # times the line was opened
+    bytes_in: int = 0
+    bytes_out: int = 0
+    last_error: str = ""
+    rejected_kinds: tuple[tuple[str, int], ...] = ()
+    plugged: bool = True      # False: disconnected by order
+    capture_path: str = ""    # the file that is being written; empty: no capture
+    test: DeviceTest | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +100,24 @@ class Frame:
     allow: Allowances = field(default_factory=Allowances)     # what the operator told safety to put up with
     totals: Totals | None = None                  # of the job so far, anew once a second
     head_ndvi: tuple[float | None, ...] = ()      # every head, left to right; None: silent
+    lag_test: LagTestView | None = None
     bench: BenchRun | None = None                 # while calibrating: set-points as sent, seconds gone and left
 
 
-_NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun}
+_NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun,
+                          "lag_test": LagTestView}
 
 
 def to_json(frame: Frame) -> bytes:
-    tuples = {name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None}
-    return json.dumps(asdict(frame) | tuples | {"alarms": [a._asdict() for a in frame.alarms]},
+    tuples: dict[str, Any] = {name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None}
+    tuples["alarms"] = [alarm._asdict() for alarm in frame.alarms]
+    tuples["devices"] = [_plain(one) | {"test": one.test and one.test._asdict()} for one in frame.devices]
+    return json.dumps(_plain(frame) | tuples,
                       separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+def _plain(one: Frame | DeviceView) -> dict[str, Any]:
+    return {name: getattr(one, name) for name in one.__dataclass_fields__}
 
 
 def from_json(message: dict[str, Any]) -> Frame:
@@ -78,9 +129,19 @@ def from_json(message: dict[str, Any]) -> Frame:
     known["alarms"] = tuple(
         Alarm(**(a | {"severity": Severity(a["severity"]), "details": tuple((k, v) for k, v in a["details"])}))
         for a in message.get("alarms", ()))
-    known["devices"] = tuple(DeviceView(**d) for d in message.get("devices", ()))
+    known["devices"] = tuple(map(_device, message.get("devices", ())))
+    if known.get("lag_test") is not None:
+        known["lag_test"] = known["lag_test"]._replace(runs=tuple(map(tuple, known["lag_test"].runs)))
     for name in ("dropped_heads", "notes", "why_no_flow", "head_ndvi"):
         known[name] = tuple(message.get(name, ()))
     if known.get("place_m") is not None:
         known["place_m"] = tuple(known["place_m"])
     return Frame(**known)
+
+
+def _device(said: dict[str, Any]) -> DeviceView:
+    known = {k: v for k, v in said.items() if k in DeviceView.__dataclass_fields__}
+    known["rejected_kinds"] = tuple((kind, count) for kind, count in known.get("rejected_kinds", ()))
+    if known.get("test") is not None:
+        known["test"] = DeviceTest(**{k: v for k, v in known["test"].items() if k in DeviceTest._fields})
+    return DeviceView(**known)

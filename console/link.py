@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
-from console.frame import Frame, from_json
+from console.frame import DeviceDo, Frame, from_json
 from control.orders import Answer, Order
 
 HOST = "127.0.0.1"
@@ -162,11 +162,18 @@ class Link:
         `no_answer` says that none came in time: the order may yet be followed, the state on the next frames tells.
         Raises WorkerGone where there is no worker (any more).
         """
-        try:
-            said = await self._ask({"do": order.do.value, "value": order.value}, timeout_s)
-        except TimeoutError:
-            return Answer(False, "no_answer")
-        return Answer(bool(said["accepted"]), str(said["why"]))
+        return await self._asked({"do": order.do.value, "value": order.value}, timeout_s)
+
+    async def device(self, name: str, do: DeviceDo, timeout_s: float = ANSWER_S) -> Answer:
+        """Order something of one device, by the name that the frame gives it; what came of it is in its DeviceView.
+
+        Answers and errors as `order`.
+        """
+        return await self._asked({"device": name, "act": do.value}, timeout_s)
+
+    async def lag_test(self, begin: bool, timeout_s: float = ANSWER_S) -> Answer:
+        """Begin the lag test, or end it: it measures while the state is calibrating. Answers and errors as `order`."""
+        return await self._asked({"ask": "lag_test" if begin else "end_lag_test"}, timeout_s)
 
     async def stats(self, timeout_s: float = ANSWER_S) -> dict[str, float]:
         """How punctual the worker's loop is (`console.worker.period`), what its link refused. Raises TimeoutError."""
@@ -184,6 +191,13 @@ class Link:
                 if not said["accepted"]:
                     raise PermissionError(str(said["why"]))
             await self._gone.wait()
+
+    async def _asked(self, message: dict[str, Any], timeout_s: float) -> Answer:
+        try:
+            said = await self._ask(message, timeout_s)
+        except TimeoutError:
+            return Answer(False, "no_answer")
+        return Answer(bool(said["accepted"]), str(said["why"]))
 
     async def _ask(self, message: dict[str, Any], timeout_s: float) -> dict[str, Any]:
         number = next(self._numbers)

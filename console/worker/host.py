@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from math import ceil, inf
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from console.frame import DeviceView, Frame
+from console.worker.desk import DeviceDesk
+from console.worker.lag_bench import LagBench
 from console.worker.limits import (
     CATCH_UP_PERIODS,
+    DEVICES_S,
     FRAME_HZ,
     HZ_DEFAULT,
     ORPHAN_S,
@@ -20,17 +24,19 @@ from console.worker.limits import (
     REQUESTS_WAITING,
     TOTALS_S,
 )
-from console.worker.parts import Assembly, DeviceStatus, Tick
+from console.worker.parts import Assembly, Tick
 from console.worker.period import Punctuality
-from console.worker.requests import Ask
+from console.worker.requests import Ask, DeviceOrder, What
+from console.worker.side_files import SideFiles
 from control.field.totals import Totals
 from control.orders import Answer, Do, Order
+from drivers.cab_line import DeviceStatus
 
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 
 
 class Waiting(NamedTuple):
-    what: Order | Ask
+    what: What
     reply: Reply
 
 
@@ -52,6 +58,13 @@ class Host:
         self._inbox: deque[Waiting] = deque()
         self._heard_s = clock()
         self._ticks = 0
+        self._state: str | None = None               # of the newest tick
+        self._files = SideFiles()
+        self._desk = DeviceDesk(self._bench, self._names.log_path, self._files)
+        self.lag = LagBench(self._bench, self._loop, self._files)
+        self._lag_tests = 0
+        self._devices: tuple[DeviceView, ...] = ()
+        self._devices_due_s = -inf
         self._totals: Totals | None = None
         self._totals_due_s = -inf
         self._stop = ""                              # why the run shall end
@@ -59,7 +72,7 @@ class Host:
 
     # --- called from other threads -----------------------------------------------------------------------------------
 
-    def ask(self, what: Order | Ask, reply: Reply) -> bool:
+    def ask(self, what: What, reply: Reply) -> bool:
         """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread."""
         if len(self._inbox) >= REQUESTS_WAITING:
             return False
@@ -97,13 +110,16 @@ class Host:
     def tick(self, now_s: float) -> None:
         """Orders, measurements, decision, drives, log, frame: in this order."""
         for _ in range(min(len(self._inbox), REQUESTS_A_TICK)):
-            self._answer(self._inbox.popleft())
+            self._answer(self._inbox.popleft(), now_s)
         if self._stop:
             self._loop.order(Order(Do.STOP))
             self._off = True
         measurements = self._bench.measure(now_s)
+        self._desk.tick(now_s, self._state)
+        self.lag.tick(now_s, self._state)
         tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
         self._bench.command(now_s, tick.command, tick.enabled)
+        self._state = tick.row.state
         self._writer.append(tick.row)
         if self._ticks % self._ticks_a_frame == 0 or self._off:
             self.newest = self._frame(now_s, tick)
@@ -120,6 +136,7 @@ class Host:
             try:
                 self._writer.close()
             finally:
+                self._files.close()
                 self._bench.close()
 
     # --- inside ------------------------------------------------------------------------------------------------------
@@ -133,17 +150,28 @@ class Host:
         self.period.skipped += missed
         return due_s + missed * period_s
 
-    def _answer(self, waiting: Waiting) -> None:
+    def _answer(self, waiting: Waiting, now_s: float) -> None:
         extra: dict[str, Any] = {}
         if isinstance(waiting.what, Order):
             answer = self._order(waiting.what)
+        elif isinstance(waiting.what, DeviceOrder):
+            answer = self._desk.order(waiting.what, now_s, self._state)
         else:
             answer = Answer(True)
-            if waiting.what is Ask.STATS:
+            if waiting.what is Ask.LAG_TEST:
+                answer = self._begin_lag_test()
+            elif waiting.what is Ask.END_LAG_TEST:
+                self.lag.end()
+            elif waiting.what is Ask.STATS:
                 extra["stats"] = self.period.summary()
             elif waiting.what is Ask.QUIT:
                 self.stop("told to quit")
         waiting.reply(answer, extra)
+
+    def _begin_lag_test(self) -> Answer:
+        log = self._names.log_path
+        self._lag_tests += 1
+        return self.lag.begin(Path(log).with_suffix(f".lag.{self._lag_tests}.csv") if log else None)
 
     def _order(self, order: Order) -> Answer:
         try:
@@ -153,6 +181,9 @@ class Host:
 
     def _frame(self, now_s: float, tick: Tick) -> Frame:
         names = self._names
+        if now_s >= self._devices_due_s:
+            self._devices_due_s = now_s + DEVICES_S
+            self._devices = tuple(map(self._view, self._bench.status(now_s)))
         if now_s >= self._totals_due_s:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
         return Frame(
@@ -161,11 +192,12 @@ class Host:
             gnss_age_s=tick.gnss_age_s, gnss_hz=tick.gnss_hz, usable_speed_mps=tick.usable_speed_mps,
             look_ahead=tick.look_ahead, flow_trim_on=tick.flow_trim_on, job=names.job, machine=names.machine,
             crop=names.crop, log_path=names.log_path, simulated=names.simulated, place_m=tick.place_m,
-            devices=tuple(map(_view, self._bench.status(now_s))), notes=tick.notes,
+            devices=self._devices, notes=tick.notes,
             why_no_flow=tick.why_no_flow, why_state=tick.why_state, allow=tick.allow, totals=self._totals,
-            head_ndvi=tick.head_ndvi, bench=tick.bench)
+            head_ndvi=tick.head_ndvi, bench=tick.bench, lag_test=self.lag.view())
 
-
-def _view(status: DeviceStatus) -> DeviceView:
-    return DeviceView(status.name, status.port, status.protocol, status.connected, status.age_s, status.rate_hz,
-                      status.accepted, status.rejected, status.last_raw)
+    def _view(self, status: DeviceStatus) -> DeviceView:
+        known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}
+        line = self._bench.line(status.name)
+        return DeviceView(**known, plugged=line is None or line.plugged,
+                          capture_path=self._desk.capture_path(status.name), test=self._desk.test(status.name))

@@ -1,7 +1,8 @@
 """What a client may send: one JSON object a line. Pure: bytes in, request or refusal out.
 
     {"id": 7, "token": "...", "do": "hold", "value": null}      an order (`control.orders`)
-    {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit"}
+    {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit" | "lag_test" | "end_lag_test"}
+    {"id": 9, "token": "...", "device": "gnss", "act": "connect" | ...}    one device (`console.frame.DeviceDo`)
 
 Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for.
 """
@@ -13,6 +14,7 @@ import secrets
 from enum import StrEnum
 from typing import NamedTuple, NoReturn
 
+from console.frame import DeviceDo
 from console.worker.limits import TEXT_CHARACTERS
 from control.orders import Do, Order
 
@@ -21,11 +23,23 @@ class Ask(StrEnum):
     ALIVE = "alive"      # keeps the machine working; answered by the loop, so it also says that the loop runs
     STATS = "stats"      # how punctual the loop is, what the link refused
     QUIT = "quit"        # off, close the log, exit
+    LAG_TEST = "lag_test"            # begin the lag test: it measures while the state is calibrating
+    END_LAG_TEST = "end_lag_test"
+
+
+class DeviceOrder(NamedTuple):
+    """Something that concerns one device, by the name that the frame gives it."""
+
+    device: str
+    do: DeviceDo
+
+
+What = Order | Ask | DeviceOrder
 
 
 class Request(NamedTuple):
     id: int
-    what: Order | Ask
+    what: What
 
 
 class Refusal(NamedTuple):
@@ -55,6 +69,12 @@ def parse(line: bytes, token: str) -> Request | Refusal:
             return Request(number, Ask(message["ask"]))
         except ValueError:
             return Refusal(number, "malformed", "malformed: ask")
+    if "device" in message:
+        device = message["device"]
+        try:
+            return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], DeviceDo(str(message.get("act")))))
+        except (TypeError, ValueError):
+            return Refusal(number, "malformed", "malformed: device")
     try:
         do = Do(str(message.get("do")))
     except ValueError:

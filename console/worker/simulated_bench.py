@@ -4,7 +4,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from control.readings import DriveCommand, Measurements
-from drivers.cab import Cab, DeviceStatus
+from drivers.cab import Cab
+from drivers.cab_line import DeviceLine, DeviceStatus
+from drivers.devices.lag_rig import RigReadings
 from drivers.virtual.machine import VirtualMachine
 
 
@@ -24,6 +26,16 @@ class SimulatedBench:
 
     def status(self, now_s: float) -> Sequence[DeviceStatus]:
         return self._cab.status(now_s)
+
+    def line(self, name: str) -> DeviceLine | None:
+        return self._cab.line(name)
+
+    @property
+    def rig(self) -> RigReadings | None:
+        return self._cab.rig
+
+    def order_rig(self, run: int, arm: bool) -> None:
+        self._cab.order_rig(run, arm)
 
     def close(self) -> None:
         self._cab.close()

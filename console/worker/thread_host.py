@@ -12,9 +12,9 @@ import time
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from console.frame import Frame
+from console.frame import DeviceDo, Frame
 from console.worker.host import Host
-from console.worker.requests import Ask
+from console.worker.requests import Ask, DeviceOrder, What
 from control.orders import Answer, Order
 
 KEEP_ALIVE_S = 0.5
@@ -53,11 +53,13 @@ class ThreadHost:
         raise self._gone(f"the control loop ended: {self._error or self._host.ended}") from self._error
 
     async def order(self, order: Order, timeout_s: float = 0.5) -> Answer:
-        try:
-            answer, _ = await self._ask(order, timeout_s)
-        except TimeoutError:
-            return Answer(False, "no_answer")
-        return answer
+        return await self._asked(order, timeout_s)
+
+    async def device(self, name: str, do: DeviceDo, timeout_s: float = 0.5) -> Answer:
+        return await self._asked(DeviceOrder(name, do), timeout_s)
+
+    async def lag_test(self, begin: bool, timeout_s: float = 0.5) -> Answer:
+        return await self._asked(Ask.LAG_TEST if begin else Ask.END_LAG_TEST, timeout_s)
 
     async def stats(self, timeout_s: float = 0.5) -> dict[str, float]:
         _, extra = await self._ask(Ask.STATS, timeout_s)
@@ -69,7 +71,14 @@ class ThreadHost:
             while self._thread.is_alive():
                 await asyncio.sleep(0.01)
 
-    async def _ask(self, what: Order | Ask, timeout_s: float) -> tuple[Answer, dict[str, Any]]:
+    async def _asked(self, what: What, timeout_s: float) -> Answer:
+        try:
+            answer, _ = await self._ask(what, timeout_s)
+        except TimeoutError:
+            return Answer(False, "no_answer")
+        return answer
+
+    async def _ask(self, what: What, timeout_s: float) -> tuple[Answer, dict[str, Any]]:
         if not self._thread.is_alive():
             raise self._gone("the control loop does not run")
         here = asyncio.get_running_loop()

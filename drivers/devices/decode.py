@@ -9,6 +9,7 @@ from control.readings import GnssFix
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
 from drivers.devices.canopy_heads import FieldMap, HeadDecoder, HeadSample
+from drivers.devices.capture import is_capture, received
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lines import Counts
@@ -28,7 +29,7 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     Parameters
     ----------
     protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it is the multiplexed line.
-    data : the capture, whole.
+    data : the capture, whole: the bare bytes of the line, or what the console wrote (`drivers.devices.capture`).
 
     Returns
     -------
@@ -37,11 +38,11 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
 
     Raises
     ------
-    ValueError : an unknown protocol; the message lists the known ones.
+    ValueError : an unknown protocol; the message lists the known ones. A capture of the console's with a wrong line.
     """
     if protocol not in PROTOCOLS:
         raise ValueError(f"protocol {protocol!r}: allowed is one of {', '.join(sorted(PROTOCOLS))}")
-    return PROTOCOLS[protocol](data)
+    return PROTOCOLS[protocol](received(data) if is_capture(data) else data)
 
 
 def _through(decoder: Any, to_record: Callable[[Any], Record], data: bytes) -> tuple[list[Record], Counts]:

@@ -6,8 +6,6 @@ Pure: readings and times in, set-points and orders out. It never starts a shaft 
 """
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
@@ -73,6 +71,11 @@ class LagTest:
     @property
     def done(self) -> bool:
         return self._phase == "done"
+
+    @property
+    def now(self) -> tuple[float, int]:
+        """Shaft speed and replicate of the run that is measured now or next; zeros when done."""
+        return self._todo[0] if self._todo else (0.0, 0)
 
     @property
     def progress(self) -> float:
@@ -159,14 +162,15 @@ class LagTest:
                     self._phase, said)
 
 
-Column = Literal["lag_s", "drop_s", "response_s"]
+COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
 
 
-def bench_table(runs: Iterable[LagRun], column: Column = "lag_s") -> str:
-    """The runs as a lag bench table (CSV): shaft_rpm, replicate and one of the three times; times to a millisecond."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("shaft_rpm", "replicate", column))
-    for run in sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate)):
-        writer.writerow((f"{run.shaft_rpm:g}", run.replicate, f"{getattr(run, column):.3f}"))
-    return text.getvalue()
+def bench_row(run: LagRun) -> str:
+    """One run as a row of the table; times to a millisecond."""
+    return f"{run.shaft_rpm:g},{run.replicate},{run.response_s:.3f},{run.drop_s:.3f}\n"
+
+
+def bench_table(runs: Iterable[LagRun]) -> str:
+    """The runs as a lag bench table (CSV) with both measured times, by shaft speed; their sum is the lag."""
+    ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
+    return ",".join(COLUMNS) + "\n" + "".join(map(bench_row, ordered))

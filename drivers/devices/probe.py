@@ -4,17 +4,20 @@ Listens only: nothing is sent, so that no drive can be set in motion by being lo
 """
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
+from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
+from drivers.devices.lag_rig import LagRig
 from drivers.devices.lines import Counts
 from drivers.devices.rate_module_frames import BadDatagram, Board, Label, Status, decode_heard
 from drivers.devices.slave_board import SlaveBoard
-from drivers.ports import Clock, Port
+from drivers.ports import Clock, Port, printable
 
 BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)      # the most usual first
 LISTEN_S = 1.2                                          # a receiver or head at 1 Hz is heard once
@@ -39,7 +42,8 @@ class Decoder(Protocol):
 
 def decoders() -> dict[str, Decoder]:
     """A fresh driver of every protocol on a line, the strictest first."""
-    return {"slave-board/1": SlaveBoard(), "nmea0183": GnssDecoder(), "gpsd": GpsdDecoder(),
+    return {"slave-board/1": SlaveBoard(), "lag-rig/1": LagRig(), "agopengps": AgOpenGpsDecoder(),
+            "nmea0183": GnssDecoder(), "gpsd": GpsdDecoder(),
             **{f"{name} (multiplexed)": HeadDecoder(layout, head=None) for name, layout in PROTOCOLS.items()},
             **{name: HeadDecoder(layout) for name, layout in PROTOCOLS.items()}}
 
@@ -90,6 +94,20 @@ def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = t
         if not state.connects:
             break                                       # it cannot be opened: not at another rate either
     return Finding(said=said)
+
+
+def recognise_either(heard: Sequence[bytes]) -> Finding:
+    """What pieces of a line are, or datagrams: the last line is said with it."""
+    found = recognise(b"".join(heard))
+    if found.protocol:
+        lines = re.split(rb"[\r\n]+", b"".join(heard))
+        whole = [line for line in lines[:-1] if line]
+        return found._replace(said=printable(whole[-1]) if whole else "")
+    modules = recognise_modules(heard)
+    if modules:
+        number, label = next(iter(modules.items()))
+        return Finding("rate-module/udp", None, len(heard), 0, f"{number} {label}".strip())
+    return found
 
 
 def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:

@@ -18,21 +18,10 @@ from control.log_row import LogRow
 from control.orders import Alarm, Answer, Do, Order, Severity
 from control.readings import DriveCommand, Measurements, Reading
 from control.safety import Allowances, BenchRun
+from drivers.cab_line import DeviceLine, DeviceStatus
+from drivers.devices.lag_rig import RigReadings
 
 HELD_AFTER_S = 2.0
-
-
-@dataclass(frozen=True)
-class FakeStatus:
-    name: str = "board"
-    port: str = "memory"
-    protocol: str = "fake"
-    connected: bool = True
-    age_s: float | None = 0.01
-    rate_hz: float = 20.0
-    accepted: int = 7
-    rejected: int = 1
-    last_raw: str = "$"
 
 
 @dataclass(frozen=True)
@@ -63,6 +52,9 @@ class FakeBench:
     def __init__(self) -> None:
         self.commands: list[tuple[float, DriveCommand | None, bool]] = []
         self.closed = False
+        self.lines: dict[str, DeviceLine] = {}
+        self.rig: RigReadings | None = None
+        self.rig_orders: list[tuple[int, bool]] = []
 
     def measure(self, now_s: float) -> Measurements:
         return Measurements(now_s, shaft_rpm=Reading(50.0, now_s))
@@ -71,8 +63,14 @@ class FakeBench:
         self.commands.append((now_s, command, enabled))
         del self.commands[:-1000]
 
-    def status(self, now_s: float) -> tuple[FakeStatus, ...]:
-        return (FakeStatus(),)
+    def line(self, name: str) -> DeviceLine | None:
+        return self.lines.get(name)
+
+    def order_rig(self, run: int, arm: bool) -> None:
+        self.rig_orders.append((run, arm))
+
+    def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
+        return (DeviceStatus("board", "memory", "fake", True, 0.01, 20.0, 7, 1, "$"),)
 
     def close(self) -> None:
         self.closed = True

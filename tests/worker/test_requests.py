@@ -6,8 +6,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from console.frame import DeviceDo
 from console.worker.limits import TEXT_CHARACTERS
-from console.worker.requests import Ask, Refusal, Request, parse
+from console.worker.requests import Ask, DeviceOrder, Refusal, Request, parse
 from control.orders import Do, Order
 
 TOKEN = "0123456789abcdef"
@@ -35,7 +36,15 @@ def test_asks(ask):
     assert parse(line(ask=ask.value), TOKEN) == Request(7, ask)
 
 
+@pytest.mark.parametrize("do", list(DeviceDo))
+def test_what_is_ordered_of_a_device(do):
+    assert parse(line(device="head_3", act=do.value), TOKEN) == Request(7, DeviceOrder("head_3", do))
+
+
 @pytest.mark.parametrize(("sent", "id_", "why"), [
+    (line(device="gnss", act="explode"), 7, "device"),
+    (line(device="gnss"), 7, "device"),
+    (line(device=5, act="test"), 7, "device"),
     (b"hello", None, "not JSON"),
     (b"[" * 100_000, None, "not JSON"),
     (b"\xff\xfe\x00", None, "not JSON"),

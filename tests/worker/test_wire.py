@@ -5,7 +5,7 @@ import json
 import pytest
 
 from console import link
-from console.frame import DeviceView, Frame, from_json
+from console.frame import DeviceTest, DeviceView, Frame, LagTestView, from_json
 from console.worker import wire
 from control.field.totals import Totals
 from control.log_row import LogRow
@@ -17,7 +17,11 @@ def test_a_frame_comes_back_as_it_was():
     frame = Frame(3, 1.5, LogRow(1.5, state="working", ndvi_3=0.61), alarms=(
         Alarm("rate_off", Severity.AMBER, 1.0, details=(("percent", 12.0), ("word", "x"))),), dropped_heads=(2,),
         place_m=(1.0, 2.0), notes=("n",),
-        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA"),),
+        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA", 2, 5000, 30, "late",
+                            (("bad_checksum", 1),), False, "run.gnss.1.capture",
+                            DeviceTest(False, "nmea0183", 9600, 12, 1, "$GPGGA")),),
+        lag_test=LagTestView("running", 40.0, 3, 0.25, ((10.0, 0.38, 1.7), (20.0, 0.38, 1.6)), 1, "late",
+                             "x.lag.1.csv"),
         why_no_flow=("low_speed", "reversing"), why_state="standstill", allow=Allowances(outside=True),
         totals=Totals(1.0, 300.0, 138.0, 310.0, 600.0, 300.0, 4.0, 96.0, None), head_ndvi=(0.5, None, 0.6),
         bench=BenchRun(50.0, 25.0, 3.2, 116.8))

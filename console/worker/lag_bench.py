@@ -1,0 +1,76 @@
+"""The lag test as the worker runs it: the procedure's wishes become orders to the loop and to the rig, tick by tick.
+
+It starts no shaft by itself: it only says what a calibrating run is to do, and every rule of such a run holds.
+"""
+from __future__ import annotations
+
+from pathlib import Path
+
+from console.frame import LagTestView
+from console.worker.parts import Bench, Loop
+from console.worker.side_files import SideFiles
+from control.orders import Answer, Do, Order, State
+from drivers.devices.lag_test import LagTest, Plan, bench_row, bench_table
+
+
+class LagBench:
+    """At most one lag test at a time. `tick` is called between measuring and deciding."""
+
+    def __init__(self, bench: Bench, loop: Loop, files: SideFiles) -> None:
+        self._bench, self._loop, self._files = bench, loop, files
+        self._test: LagTest | None = None
+        self._table: Path | None = None
+        self._written = 0
+        self._said = ""
+        self._phase = ""
+        self._sent_rpm: float | None = None         # as accepted; None: this calibrating run was told nothing yet
+
+    @property
+    def test(self) -> LagTest | None:
+        return self._test
+
+    def begin(self, table: Path | None, plan: Plan | None = None) -> Answer:
+        """Begin a test from its first run. `table`: where each run is written when it is measured."""
+        if self._bench.rig is None:
+            return Answer(False, "no_lag_rig")
+        self._test, self._table, self._written, self._said = LagTest(plan), table, 0, ""
+        if table is not None:
+            self._files.append(table, bench_table(()).encode())
+        return Answer(True)
+
+    def end(self) -> None:
+        """Stop the shaft and forget the test; what was measured stays in its file."""
+        if self._test is not None and self._sent_rpm:
+            self._loop.order(Order(Do.CALIBRATE_SHAFT, 0.0))
+        self._test = None
+
+    def tick(self, now_s: float, state: str | None) -> None:
+        """`state`: of the newest tick, so one tick old: an order that comes too late is refused by the loop."""
+        if self._test is None:
+            return
+        allowed = state == State.CALIBRATING
+        if not allowed:
+            self._sent_rpm = None
+        wish = self._test.tick(now_s, self._bench.rig, allowed)
+        self._phase, self._said = wish.phase, wish.said or self._said
+        self._bench.order_rig(wish.run, wish.arm)
+        if allowed and wish.shaft_rpm != self._sent_rpm:
+            answer = self._loop.order(Order(Do.CALIBRATE_SHAFT, wish.shaft_rpm))
+            self._sent_rpm = wish.shaft_rpm if answer.accepted else None
+        self._write()
+
+    def view(self) -> LagTestView | None:
+        test = self._test
+        if test is None:
+            return None
+        shaft_rpm, replicate = test.now
+        return LagTestView(self._phase, shaft_rpm, replicate, test.progress,
+                           tuple((run.shaft_rpm, run.response_s, run.drop_s) for run in test.runs),
+                           len(test.left_out), self._said, str(self._table or ""))
+
+    def _write(self) -> None:
+        assert self._test is not None
+        for run in self._test.runs[self._written:]:
+            if self._table is not None:
+                self._files.append(self._table, bench_row(run).encode())
+        self._written = len(self._test.runs)

@@ -1,0 +1,151 @@
+"""The lag test inside the worker: the real loop, cab, board and rig programs on a standing simulated machine."""
+from __future__ import annotations
+
+import datetime as dt
+import statistics
+
+import pytest
+
+from console.worker.host import Host
+from console.worker.parts import Assembly, Names
+from console.worker.requests import Ask
+from console.worker.side_files import SideFiles
+from control.calibration.lag_fit import fit_lag
+from control.field.job import Simulated
+from control.orders import Answer, Do, Order
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from drivers.cab import Cab, CabConfig
+from drivers.devices.lag_test import Plan
+from drivers.files.bench_table import read_bench_table
+from drivers.files.setup import load_setup
+from drivers.ports import memory_pair
+from drivers.virtual.lag_rig import VirtualLagRig
+from drivers.virtual.machine import VirtualMachine
+
+STEP_S = 0.02
+
+
+class Rig:
+    """A host at 50 Hz on the virtual machine; `held`: somebody holds the button down."""
+
+    def __init__(self, log_path, fake, speed_kmh=0.0):
+        setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+        values = setup.job.simulated.model_dump() | {"speed_changes": ({"at_s": 0.0, "speed_kmh": speed_kmh},)}
+        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
+                                   setup.machine)
+        self.now_s = 0.0
+        self.machine = setup.machine
+        self.plant = simulated_machine(setup.machine, job, 1, STEP_S)
+        pairs = {name: memory_pair(name, lambda: self.now_s) for name in ("gnss", "heads", "board", "rig")}
+        self.virtual = VirtualMachine(
+            self.plant, pairs["gnss"][1], [pairs["heads"][1]], pairs["board"][1], 0.0, multiplexed=True,
+            extras=[VirtualLagRig(pairs["rig"][1], lambda: self.plant.truth)])
+        cab = Cab(CabConfig.model_validate({"gnss": {"port": "gnss"}, "board": {"port": "board"},
+                                            "lag_rig": {"port": "rig"}}),
+                  lambda: self.now_s, lambda url, baud, clock: pairs[url][0])
+        loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+        self.writer = fake.FakeWriter()
+        self.host = Host(Assembly(cab, loop, self.writer, Names(log_path=str(log_path))), lambda: self.now_s,
+                         lambda _: None, hz=50.0)
+        self.held = False
+
+    def ask(self, what):
+        said = []
+        self.host.ask(what, lambda answer, extra: said.append(answer))
+        self.run(STEP_S)
+        return said[0]
+
+    def order(self, do, value=None):
+        return self.ask(Order(do, value))
+
+    def run(self, seconds):
+        for _ in range(round(seconds / STEP_S)):
+            self.now_s += STEP_S
+            if self.held and round(self.now_s / STEP_S) % 10 == 0:
+                self.host.ask(Order(Do.CALIBRATE), lambda *_: None)
+            self.virtual.advance(self.now_s)
+            self.host.tick(self.now_s)
+            self.host.console_heard()
+        return self.host.newest
+
+
+@pytest.fixture
+def bench(tmp_path, fake):
+    made = Rig(tmp_path / "run.csv", fake)
+    made.run(3.0)
+    assert made.order(Do.READY).accepted
+    yield made
+    made.host.close("end of test")
+
+
+def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
+    assert bench.ask(Ask.LAG_TEST).accepted
+    bench.host.lag.begin(tmp_path / "run.lag.1.csv", Plan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5))
+    view = bench.run(5.0).lag_test
+    assert (view.phase, view.runs) == ("settling", ()) and not any(row.shaft_rpm_cmd for row in bench.writer.rows)
+    bench.held = True
+    view = bench.run(60.0).lag_test
+    assert (view.phase, view.progress, view.left_out, len(view.runs)) == ("done", 1.0, 0, 6)
+    assert {row.shaft_rpm_cmd for row in bench.writer.rows} == {0.0, 10.0, 40.0, 70.0}
+    responses = [response_s for _, response_s, _ in view.runs]
+    assert statistics.mean(responses) == pytest.approx(bench.machine.shaft.dead_time_s, abs=0.06)
+    bench.host.close("end")
+    table = read_bench_table(tmp_path / "run.lag.1.csv", None)
+    assert (table.kind, table.rows, view.table_path) == ("lag", 6, str(tmp_path / "run.lag.1.csv"))
+    assert [tuple(row) for row in zip(*(table.columns[name] for name in ("shaft_rpm", "response_s", "drop_s")),
+                                      strict=True)] == pytest.approx(
+        [tuple(round(value, 3) for value in run) for run in view.runs])
+    _, line = fit_lag(table, bench.machine)
+    assert line.measured == "drop_s" and line.rows_used == 6
+
+
+def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(bench, tmp_path):
+    bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
+    bench.held = True
+    bench.run(2.5)
+    assert bench.plant.truth.shaft_rpm > 30.0
+    bench.held = False
+    frame = bench.run(0.6)
+    assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.lag_test.runs) == ("ready", 0.0, ())
+    bench.run(3.0)
+    bench.held = True
+    assert len(bench.run(12.0).lag_test.runs) == 1
+
+
+def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_path):
+    bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=125.0))
+    bench.held = True
+    frame = bench.run(121.0)
+    assert (frame.row.state, frame.why_state, frame.lag_test.runs) == ("ready", "calibration_time", ())
+
+
+def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench, tmp_path):
+    bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=1.0))
+    bench.held = True
+    bench.run(2.5)
+    assert bench.plant.truth.shaft_rpm > 30.0
+    assert bench.ask(Ask.END_LAG_TEST).accepted
+    frame = bench.run(1.0)
+    assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.lag_test) == ("calibrating", 0.0, None)
+    assert bench.order(Do.CALIBRATE_SHAFT, 20.0).accepted
+    assert bench.run(0.5).row.shaft_rpm_cmd == 20.0
+
+
+def test_without_a_rig_there_is_no_test(rig):
+    r = rig()
+    said = []
+    r.host.ask(Ask.LAG_TEST, lambda answer, extra: said.append(answer))
+    r.host.tick(0.0)
+    assert said == [Answer(False, "no_lag_rig")]
+    assert r.host.newest.lag_test is None and not r.bench.rig_orders
+
+
+def test_side_files_are_written_in_order_and_can_be_begun_again(tmp_path):
+    files = SideFiles()
+    for number in range(50):
+        files.append(tmp_path / "a", b"%d " % number)
+    files.close()
+    files.append(tmp_path / "a", b"end")
+    files.close()
+    assert (tmp_path / "a").read_bytes() == b"".join(b"%d " % n for n in range(50)) + b"end"
+    assert files.trouble == ""
