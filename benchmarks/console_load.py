@@ -1,0 +1,98 @@
+"""What console and worker take while they work: `python benchmarks/console_load.py [--minutes 15]`
+
+The real program in a pseudo-terminal of 120 x 40, on the simulated machine at work in real time. Run (with its map and
+trend) is looked at all the time; then each other page for a while. Linux only: reads /proc.
+"""
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from console_deaths import Console, at_work
+
+from console.link import Link, Where, WorkerGone
+
+SAMPLE_S = 10.0
+SETTLE_S = 60.0            # not counted in the slope: caches fill, Python's heap finds its size
+PAGE_S = 20.0
+TICKS_A_S = os.sysconf("SC_CLK_TCK")
+PAGES = (("map", "\x1bOR"), ("trends", "\x1bOS"), ("devices", "\x1b[15~"), ("run", "\x1bOQ"))
+
+
+class Taken(NamedTuple):
+    cpu_s: float
+    resident_mb: float
+
+
+def taken(pid: int) -> Taken:
+    """CPU seconds so far and resident memory of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    resident = int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return Taken((int(fields[11]) + int(fields[12])) / TICKS_A_S, resident / 2**20)
+
+
+def share(pid: int, seconds: float) -> float:
+    """Percent of one core over the next seconds."""
+    before, begun_s = taken(pid), time.monotonic()
+    time.sleep(seconds)
+    return 100.0 * (taken(pid).cpu_s - before.cpu_s) / (time.monotonic() - begun_s)
+
+
+async def loop_figures(where: Where) -> dict[str, float]:
+    """What the worker says of its own punctuality."""
+    link = Link(where)
+    run = asyncio.create_task(link.run())
+    try:
+        await asyncio.wait_for(link.attached.wait(), 5.0)
+        return await link.stats()
+    finally:
+        run.cancel()
+        try:
+            await run
+        except (asyncio.CancelledError, WorkerGone):
+            pass
+
+
+def measure(minutes: float) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        console = Console(Path(folder))
+        try:
+            where, watcher = at_work(console)
+            watcher.close()
+            pids = {"console": console.terminal.process.pid, "worker": where.pid}
+            begun_s = time.monotonic()
+            first = {name: taken(pid) for name, pid in pids.items()}
+            samples: list[tuple[float, dict[str, Taken]]] = []
+            while time.monotonic() - begun_s < 60.0 * minutes:
+                time.sleep(SAMPLE_S)
+                samples.append((time.monotonic() - begun_s, {name: taken(pid) for name, pid in pids.items()}))
+                print(f"\r{samples[-1][0] / 60:.1f} of {minutes:g} min ", end="", flush=True)
+            print(f"\rRun page, {minutes:g} min, load {os.getloadavg()[2]:.1f}")
+            for name in pids:
+                last_s, last = samples[-1][0], samples[-1][1][name]
+                settled = [(s, t[name].resident_mb) for s, t in samples if s >= min(SETTLE_S, last_s / 2)]
+                slope = np.polyfit(*np.array(settled).T, 1)[0] * 60.0 if len(settled) > 2 else float("nan")
+                print(f"  {name:8} {100 * (last.cpu_s - first[name].cpu_s) / last_s:5.1f} % of a core, "
+                      f"{settled[0][1]:.1f} MB after {settled[0][0]:.0f} s, {last.resident_mb:.1f} MB at the end, "
+                      f"slope {slope:+.3f} MB/min")
+            found = asyncio.run(loop_figures(where))
+            print("  loop     " + ", ".join(f"{name} {value:.3g}" for name, value in found.items()))
+            for page, keys in PAGES:
+                console.terminal.type(keys)
+                time.sleep(2.0)
+                print(f"{page:8} page: console {share(pids['console'], PAGE_S):5.1f} % of a core", flush=True)
+        finally:
+            console.terminal.end()
+            console.end_worker()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=15.0)
+    measure(parser.parse_args().minutes)
