@@ -19,7 +19,8 @@ class SafetyLimits:
     # speed and movement
     start_speed_mps: float = 0.5            # flow starts at or above
     stop_speed_mps: float = 0.3             # flow stops below; a sensor "moves" at or above
-    both_speeds_to_start: bool = True       # GNSS and wheel must both move; False only where one is not fitted
+    both_speeds_to_start: bool = True       # GNSS and wheel must both move (to calibrate: both stand); False only where
+                                            # one is not fitted
     standstill_speed_mps: float = 0.1       # below: standing, also without news from the wheel
     standstill_hold_s: float = 10.0         # standing this long while working: held
     speed_silent_s: float = 2.0             # both speeds silent this long: held

@@ -67,6 +67,6 @@ class Safety:
 
 
 def _still(seen: Senses, limits: SafetyLimits) -> bool:
-    slow = limits.calibrate_speed_mps
-    wheel, gnss = seen.wheel_speed_mps, seen.gnss_speed_mps
-    return wheel is not None and gnss is not None and wheel < slow and gnss < slow
+    known = [speed for speed in (seen.wheel_speed_mps, seen.gnss_speed_mps) if speed is not None]
+    enough = len(known) == 2 or (bool(known) and not limits.both_speeds_to_start)
+    return enough and all(speed < limits.calibrate_speed_mps for speed in known)

@@ -200,6 +200,15 @@ class TestCalibrating:
         run.ticks += 20
         assert not run.order(Do.CALIBRATE).accepted
 
+    @pytest.mark.parametrize(("both", "silent", "other_mps", "accepted"), [
+        (True, "gnss_age_s", 0.0, False), (False, "gnss_age_s", 0.0, True), (False, "wheel_age_s", 0.0, True),
+        (False, "gnss_age_s", 0.15, False)])
+    def test_one_speed_is_enough_only_where_the_other_is_not_fitted(self, new_run, both, silent, other_mps, accepted):
+        run = new_run(both_speeds_to_start=both)
+        run.order(Do.READY)
+        run.tick(speed_mps=other_mps, **{silent: 5.0})
+        assert run.order(Do.CALIBRATE).accepted is accepted
+
     @pytest.mark.parametrize("moving", [{"wheel_mps": 0.21}, {"gnss_mps": 0.21}])
     def test_moving_is_a_fault(self, calibrating, moving):
         run = calibrating()
