@@ -49,6 +49,18 @@ class LagTestView(NamedTuple):
     table_path: str = ""      # the lag bench table, complete as far as `runs`
 
 
+class Tally(NamedTuple):
+    """What is counted over a job beside its totals, its parts before a power cut included."""
+
+    held_s: float = 0.0
+    moves: int = 0                                  # of the opening's set-point, while working
+    refills: tuple[tuple[str, float], ...] = ()     # worker's UTC, kg
+    log_before: str = ""                            # the part of the job before this one; empty: none
+    began_utc: str = ""
+    finished: bool = False                          # the operator said so
+    trouble: str = ""                               # why the job could not go on after a power cut; one line
+
+
 @dataclass(frozen=True, slots=True)
 class DeviceView:
     """One device as the Devices screen lists it."""
@@ -101,11 +113,12 @@ class Frame:
     totals: Totals | None = None                  # of the job so far, anew once a second
     head_ndvi: tuple[float | None, ...] = ()      # every head, left to right; None: silent
     lag_test: LagTestView | None = None
+    tally: Tally | None = None
     bench: BenchRun | None = None                 # while calibrating: set-points as sent, seconds gone and left
 
 
 _NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun,
-                          "lag_test": LagTestView}
+                          "lag_test": LagTestView, "tally": Tally}
 
 
 def to_json(frame: Frame) -> bytes:
@@ -132,6 +145,9 @@ def from_json(message: dict[str, Any]) -> Frame:
     known["devices"] = tuple(map(_device, message.get("devices", ())))
     if known.get("lag_test") is not None:
         known["lag_test"] = known["lag_test"]._replace(runs=tuple(map(tuple, known["lag_test"].runs)))
+    if known.get("tally") is not None:
+        refills = tuple((utc, kg) for utc, kg in known["tally"].refills)
+        known["tally"] = known["tally"]._replace(refills=refills)
     for name in ("dropped_heads", "notes", "why_no_flow", "head_ndvi"):
         known[name] = tuple(message.get(name, ()))
     if known.get("place_m") is not None:

@@ -8,7 +8,7 @@ from control.agronomy import fusion
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
 from control.field.job import Job
-from control.field.totals import Totaliser, Totals
+from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
 from control.machine.change_lag import ChangeLags, Lag, Settled
@@ -147,6 +147,28 @@ class ControlLoop:
         if order.do is Do.STRATEGY:
             if value not in list(Strategy):
                 return Answer(False, "unknown_strategy")
+    @property
+    def sums(self) -> Sums:
+        """What a later loop needs to go on with the totals. Takes some 50 us: not for every tick."""
+        return self._totals.sums
+
+    @property
+    def flow_trim(self) -> float:
+        return self._flow_trim.value
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """On which places are told; None before the first fix where neither field nor map has one."""
+        return self._sensing.plane
+
+    def go_on(self, sums: Sums, flow_trim: float, fence: Fence | None, plane: TangentPlane | None) -> None:
+        """Before the first tick: go on with a job that was cut off. fence: the field less what is done."""
+        self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
+        self._flow_trim.value = flow_trim
+        if self._sensing.plane is None:
+            self._sensing.plane = plane
+        self._fence = fence
+
             self._setting.switch(Strategy(str(value)), now)
         elif order.do is Do.SOURCE:
             with_map = (TargetSource.MAP,) if self._map is not None else ()

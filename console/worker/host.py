@@ -51,7 +51,7 @@ class Host:
         self.newest: Frame | None = None
         self.ended = ""                              # why the run ended; empty while it runs
         self.period = Punctuality(1.0 / hz)
-        self._bench, self._loop, self._writer, self._names = assembly
+        self._bench, self._loop, self._writer, self._names, self._keeper = assembly
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
         self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
@@ -120,6 +120,8 @@ class Host:
         tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
         self._bench.command(now_s, tick.command, tick.enabled)
         self._state = tick.row.state
+        if self._keeper is not None:
+            self._keeper.take(tick)
         self._writer.append(tick.row)
         if self._ticks % self._ticks_a_frame == 0 or self._off:
             self.newest = self._frame(now_s, tick)
@@ -194,7 +196,8 @@ class Host:
             crop=names.crop, log_path=names.log_path, simulated=names.simulated, place_m=tick.place_m,
             devices=self._devices, notes=tick.notes,
             why_no_flow=tick.why_no_flow, why_state=tick.why_state, allow=tick.allow, totals=self._totals,
-            head_ndvi=tick.head_ndvi, bench=tick.bench, lag_test=self.lag.view())
+            head_ndvi=tick.head_ndvi, bench=tick.bench, lag_test=self.lag.view(),
+            tally=None if self._keeper is None else self._keeper.tally)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}

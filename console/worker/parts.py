@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from console.frame import Tally
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order
@@ -89,6 +90,14 @@ class Writer(Protocol):
     def close(self) -> object: ...
 
 
+class Keeper(Protocol):
+    """Keeps what a job needs to go on after a power cut. `take` only hands over."""
+
+    @property
+    def tally(self) -> Tally: ...
+    def take(self, tick: Tick) -> None: ...
+
+
 class Names(NamedTuple):
     """What the screens call this run."""
 
@@ -106,3 +115,4 @@ class Assembly(NamedTuple):
     loop: Loop
     writer: Writer
     names: Names
+    keeper: Keeper | None = None

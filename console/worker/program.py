@@ -32,6 +32,7 @@ class Options:
     seed: int = 1                      # of the simulated machine
     effects: tuple[str, ...] = ()      # ID=SIZE[@ONSET_S][#MEMBER], planted in the simulated machine
     orphan_s: float = ORPHAN_S
+    resume: Path | None = None         # go on with the job of this snapshot
 
 
 Assemble = Callable[[Options, Clock], Assembly]
@@ -48,10 +49,11 @@ def options_from(arguments: Sequence[str]) -> Options:
     parser.add_argument("--seed", type=int, default=1, help="of the simulated machine")
     parser.add_argument("--effect", action="append", default=[], metavar="ID=SIZE",
                         help="plant an effect in the simulated machine (repeatable)")
+    parser.add_argument("--resume", type=Path, metavar="NAME.resume.json", help="go on with this job, in a new log")
     parser.add_argument("--orphan-s", type=float, default=ORPHAN_S, help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     return Options(config=tuple(given.config), run_file=given.run_file, hz=given.hz, log=given.log, seed=given.seed,
-                   effects=tuple(given.effect), orphan_s=given.orphan_s)
+                   effects=tuple(given.effect), orphan_s=given.orphan_s, resume=given.resume)
 
 
 def main(arguments: Sequence[str], assemble: Assemble) -> int:

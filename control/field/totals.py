@@ -21,22 +21,42 @@ class Totals(NamedTuple):
     error_percent: float | None          # applied over target - 1, on the area whose target was known
 
 
+class Sums(NamedTuple):
+    """All that a totaliser has added up: what a later one needs to go on where it stopped."""
+
+    worked_s: float = 0.0
+    area_ha: float = 0.0
+    kg: float = 0.0
+    kg2_ha: float = 0.0
+    known_kg: float = 0.0
+    target_kg: float = 0.0
+    bins: tuple[tuple[int, float, float], ...] = ()     # rate bin, ha, kg
+
+
+NOTHING = Sums()
+
+
 class Totaliser:
-    """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1.
+    """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1. before: to go on from.
 
     Raises ValueError for a width that is not above 0 or a fraction outside 0 to 1.
     """
 
-    def __init__(self, width_m: float, product_n_fraction: float) -> None:
+    def __init__(self, width_m: float, product_n_fraction: float, before: Sums = NOTHING) -> None:
         if not width_m > 0.0:
             raise ValueError(f"width {width_m:g} m: allowed is above 0")
         if not 0.0 <= product_n_fraction <= 1.0:
             raise ValueError(f"product_n_fraction {product_n_fraction:g}: allowed is 0 to 1")
         self._width_m = width_m
         self._n_fraction = product_n_fraction
-        self._area_ha = self._kg = self._kg2_ha = self._worked_s = 0.0
-        self._known_kg = self._target_kg = 0.0
-        self._bins: dict[int, tuple[float, float]] = {}      # rate bin -> (ha, kg)
+        self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg, bins = before
+        self._bins = {key: (ha, kg) for key, ha, kg in bins}      # rate bin -> (ha, kg)
+
+    @property
+    def sums(self) -> Sums:
+        """What was added up so far, to go on from later."""
+        return Sums(self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg,
+                    tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()))
 
     def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
             target_rate_kg_ha: float | None = None) -> None:

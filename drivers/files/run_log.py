@@ -96,7 +96,12 @@ class RunLogWriter:
     def __init__(self, path: Path, meta: RunMeta, *, overwrite: bool = False,
                  clock: Callable[[], float] = time.monotonic, create: Create = create, flush_s: float = FLUSH_S,
                  sync_s: float = SYNC_S, max_waiting_rows: int = MAX_WAITING_ROWS) -> None:
-        """Creates the files here, on the caller's thread: before the loop starts. Never raises OSError."""
+        """Creates the files here, on the caller's thread: before the loop starts. Never raises OSError.
+
+        `beside` may be set later: it is called on the log's thread after each turn of writing, with whether it was
+        the last one, and must not raise.
+        """
+        self.beside: Callable[[bool], None] | None = None
         self._wanted = Path(path)
         self._meta, self._overwrite, self._create = meta, overwrite, create
         self._clock, self._flush_s, self._sync_s, self._max_waiting = clock, flush_s, sync_s, max_waiting_rows
@@ -156,6 +161,8 @@ class RunLogWriter:
             closing = self._closing.wait(self._flush_s)
             self._format()
             self._write(closing)
+            if self.beside is not None:
+                self.beside(closing)
         if self._file is not None:
             self._file.close()
 

@@ -1,0 +1,131 @@
+"""What is kept beside the log, so that a job goes on after a power cut: NAME.resume.json. Read here, written whole."""
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from console.worker.resume_alarms import AlarmRecord, plain_records, records_of
+from console.worker.resume_ground import NOTHING_DONE, Spot, packed, unpacked
+from control.field.coverage import Raster
+from control.field.totals import NOTHING, Sums
+from control.orders import Strategy
+from drivers.files.atomic import write_atomically
+
+FORMAT = "topdress-resume/1"
+ENDING = ".resume.json"
+WORTH_HA = 0.001            # less done than this: nothing to go on with
+
+Place = tuple[float, float]
+Refill = tuple[str, float]          # UTC, kg
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """A job as far as it got. Moments are the worker's UTC, ISO 8601."""
+
+    log_path: str
+    began_utc: str = ""                             # of the job, not of its last part
+    saved_utc: str = ""
+    job: str = ""                                   # names as the screens show them
+    machine: str = ""
+    crop: str = ""
+    simulated: bool = False
+    config: tuple[str, ...] = ()                    # what the worker was started with
+    seed: int = 1
+    effects: tuple[str, ...] = ()
+    hz: float = 20.0
+    finished: bool = False                          # by the operator: nothing is offered any more
+    logs_before: tuple[str, ...] = ()               # the job's earlier parts, oldest first
+    time_s: float = 0.0                             # of the last row that is in here
+    sums: Sums = NOTHING
+    sums_s: float = 0.0                             # of the last row that is in the sums
+    held_s: float = 0.0
+    moves: int = 0                                  # of the opening's set-point, while working
+    refills: tuple[Refill, ...] = ()
+    strategy: str = Strategy.OPENING_FIRST.value
+    look_ahead: bool = True
+    flow_trim_on: bool = True
+    flow_trim: float = 1.0
+    origin_deg: Place | None = None                 # of the plane: latitude, longitude
+    place_m: Place | None = None                    # the outlets' last one
+    heading_deg: float | None = None
+    hopper_kg: float | None = None
+    alarms: tuple[AlarmRecord, ...] = ()
+    track: tuple[Spot, ...] = ()
+    ground: Raster = NOTHING_DONE
+
+    @property
+    def area_ha(self) -> float:
+        return self.sums.area_ha
+
+    @property
+    def worth_going_on(self) -> bool:
+        return not self.finished and self.area_ha >= WORTH_HA
+
+
+def beside(log: str | Path) -> Path:
+    """Where the snapshot of a log stands."""
+    return Path(log).with_suffix(ENDING)
+
+
+def write(path: Path, snapshot: Snapshot) -> None:
+    """Whole or not at all. Raises OSError."""
+    own = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
+    own |= {"sums": snapshot.sums._asdict(), "alarms": plain_records(snapshot.alarms),
+            "ground": packed(snapshot.ground)}
+    write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
+
+
+def read(path: Path) -> Snapshot:
+    """Raises ValueError, one line that names the file, where it is no snapshot; OSError."""
+    try:
+        data = json.loads(path.read_bytes())
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise ValueError(f"key format: allowed {FORMAT}")
+        return _snapshot(data)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: not a job that can go on: {error}") from None
+
+
+def finish(path: Path) -> None:
+    """The operator will not go on with it. For a job whose worker is gone. Raises ValueError, OSError."""
+    write(path, replace(read(path), finished=True))
+
+
+def newest(folder: Path) -> tuple[Path, Snapshot] | None:
+    """The last job in a folder, if it can go on: later parts hide earlier ones. Files that cannot be read are none."""
+    found = []
+    for path in folder.glob(f"*{ENDING}"):
+        try:
+            found.append((path, read(path)))
+        except (ValueError, OSError):
+            continue
+    if not found:
+        return None
+    path, snapshot = max(found, key=lambda pair: pair[1].saved_utc)
+    return (path, snapshot) if snapshot.worth_going_on else None
+
+
+def _snapshot(data: Mapping[str, Any]) -> Snapshot:
+    sums = data["sums"]
+    known = {name: data[name] for name in Snapshot.__dataclass_fields__ if name in data}
+    known |= {
+        "sums": Sums(**(sums | {"bins": tuple((int(k), float(ha), float(kg)) for k, ha, kg in sums["bins"])})),
+        "alarms": records_of(data["alarms"]), "ground": unpacked(data["ground"]),
+        "track": tuple((float(e), float(n), float(rate)) for e, n, rate in data["track"]),
+        "refills": tuple((str(utc), float(kg)) for utc, kg in data["refills"]),
+        "strategy": Strategy(data["strategy"]).value}
+    for name in ("config", "effects", "logs_before"):
+        known[name] = tuple(str(part) for part in data[name])
+    for name in ("origin_deg", "place_m"):
+        known[name] = None if data[name] is None else (float(data[name][0]), float(data[name][1]))
+    for name in ("began_utc", "saved_utc"):
+        if data[name]:
+            datetime.fromisoformat(data[name])
+    for name in ("held_s", "time_s", "sums_s", "flow_trim", "hz"):
+        known[name] = float(data[name])
+    return Snapshot(**known)

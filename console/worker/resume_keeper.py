@@ -1,0 +1,169 @@
+"""Keeps the snapshot of a running job: the loop only hands over, the log writer's thread does the rest."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import NamedTuple, Protocol
+
+from console.frame import Tally
+from console.worker import resume
+from console.worker.resume import Snapshot
+from console.worker.resume_alarms import AlarmBook
+from console.worker.resume_ground import Done
+from control.field.totals import Sums
+from control.geodesy import TangentPlane
+from control.log_row import LogRow
+from control.machine.machine import Machine
+from control.orders import Alarm, State
+
+SAVE_S = 5.0                # the snapshot is this old at most, and the disk's own time
+SUMS_S = 1.0                # the loop's sums are taken over this often: some 50 us
+MOVED_MM = 0.05             # a smaller change of the opening's set-point is no move
+FINISHED = "mark job finished"      # the event by which the operator ends a job
+
+
+class Kept(Protocol):
+    """What is wanted of the loop, on its own thread."""
+
+    @property
+    def sums(self) -> Sums: ...
+    @property
+    def flow_trim(self) -> float: ...
+    @property
+    def plane(self) -> TangentPlane | None: ...
+
+
+class Seen(Protocol):
+    """What is wanted of a tick."""
+
+    @property
+    def row(self) -> LogRow: ...
+    @property
+    def alarms(self) -> tuple[Alarm, ...]: ...
+    @property
+    def place_m(self) -> tuple[float, float] | None: ...
+    @property
+    def look_ahead(self) -> bool: ...
+    @property
+    def flow_trim_on(self) -> bool: ...
+
+
+class _Handed(NamedTuple):
+    seen: Seen
+    sums: Sums | None
+    flow_trim: float
+    plane: TangentPlane | None
+
+
+class Keeper:
+    """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
+
+    def __init__(self, path: Path, machine: Machine, begun: Snapshot, loop: Kept, utc_now: Callable[[], str]) -> None:
+        """begun: what is known of the job already; of an earlier part all that it had done."""
+        self._path, self._loop, self._utc_now = path, loop, utc_now
+        self._handed: SimpleQueue[_Handed] = SimpleQueue()
+        self._taken_s = -inf
+        self._snapshot = begun
+        self._done = Done(machine, begun.ground, begun.track)
+        self._book = AlarmBook(begun.alarms)
+        self._last: LogRow | None = None
+        self._saved_s = -inf
+        self._saved = False
+        self.trouble = ""
+        self.tally = self._tally()
+
+    # --- the loop's thread -------------------------------------------------------------------------------------------
+
+    def take(self, seen: Seen) -> None:
+        """A tick. Queues, no more."""
+        sums = None
+        if seen.row.time_s - self._taken_s >= SUMS_S:
+            self._taken_s, sums = seen.row.time_s, self._loop.sums
+        self._handed.put(_Handed(seen, sums, self._loop.flow_trim, self._loop.plane))
+
+    # --- the log writer's thread -------------------------------------------------------------------------------------
+
+    def work(self, closing: bool) -> None:
+        """Takes in what was handed over, and writes when it is time. Never raises: the log matters more."""
+        try:
+            while True:
+                try:
+                    handed = self._handed.get_nowait()
+                except Empty:
+                    break
+                self._absorb(handed)
+            if self._last is not None and (closing or self._last.time_s - self._saved_s >= SAVE_S):
+                self._save()
+            self.tally = self._tally()
+        except Exception as error:
+            self.trouble = f"{self._path}: {type(error).__name__}: {error}"
+
+    def _absorb(self, handed: _Handed) -> None:
+        seen, row, now = handed.seen, handed.seen.row, self._snapshot
+        came = self._book.see(row.time_s, row.utc, seen.alarms)
+        before, self._last = self._last, row
+        changes: dict[str, object] = {}
+        if came:
+            self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)      # an alarm is kept soon
+        if before is not None and row.state == State.HELD:
+            changes["held_s"] = now.held_s + max(0.0, row.time_s - before.time_s)
+        if before is not None and row.state == State.WORKING and _moved(before, row):
+            changes["moves"] = now.moves + 1
+        for event in (row.events or "").split(";"):
+            word, _space, value = event.partition(" ")
+            if word == "refill":
+                changes["refills"] = (*now.refills, (self._utc_now(), float(value)))
+            elif event == FINISHED:
+                changes["finished"] = True
+                self._saved_s = -inf
+        if handed.sums is not None:
+            changes |= {"sums": handed.sums, "sums_s": row.time_s}
+        if handed.plane is not None:
+            changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
+        if row.strategy:
+            changes["strategy"] = row.strategy
+        if row.hopper_kg is not None:
+            changes["hopper_kg"] = row.hopper_kg
+        self._pass_over(row, seen.place_m)
+        if seen.place_m is not None:
+            changes["place_m"] = seen.place_m
+        if row.heading_deg is not None:
+            changes["heading_deg"] = row.heading_deg
+        self._snapshot = replace(now, time_s=row.time_s, flow_trim=handed.flow_trim, look_ahead=seen.look_ahead,
+                                 flow_trim_on=seen.flow_trim_on, **changes)      # type: ignore[arg-type]
+
+    def _pass_over(self, row: LogRow, place_m: tuple[float, float] | None) -> None:
+        if place_m is None or row.heading_deg is None:
+            self._done.lost()
+            return
+        self._done.pass_over(row.time_s, place_m, row.heading_deg,
+                             row.shaft_rpm if row.state in (State.WORKING, State.HELD) else 0.0,
+                             (row.applied_rate_kg_ha or 0.0) * (row.flow_trim or 1.0))
+
+    def _save(self) -> None:
+        assert self._last is not None
+        self._saved_s = self._last.time_s
+        snapshot = replace(self._snapshot, saved_utc=self._utc_now(), alarms=self._book.records,
+                           track=tuple(self._done.track), ground=self._done.raster())
+        if not snapshot.worth_going_on and not snapshot.alarms and not snapshot.finished and not self._saved:
+            return                              # a machine that only stood there leaves no file
+        try:
+            resume.write(self._path, snapshot)
+        except OSError as error:
+            self.trouble = f"{self._path}: {error.strerror or error}"
+        else:
+            self._saved, self.trouble = True, ""
+
+    def _tally(self) -> Tally:
+        now = self._snapshot
+        return Tally(now.held_s, now.moves, now.refills, now.logs_before[-1] if now.logs_before else "", now.began_utc,
+                     now.finished, self.trouble)
+
+
+def _moved(before: LogRow, row: LogRow) -> bool:
+    if before.opening_mm_cmd is None or row.opening_mm_cmd is None:
+        return False
+    return abs(row.opening_mm_cmd - before.opening_mm_cmd) > MOVED_MM

@@ -1,0 +1,95 @@
+"""The last seconds before a power cut: rows that are in the log but came after the snapshot."""
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from console.worker.resume import Snapshot
+from console.worker.resume_ground import Done
+from control.field.totals import Totaliser
+from control.geodesy import TangentPlane, offset
+from control.machine.machine import Machine
+from control.orders import State
+
+TAIL_BYTES = 200_000        # more than half a minute at 20 Hz
+MOST_STEP_S = 1.0           # a longer step between rows is a gap
+
+
+class _Row(NamedTuple):
+    time_s: float
+    lat_deg: float
+    lon_deg: float
+    heading_deg: float
+    speed_used_mps: float
+    shaft_rpm: float
+    shaft_rpm_cmd: float
+    applied_rate_kg_ha: float
+    flow_trim: float
+    target_rate_kg_ha: float
+    state: str
+    refill_kg: float
+
+
+def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float) -> Snapshot:
+    """The snapshot brought up to the log's last whole row: sums, ground, refills. As it is, where no log is there."""
+    try:
+        rows = list(_rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)))
+    except OSError:
+        return snapshot
+    if not rows or snapshot.origin_deg is None:
+        return snapshot
+    plane = TangentPlane(*snapshot.origin_deg)
+    antenna_m = machine.geometry.antenna_m
+    done = Done(machine, snapshot.ground, snapshot.track)
+    if snapshot.place_m is not None and snapshot.heading_deg is not None:
+        done.pass_over(snapshot.time_s - 1.0, snapshot.place_m, snapshot.heading_deg, rows[0].shaft_rpm, 0.0)
+    sums = Totaliser(machine.geometry.working_width_m, n_fraction, snapshot.sums)
+    place, held_s, before_s = snapshot.place_m, snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
+    for row in rows:
+        step_s = row.time_s - before_s
+        before_s = row.time_s
+        antenna = plane.to_m(row.lat_deg, row.lon_deg)
+        place = offset(antenna, row.heading_deg, -antenna_m)
+        flowing = row.state in (State.WORKING, State.HELD)
+        applied = row.applied_rate_kg_ha * row.flow_trim
+        done.pass_over(row.time_s, place, row.heading_deg, row.shaft_rpm if flowing else 0.0, applied)
+        if row.time_s > snapshot.time_s and row.state == State.HELD:
+            held_s += min(step_s, MOST_STEP_S)
+        worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or applied > 0.0)
+        if row.time_s > snapshot.sums_s and worked and step_s <= MOST_STEP_S:
+            sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha)
+    refills = tuple((snapshot.saved_utc, row.refill_kg) for row in rows
+                    if row.refill_kg > 0.0 and row.time_s > snapshot.time_s)
+    return replace(snapshot, sums=sums.sums, ground=done.raster(), track=tuple(done.track), place_m=place,
+                   heading_deg=rows[-1].heading_deg, held_s=held_s, time_s=before_s, sums_s=before_s,
+                   refills=(*snapshot.refills, *refills))
+
+
+def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
+    """Whole rows later than `time_s` that tell a place. Raises OSError."""
+    with log.open("rb") as file:
+        header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
+        size = file.seek(0, 2)
+        file.seek(max(0, size - TAIL_BYTES))
+        lines = file.read().decode(errors="replace").split("\n")[1:-1]       # the first and the last may be in parts
+    for cells in csv.reader(lines):
+        if len(cells) == len(header):
+            row = _row(dict(zip(header, cells, strict=True)))
+            if row is not None and row.time_s > time_s:
+                yield row
+
+
+def _row(cells: dict[str, str]) -> _Row | None:
+    try:
+        known = [float(cells[name]) for name in ("time_s", "lat_deg", "lon_deg", "heading_deg")]
+        rest = [float(cells.get(name) or 0.0) for name in (
+            "speed_used_mps", "shaft_rpm", "shaft_rpm_cmd", "applied_rate_kg_ha")]
+        trim, target = float(cells.get("flow_trim") or 1.0), float(cells.get("target_rate_kg_ha") or 0.0)
+        refills = [event.partition(" ")[2] for event in (cells.get("events") or "").split(";")
+                   if event.startswith("refill ")]
+        return _Row(*known, *rest, trim, target, cells.get("state", ""), sum(map(float, refills)))
+    except (KeyError, ValueError):
+        return None
