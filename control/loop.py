@@ -21,7 +21,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Alarm, Answer, Do, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading
+from control.readings import DoseOrder, DriveCommand, Measurements, Reading
 from control.safety import (
     SETTINGS,
     Allowances,
@@ -31,14 +31,18 @@ from control.safety import (
     Safety,
     SafetyLimits,
     Situation,
+    Verdict,
     after_setting,
     limited,
+    limited_dose,
 )
 from control.sensing import Sensed, Sensing, speed_ahead_mps, travelled_ahead_m
 from control.targets.canopy import STRAIGHT_DEG_S, CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.lag_correction import ChangeQueue, Fired
 from control.targets.map_profile import MapProfile
+from control.targets.point import Threshold
+from control.targets.point_source import PointSource
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
 from control.targets.unspread import Unspread
 
@@ -46,6 +50,8 @@ FARTHEST_S = 4.0                # changes are looked for this far ahead
 HEAD_SILENT_S = 1.25            # a reading that is older stands in no log and on no screen
 HEAD_LATENCY_S = 0.5            # a head's reading may be one period old
 NUDGE_PERCENT = 30.0
+FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
+DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
 
 
 class Tick(NamedTuple):
@@ -80,7 +86,7 @@ class ControlLoop:
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
                  has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
-                 prescription: MapProfile | None = None) -> None:
+                 prescription: MapProfile | None = None, points: PointSource | None = None) -> None:
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -92,7 +98,10 @@ class ControlLoop:
         plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if ground.boundary_m else None
         if prescription is not None:
             plane = prescription.plane
+        if points is not None and points.plane is not None:
+            plane = points.plane
         self._map = prescription
+        self._points = points
         self._sensing = Sensing(machine.geometry.antenna_m, plane)
         self._fence = fence
         self._fusion = fusion.start(machine.geometry.heads)
@@ -122,6 +131,7 @@ class ControlLoop:
         self._begun_s = 0.0
         self._refilled = False
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
+        self._dose_ahead_m = 0.0
         self._backed = False                    # backwards at the tick before
         self._landed_to_m = float("-inf")       # farthest place at which material has landed since START
         self._spread_to_m = float("-inf")       # the same when it last backed up: nothing more before that
@@ -137,16 +147,6 @@ class ControlLoop:
         """Area, product, nitrogen and evenness so far. Takes some 50 us: not for every tick."""
         return self._totals.snapshot()
 
-    def target_at(self, track_m: float) -> Target:
-        """The target that holds at a place of the track, fence included: what the ground was meant to get."""
-        return self._fenced(self._wanted()).at(track_m)
-
-    def order(self, order: Order) -> Answer:
-        now = self._time_s or 0.0
-        value = order.value
-        if order.do is Do.STRATEGY:
-            if value not in list(Strategy):
-                return Answer(False, "unknown_strategy")
     @property
     def sums(self) -> Sums:
         """What a later loop needs to go on with the totals. Takes some 50 us: not for every tick."""
@@ -169,10 +169,19 @@ class ControlLoop:
             self._sensing.plane = plane
         self._fence = fence
 
+    def target_at(self, track_m: float) -> Target:
+        """The target that holds at a place of the track, fence included: what the ground was meant to get."""
+        return self._fenced(self._wanted()).at(track_m)
+
+    def order(self, order: Order) -> Answer:
+        now = self._time_s or 0.0
+        value = order.value
+        if order.do is Do.STRATEGY:
+            if value not in list(Strategy):
+                return Answer(False, "unknown_strategy")
             self._setting.switch(Strategy(str(value)), now)
         elif order.do is Do.SOURCE:
-            with_map = (TargetSource.MAP,) if self._map is not None else ()
-            if value not in (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK, *with_map):
+            if value not in self._sources():
                 return Answer(False, "source_not_ready")
             self._source = TargetSource(str(value))
         elif order.do is Do.NUDGE:
@@ -192,6 +201,12 @@ class ControlLoop:
                 self._look_ahead = value
             else:
                 self._flow_trim_on = value
+        elif order.do is Do.DOSE_ERROR:
+            error_m = _number(value)
+            if error_m is None or abs(error_m) > FARTHEST_DOSE_M:
+                return Answer(False, "dose_error_out_of_range")
+            if self._points is None or not self._points.learn(error_m, now):
+                return Answer(False, "no_dose_landed")
         elif order.do in SETTINGS:
             self._bench, answer = after_setting(self._bench, order, self.safety.state)
             if not answer.accepted:
@@ -218,6 +233,22 @@ class ControlLoop:
         elif do is Do.START:                # the operator wants flow from here on, also where some lies already
             self._landed_to_m = self._spread_to_m = float("-inf")
 
+    def _sources(self) -> tuple[TargetSource, ...]:
+        """Those that can be ordered: map and point only where the job has them."""
+        placed = [(TargetSource.MAP, self._map), (TargetSource.POINT, self._points)]
+        return (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
+                *(source for source, there in placed if there is not None))
+
+    @property
+    def dose_ahead_m(self) -> float:
+        """How far ahead of the outlet the plant of the newest dose stood when it was ordered."""
+        return self._dose_ahead_m
+
+    @property
+    def threshold(self) -> Threshold | None:
+        """Of point mode, as learned."""
+        return None if self._points is None else self._points.mode.threshold
+
     # -- one tick ----------------------------------------------------------------------------------------------
 
     def tick(self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True) -> Tick:
@@ -236,10 +267,12 @@ class ControlLoop:
         speed = sensed.speed_mps or 0.0
         self._look_at_fence(sensed)
         self._look_at_map(sensed)
+        self._look_at_plants(m, sensed)
         reach = _Reach(self, sensed, conditions)
         self._look_back(sensed)
         fired = [] if sensed.backwards else self._queue.advance(self._profile(), now, sensed.track_m, reach)
-        holding = self._queue.holding
+        by_point = self._points is not None and self._source is TargetSource.POINT
+        holding = self._dose_target(sensed) if by_point else self._queue.holding
         rate = min(self.crop.max_rate_kg_ha, holding.rate_kg_ha * (1.0 + self._nudge / 100.0))
         lag = reach.holding_lag()
         wanted = rate * self.machine.geometry.working_width_m * speed_ahead_mps(
@@ -248,17 +281,23 @@ class ControlLoop:
         model_flow = self._measured_flow(m, conditions._replace(flow_trim=1.0))
         trim = self._flow_trim.value if self._flow_trim_on else 1.0
         applied = _rate(model_flow, speed, self.machine)
-        metres_left = self._metres_left(m.hopper_kg, rate)
+        metres_left = self._metres_left(m.hopper_kg, self._dosed_rate(conditions) if by_point else rate)
         usable = self._usable_speed(lag)
         verdict = self.safety.check(now, self._situation(
             m, sensed, holding, rate, model_flow, applied, trim, metres_left, usable,
             reach.lag(holding, Change(sensed.track_m, OUTSIDE)),
             console_age_s, log_ok, conditions))
         calibrating = verdict.state is State.CALIBRATING
-        asked = self._by_hand() if calibrating else self._setting.command(
-            pair, conditions, self._drive_trim, self._command)
+        if calibrating:
+            asked = self._by_hand()
+        elif by_point:
+            asked = self._setting.by_hand(0.0, self.machine.set_points.opening_mm)
+        else:
+            asked = self._setting.command(pair, conditions, self._drive_trim, self._command)
         command = limited(asked, self._drive_limits, verdict.flow_allowed,
                           None if self._command is None else self._command.opening_mm)
+        if by_point:
+            command = command._replace(dose=self._dose_due(sensed, dt, verdict))
         enabled = verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
         if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
@@ -268,7 +307,7 @@ class ControlLoop:
         bare = pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm)
         self._expect(command if calibrating else self._setting.wire(bare, conditions), conditions, dt)
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
-            self._totals.add(dt, sensed.speed_mps, applied * trim, rate)
+            self._totals.add(dt, sensed.speed_mps, applied * trim, None if by_point else rate)
         self._note_landing(m, sensed)
         self._command = command
         row = self._row(m, sensed, holding, rate, command, applied, lag, trim, verdict.state, verdict.alarms)
@@ -328,6 +367,47 @@ class ControlLoop:
         self._map.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m,
                        turn_deg_m)
 
+    def _look_at_plants(self, m: Measurements, sensed: Sensed) -> None:
+        if self._points is None:
+            return
+        place = None
+        straight = abs(sensed.turn_deg_s) <= STRAIGHT_DEG_S and not sensed.backwards
+        if straight and sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
+            place = (sensed.east_m, sensed.north_m)
+        self._points.look(sensed.time_s, sensed.track_m, place, sensed.heading_deg, sensed.speed_mps or 0.0, m.plants)
+
+    def _dose_target(self, sensed: Sensed) -> Target:
+        """Doses where the next one would fall inside the field, nothing outside."""
+        if self._points is None or self._fence is None or self.safety.memory.allow.outside:
+            return DOSES_ONLY.target
+        inside = self._fence.inside(sensed.track_m + self._points.reach_m(sensed.speed_mps or 0.0))
+        return DOSES_ONLY.target if inside else OUTSIDE
+
+    def _dose_due(self, sensed: Sensed, dt: float, verdict: Verdict) -> DoseOrder | None:
+        """The dose to be commanded now; doses and misses become events of the row."""
+        assert self._points is not None
+        due = self._points.tick(sensed.time_s, sensed.track_m, sensed.speed_mps or 0.0, dt, verdict.flow_allowed,
+                                verdict.state is State.WORKING)
+        self._events += [f"dose_missed {why}" for why in due.missed]
+        if due.dose is None:
+            return None
+        more = due.dose._replace(angle_deg=round(due.dose.angle_deg * (1.0 + self._nudge / 100.0), 3))
+        dose = limited_dose(more, self._drive_limits, verdict.flow_allowed)
+        if dose is not None:
+            self._dose_ahead_m = self._points.given[-1].plant_m - sensed.track_m
+            self._events.append(f"dose {dose.angle_deg:g}")
+        return dose
+
+    def _dosed_rate(self, c: Conditions) -> float:
+        """What the doses amount to, kg/ha, at the mean spacing of the last ones; 0 before there are two."""
+        spacing_m = None if self._points is None else self._points.spacing_m
+        if self._points is None or not spacing_m:
+            return 0.0
+        angle_deg, shaft_rpm = self._points.dose
+        flow = flow_kg_s(self.machine, shaft_rpm, self.machine.set_points.opening_mm, c)
+        dose_kg = flow * angle_deg / (6.0 * shaft_rpm)
+        return dose_kg * 10_000.0 / (spacing_m * self.machine.geometry.working_width_m)
+
     def _look_back(self, sensed: Sensed) -> None:
         """Backing up without leave to spread: what has landed is not spread upon again by itself."""
         if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
@@ -348,6 +428,8 @@ class ControlLoop:
             return self._canopy.stretches
         if self._source is TargetSource.MAP and self._map is not None:
             return self._map
+        if self._source is TargetSource.POINT:
+            return DOSES_ONLY
         return self._manual if self._source is TargetSource.MANUAL else self._fallback
 
     def _fenced(self, inner: Profile) -> Profile:
@@ -419,6 +501,8 @@ class ControlLoop:
         heard = [r.time_s for r in m.ndvi if r is not None]
         expected_flow = flow_kg_s(self.machine, self._expected.shaft_rpm, self._expected.opening_mm, c)
         expected = _rate(expected_flow, speed or 0.0, self.machine)
+        if self._source is TargetSource.POINT:      # a rate means nothing between doses
+            expected = applied = None
         return Situation(
             measurements=m, speed_used_mps=speed, gnss_period_s=sensed.gnss_period_s,
             wheel_standstill=sensed.wheel_standstill, target_source=self._source, position_ok=sensed.position_ok,
@@ -448,7 +532,7 @@ class ControlLoop:
             speed_used_mps=speed,
             ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5],
             ndvi=self._canopy.ndvi if self._source is TargetSource.CANOPY else None,
-            target_rate_kg_ha=rate, nudge_percent=self._nudge,
+            target_rate_kg_ha=None if holding.source is TargetSource.POINT else rate, nudge_percent=self._nudge,
             shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_fresh(m.shaft_rpm, m.time_s, 0.5),
             opening_mm_cmd=command.opening_mm, opening_mm=_fresh(m.opening_mm, m.time_s, 0.5),
             hopper_kg=_fresh(m.hopper_kg, m.time_s, 2.0), flow_trim=trim, supply_v=_fresh(m.supply_v, m.time_s, 2.0),

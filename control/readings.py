@@ -25,6 +25,13 @@ class GnssFix(NamedTuple):
     utc: str | None = None               # ISO 8601, milliseconds, Z
 
 
+class PlantSeen(NamedTuple):
+    """A plant in a camera's picture: how far ahead of the outlet when the picture was taken."""
+
+    time_s: float
+    ahead_m: float
+
+
 class Measurements(NamedTuple):
     """Everything known at one control tick; values are the newest accepted, however old (see their time)."""
 
@@ -41,6 +48,14 @@ class Measurements(NamedTuple):
     work_switch: bool | None = None              # None: not fitted
     drive_fault: bool = False                    # a motor driver says so
     drive_stopped: bool = False                  # the drives have stood still by themselves though told to turn
+    plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
+
+
+class DoseOrder(NamedTuple):
+    """Turn the standing shaft once by an angle (point mode)."""
+
+    angle_deg: float
+    shaft_rpm: float
 
 
 class DriveCommand(NamedTuple):
@@ -48,3 +63,4 @@ class DriveCommand(NamedTuple):
 
     shaft_rpm: float
     opening_mm: float
+    dose: DoseOrder | None = None       # begins in this tick

@@ -13,7 +13,7 @@ from control.orders import Do, Order, State, Strategy
 from control.simulation.assembly import control_loop
 from drivers.files.config import validated
 from drivers.files.kinds import CROP, JOB, MACHINE
-from drivers.files.prescriptions.for_job import map_of_job
+from drivers.files.prescriptions.for_job import placed_of_job
 from drivers.files.read_log import RunLog
 from drivers.files.replay import measurements
 from drivers.files.setup import Setup, load_setup
@@ -23,8 +23,7 @@ MOVES_MPS = 0.6
 
 def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     """A tick a row. Orders come from the log's events; a log without any gets ready and start when it moves."""
-    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job,
-                        prescription=map_of_job(setup.job, setup.folder))
+    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job, **placed_of_job(setup.job, setup.folder))
     orders = [parse_events(text) for text in recorded.texts("events")]
     own = any(orders)
     state = State.OFF.value

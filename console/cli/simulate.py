@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -16,10 +16,15 @@ from control.orders import Strategy
 
 if TYPE_CHECKING:
     from control.field.job import Job
+    from control.machine.planting import Planted
     from control.simulation.closed_loop import Record
+    from control.simulation.dose_watch import DoseWatch
+    from control.targets.point import Threshold
+    from drivers.files.prescriptions.for_job import Placed
     from drivers.files.setup import Setup
 
 DT_S = 0.05
+SETTLE_DOSES = 50               # the threshold learns from them
 TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m", "place_m",
                  "target_rate_kg_ha", "speed_mps", "east_m", "north_m", "working")
 
@@ -42,9 +47,8 @@ def simulate(
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
     from control.machine.planting import parse_planted
-    from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-    from control.simulation.closed_loop import Record, simulated_run
-    from drivers.files.prescriptions.for_job import map_of_job
+    from control.simulation.assembly import with_simulated_field
+    from drivers.files.prescriptions.for_job import placed_of_job
     from drivers.files.setup import load_setup
 
     setup = load_setup(machine, job, dt.date.today())
@@ -57,30 +61,58 @@ def simulate(
         changes["flow_trim"] = _switch("--flow-trim", flow_trim)
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     planted = [parse_planted(text) for text in effect or ()]
-    plant = simulated_machine(setup.machine, resolved, seed, DT_S, planted)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, resolved,
-                        prescription=map_of_job(resolved, setup.folder))
-    record = Record()
-    alarms: dict[str, int] = {}
+    placed = placed_of_job(resolved, setup.folder)
     writer = _Log(out, setup, resolved, seed, effect or ()) if out is not None else None
-    begun = time.perf_counter()
     try:
-        for step in progress(simulated_run(plant, loop, seconds), round(seconds / DT_S), "simulating"):
-            record.add(step)
-            for name in (step.tick.row.alarms or "").split(";"):
-                if name:
-                    alarms[name] = alarms.get(name, 0) + 1
-            if writer is not None:
-                writer.rows.append(step.tick.row)
-        took = time.perf_counter() - begun
+        run = _run(setup, resolved, seed, planted, seconds, placed, writer)
         if writer is not None:
-            writer.keep(record, setup.machine.geometry.working_width_m)
+            writer.keep(run.record, setup.machine.geometry.working_width_m)
     except BaseException:
         if writer is not None:
             writer.discard()
         raise
-    if summary or as_json or out is None:
-        _tell(record, setup, resolved, seconds, took, alarms, effect or (), as_json)
+    if not (summary or as_json or out is None):
+        return
+    if run.doses is None:
+        _tell(run, setup, resolved, seconds, effect or (), as_json)
+        return
+    other = resolved.target.model_copy(update={"learn_threshold": not resolved.target.learn_threshold})
+    compared = _run(setup, resolved.model_copy(update={"target": other}), seed, planted, seconds, placed, None)
+    learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
+    _tell_points(run, learned, fixed, resolved, seconds, effect or (), as_json)
+
+
+class _Ran(NamedTuple):
+    record: Record
+    alarms: dict[str, int]          # ticks of each
+    doses: DoseWatch | None         # of point mode
+    threshold: Threshold | None     # of point mode, as learned
+    took_s: float
+
+
+def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], seconds: float, placed: Placed,
+         writer: _Log | None) -> _Ran:
+    from control.orders import TargetSource
+    from control.simulation.assembly import control_loop, simulated_machine
+    from control.simulation.closed_loop import Record, simulated_run
+    from control.simulation.dose_watch import DoseWatch
+    plant = simulated_machine(setup.machine, job, seed, DT_S, planted, plants=placed["plants"])
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed)
+    doses = None
+    if job.target.source is TargetSource.POINT:
+        doses = DoseWatch(plant.plants_m, seed + 3, job.simulated.dose_measured_sd_m)
+    record = Record()
+    alarms: dict[str, int] = {}
+    begun = time.perf_counter()
+    steps = simulated_run(plant, loop, seconds, doses=doses)
+    for step in progress(steps, round(seconds / DT_S), "simulating"):
+        record.add(step)
+        for name in (step.tick.row.alarms or "").split(";"):
+            if name:
+                alarms[name] = alarms.get(name, 0) + 1
+        if writer is not None:
+            writer.rows.append(step.tick.row)
+    return _Ran(record, alarms, doses, loop.threshold, time.perf_counter() - begun)
 
 
 def _switch(option: str, text: str) -> bool:
@@ -141,9 +173,9 @@ def _truth_text(record: Record, width_m: float) -> str:
     return text.getvalue()
 
 
-def _tell(record: Record, setup: Setup, job: Job, seconds: float, took_s: float, alarms: dict[str, int],
-          effects: list[str] | tuple[()], as_json: bool) -> None:
+def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str] | tuple[()], as_json: bool) -> None:
     from control.simulation.errors import errors
+    record, alarms, took_s = run.record, run.alarms, run.took_s
     found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m)
     if as_json:
         told = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
@@ -162,3 +194,27 @@ def _tell(record: Record, setup: Setup, job: Job, seconds: float, took_s: float,
     typer.echo(f"area         {found.area_ha:.4f} ha")
     typer.echo(f"alarms       {', '.join(f'{k} {n} ticks' for k, n in sorted(alarms.items())) or 'none'}")
     typer.echo(f"speed        {seconds / took_s:.0f} simulated seconds a second ({took_s:.1f} s)")
+
+
+def _tell_points(run: _Ran, learned: _Ran, fixed: _Ran, job: Job, seconds: float, effects: list[str] | tuple[()],
+                 as_json: bool) -> None:
+    """Dose errors with and without the learned threshold; `run` is the one of the job."""
+    assert learned.doses is not None and fixed.doses is not None
+    with_it, without = learned.doses.errors(SETTLE_DOSES), fixed.doses.errors(SETTLE_DOSES)
+    if as_json:
+        told = {"seconds": seconds, "effects": list(effects), "learn_threshold": job.target.learn_threshold,
+                "with_threshold": with_it._asdict(), "without_threshold": without._asdict(),
+                "alarm_ticks": run.alarms, "realtime_factor": round(seconds / run.took_s, 1)}
+        sys.stdout.write(json.dumps(told) + "\n")
+        return
+    typer.echo(f"{seconds:g} s, point mode, doses of {job.target.dose_angle_deg:g} degrees"
+               + (f", planted {', '.join(effects)}" if effects else ""))
+    for name, e in (("learned threshold", with_it), ("without threshold", without)):
+        typer.echo(f"{name}  dose error p50 {e.p50_m:.3f} m, p95 {e.p95_m:.3f} m, mean {e.mean_m:+.3f} m (late is "
+                   f"positive); {e.doses} doses of {e.dose_g:.2f} g, {e.plants} plants, {e.missed} missed, "
+                   f"{e.doubled} doubled")
+    assert learned.threshold is not None
+    typer.echo(f"threshold    {learned.threshold.offset_m:+.3f} m {learned.threshold.delay_s:+.3f} s x speed; errors "
+               f"after the first {SETTLE_DOSES} doses")
+    typer.echo(f"alarms       {', '.join(f'{k} {n} ticks' for k, n in sorted(run.alarms.items())) or 'none'}")
+    typer.echo(f"speed        {seconds / run.took_s:.0f} simulated seconds a second ({run.took_s:.1f} s)")

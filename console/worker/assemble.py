@@ -8,15 +8,19 @@ import platformdirs
 
 from console.worker.parts import Assembly, Bench, Names
 from console.worker.program import Clock, Options
+from console.worker.resume import beside
+from console.worker.resume_assemble import before_of, begun, go_on, job_to_go_on
+from console.worker.resume_keeper import Keeper
 from console.worker.simulated_bench import SimulatedBench
 from control.field.job import Job
 from control.machine.machine import Machine
 from control.machine.planting import parse_planted
+from control.orders import TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import BoardConfig, Cab, CabConfig
 from drivers.files.config import ConfigError
 from drivers.files.kinds import CAB
-from drivers.files.prescriptions.for_job import map_of_job
+from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import by_kind, setup_of
@@ -42,27 +46,38 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     machine, sha256 = setup.machine, dict(setup.sha256)
     bench: Bench
     has_work_switch = False
+    simulated = cab is None or bool(getattr(cab.model, "virtual", False))
+    job = with_simulated_field(setup.job, machine) if simulated else setup.job
+    before = before_of(options, machine, setup.crop.product_n_fraction)
+    if before is not None:
+        job = job_to_go_on(job, machine, before)
+    placed = _placed(job, setup.folder)
     if cab is None:
-        job, simulated = with_simulated_field(setup.job, machine), True
         bench = _simulated(options, machine, job, clock)
     else:
         assert isinstance(cab.model, CabConfig)
-        devices, simulated, has_work_switch = cab.model, cab.model.virtual, cab.model.has_work_switch
-        job = with_simulated_field(setup.job, machine) if simulated else setup.job
+        devices, has_work_switch = cab.model, cab.model.has_work_switch
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
             machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
         sha256[str(cab.path)] = cab.sha256
-    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch,
-                        prescription=map_of_job(job, setup.folder))
+    now_utc = _utc_now().isoformat(timespec="milliseconds")
+    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch, **placed)
+    if before is not None:
+        go_on(loop, job, before)
     meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
-                    started_utc=_utc_now().isoformat(timespec="milliseconds"),
+                    started_utc=now_utc,
                     extra={"job_folder": str(setup.folder)} | (
-                        {"effects": list(options.effects)} if options.effects else {}))
+                        {"effects": list(options.effects)} if options.effects else {}) | (
+                        {} if before is None else {"resumes": before.log_path}))
     writer = RunLogWriter(_log_path(options.log), meta)
     names = Names(job.title or job.id, machine.title or machine.id, setup.crop.name,
                   str(writer.path), simulated)
-    return Assembly(bench, loop, writer, names)
+    keeper = Keeper(beside(writer.path), machine,
+                    begun(options, writer.path, (names.job, names.machine, names.crop), simulated, now_utc, before),
+                    loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
+    writer.beside = keeper.work
+    return Assembly(bench, loop, writer, names, keeper)
 
 
 def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
@@ -71,6 +86,15 @@ def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
         "opening_low_mm": opening_mm, "opening_high_mm": opening_mm + machine.limits.opening_resolution_mm / 100.0})
     set_points = machine.set_points.model_copy(update={"opening_mm": opening_mm})
     return machine.model_copy(update={"limits": limits, "set_points": set_points})
+
+
+def _placed(job: Job, folder: Path) -> Placed:
+    """Map and plants of the job. Raises ValueError, OSError."""
+    placed = placed_of_job(job, folder)
+    if job.target.source is TargetSource.POINT and placed["plants"] is None:
+        raise ValueError(f"{job.id}: target.source point: a camera has no driver yet: allowed is target.plants, a "
+                         "plant list beside the job")
+    return placed
 
 
 def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> SimulatedBench:

@@ -24,6 +24,9 @@ class Wanted(Part):
     decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
     map: str | None = None                      # a prescription, beside the job file
     plants: str | None = None                   # a plant list, beside the job file
+    dose_angle_deg: Annotated[float, Field(gt=0, le=3600)] = 120.0      # point mode: one dose, as the paper's
+    dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
+    learn_threshold: bool = True                # point mode: measured dose errors move the threshold
 
     @model_validator(mode="after")
     def _map_named(self) -> Wanted:
@@ -56,6 +59,23 @@ class Canopy(Part):
     correlation_m: Metres = 6.0
 
 
+class Plants(Part):
+    """A row of plants in the middle of every pass."""
+
+    spacing_m: Annotated[float, Field(ge=0.02, le=10)] = 0.25
+    scatter_percent: Annotated[float, Field(ge=0, le=50)] = 10.0     # of the spacing, along the row, 1 s.d.
+
+
+class Camera(Part):
+    """Sees plants ahead of the outlet and tells them when its computer is done (point paper: 1.5 s)."""
+
+    ahead_m: Metres = 6.0                       # nearest edge of the picture
+    view_m: Metres = 1.0                        # length of the picture
+    hz: Annotated[float, Field(gt=0, le=50)] = 10.0
+    computing_s: Annotated[float, Field(ge=0, le=10)] = 1.5
+    seen_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
+
+
 class SpeedChange(Part):
     """From `at_s` on the tractor wants `speed_kmh` (0 stops, negative backs up)."""
 
@@ -82,6 +102,9 @@ class Simulated(Part):
     refill_stop_s: Annotated[float, Field(ge=0, le=3600)] = 60.0
     slope_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0      # nose up when heading along pass_heading_deg
     roughness_deg: Annotated[float, Field(ge=0, le=10)] = 0.5    # pitch and roll wander, 1 s.d.
+    plants: Plants | None = None                # point mode; a plant list of the job stands before it
+    camera: Camera | None = None                # point mode without a plant list
+    dose_measured_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01   # of dose errors, measured behind the machine
 
 
 class Job(Part):
@@ -97,3 +120,11 @@ class Job(Part):
     target: Wanted = Wanted()
     field: Ground = Ground()
     simulated: Simulated = Simulated()
+
+    @model_validator(mode="after")
+    def _plants_known(self) -> Job:
+        seen = self.simulated.camera is not None and self.simulated.plants is not None
+        if self.target.source is TargetSource.POINT and self.target.plants is None and not seen:
+            raise ValueError("target.source point needs target.plants: a plant list beside the job; or, simulated, "
+                             "simulated.plants and simulated.camera")
+        return self

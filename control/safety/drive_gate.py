@@ -3,8 +3,10 @@ from __future__ import annotations
 
 from math import isfinite
 
-from control.readings import DriveCommand
+from control.readings import DoseOrder, DriveCommand
 from control.safety.limits import DriveLimits
+
+LARGEST_DOSE_DEG = 3600.0
 
 
 def limited(cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool,
@@ -23,6 +25,17 @@ def limited(cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool,
     if staying_mm is None:
         staying_mm = limits.opening_min_mm if opening_mm is None else opening_mm
     return DriveCommand(0.0, staying_mm)
+
+
+def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> DoseOrder | None:
+    """The dose that may be sent; None without flow, or for an angle or a speed that is not a number above 0.
+
+    Angle at most 3600 degrees; the speed is cut to what the shaft may turn. Never raises.
+    """
+    angle_deg, shaft_rpm = dose
+    if not (flow_allowed and isfinite(angle_deg) and isfinite(shaft_rpm) and angle_deg > 0.0 and shaft_rpm > 0.0):
+        return None
+    return DoseOrder(min(angle_deg, LARGEST_DOSE_DEG), min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm))
 
 
 def _clamped(opening_mm: float, limits: DriveLimits) -> float | None:

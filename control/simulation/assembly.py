@@ -8,10 +8,16 @@ from control.agronomy.noa import Rule
 from control.field.boundary import Boundary
 from control.field.job import Job
 from control.loop import ControlLoop
+from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.planting import Planted
+from control.orders import TargetSource
+from control.readings import DoseOrder
 from control.targets.fence import Fence
 from control.targets.map_profile import MapProfile
+from control.targets.plants import PlantList
+from control.targets.point import PointLag
+from control.targets.point_source import PointSource
 
 from .plant import Plant, Truth
 from .tractor import field_boundary
@@ -26,13 +32,28 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 
 
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
-                 prescription: MapProfile | None = None) -> ControlLoop:
-    """The loop of a job; fenced where the job knows its field. `prescription`: on the job's plane, for map mode."""
+                 prescription: MapProfile | None = None, plants: PlantList | None = None) -> ControlLoop:
+    """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
+    and point mode."""
     fence = Fence(Boundary(job.field.boundary_m)) if job.field.boundary_m else None
-    return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription)
+    points = None
+    if plants is not None or job.target.source is TargetSource.POINT:
+        points = point_source(machine, job, plants)
+    return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points)
+
+
+def point_source(machine: Machine, job: Job, plants: PlantList | None) -> PointSource:
+    """Point mode of a job. Its lag as the machine file has it: what passes between command and shaft counts as the
+    link (point paper, eq 2), the fall as drop time; a camera's computing time is known from its pictures."""
+    dose = DoseOrder(job.target.dose_angle_deg, machine.set_points.shaft_rpm)
+    shaft = machine.shaft
+    lag = PointLag(0.0, shaft.dead_time_s + shaft.extra_dead_time_s, dose.angle_deg / (6.0 * dose.shaft_rpm),
+                   drop_s(machine.fall, dose.shaft_rpm))
+    return PointSource(lag, dose, 0.5 * machine.geometry.working_width_m, plants, job.target.learn_threshold,
+                       job.target.dose_rest_s)
 
 
 def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),
-                      keep: Callable[[Truth], None] | None = None) -> Plant:
-    """The plant of a job. Raises ValueError where an effect does not fit the machine."""
-    return Plant(machine, job, seed, dt_s, planted, keep=keep)
+                      keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None) -> Plant:
+    """The plant of a job. `plants`: of its plant list. Raises ValueError where an effect does not fit the machine."""
+    return Plant(machine, job, seed, dt_s, planted, keep=keep, plants=None if plants is None else plants.places_m)

@@ -12,6 +12,7 @@ from control.orders import Do, Order, State
 from control.readings import DriveCommand
 from control.targets.lag_correction import Fired
 
+from .dose_watch import DoseWatch
 from .measuring import Measuring
 from .plant import Plant, Truth
 
@@ -28,9 +29,10 @@ class Step(NamedTuple):
 
 
 def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
-                  orders: Sequence[tuple[float, Order]] | None = None) -> Iterator[Step]:
+                  orders: Sequence[tuple[float, Order]] | None = None,
+                  doses: DoseWatch | None = None) -> Iterator[Step]:
     """Ticks of `plant.dt_s` for `seconds`. `orders`: (time_s, order) of the operator; None: ready, start, and start
-    again whenever work was held at a refill."""
+    again whenever work was held at a refill. `doses`: measures dose errors in point mode, and tells the loop."""
     measuring = Measuring(plant.machine.geometry.heads)
     waiting = sorted(orders or (), key=lambda item: item[0])
     opening = plant.machine.set_points.opening_mm
@@ -43,8 +45,13 @@ def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
         if operator is not None:
             operator.act(tick, plant.truth, loop.order)
         target = loop.target_at(tick.sensed.track_m)
+        if doses is not None and tick.command.dose is not None and plant.truth is not None:
+            doses.ordered(plant.truth.driven_m + loop.dose_ahead_m)
         sensed = plant.step(tick.command, tick.enabled)
         assert plant.truth is not None
+        if doses is not None:
+            for error_m in doses.take(plant.truth, tick.row.state == State.WORKING):
+                loop.order(Order(Do.DOSE_ERROR, round(error_m, 4)))
         yield Step(tick, plant.truth, target.rate_kg_ha)
 
 

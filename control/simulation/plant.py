@@ -1,6 +1,7 @@
 """The machine in its field, as the model has it: commands in, what the sensors read out, and the truth kept apart."""
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from math import cos, degrees, radians, sin
@@ -8,7 +9,7 @@ from typing import NamedTuple
 
 from control.field.job import Job
 from control.geodesy import TangentPlane
-from control.machine.elements import stepped
+from control.machine.elements import Array, stepped
 from control.machine.fall import FallInput, fall_start, fall_step
 from control.machine.flow import FlowInput, flow_start, flow_step
 from control.machine.gate import GateInput, gate_start, gate_step
@@ -18,11 +19,13 @@ from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
-from control.readings import DriveCommand, GnssFix
+from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen
 
 from .canopy import CanopyField
 from .noise import Normals, Slow
+from .plant_rows import along_way, simulated_plants
 from .tractor import Driver, Path, Pose, field_boundary, field_path
+from .vision import Vision
 
 MODEL_STEPS = 4             # model steps a control tick
 BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)      # the decision paper's day of topdressing
@@ -46,6 +49,7 @@ class Sensed(NamedTuple):
     roll_deg: float
     work_switch: bool | None
     wheel_pulse_s: float | None = None      # when the newest pulse came
+    plants: tuple[PlantSeen, ...] = ()      # told by the camera in this step
 
 
 class Truth(NamedTuple):
@@ -63,13 +67,16 @@ class Truth(NamedTuple):
     north_m: float
     in_pass: bool
     refill_kg: float
+    doses: int = 0              # of point mode that the shaft has begun
 
 
 class Plant:
     """One simulated machine on one job. `step` advances it by `dt_s`; it reads no clock."""
 
     def __init__(self, machine: Machine, job: Job, seed: int, dt_s: float = 0.05, planted: Sequence[Planted] = (),
-                 path: Path | None = None, keep: Callable[[Truth], None] | None = None) -> None:
+                 path: Path | None = None, keep: Callable[[Truth], None] | None = None,
+                 plants: Array | None = None) -> None:
+        """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job."""
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
@@ -80,6 +87,12 @@ class Plant:
         self._true = self._stages[0][1]
         width = machine.geometry.working_width_m
         self._path = path or field_path(sim, width, job.field.pass_heading_deg)
+        self.plants_m = along_way(self._path, simulated_plants(job, width, seed) if plants is None else plants,
+                                  0.5 * width)
+        self._vision = Vision(sim.camera, self.plants_m, seed + 2) if sim.camera is not None else None
+        self._dose: DoseOrder | None = None
+        self._begins_s: deque[float] = deque()      # when the shaft will begin the doses that were accepted
+        self._doses = 0
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
         corners = field_boundary(sim, width, job.field.pass_heading_deg)
@@ -129,14 +142,37 @@ class Plant:
         supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
         refill = self._refill(speed, dt)
         rpm = command.shaft_rpm if enabled else 0.0
+        self._take_dose(command.dose, enabled)
         flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
         self._ticks += 1
         drop = self._drop(flow)
         self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop, self._driven_m, speed,
-                           self._flow.hopper_kg, pose.east_m, pose.north_m, pose.in_pass, refill)
+                           self._flow.hopper_kg, pose.east_m, pose.north_m, pose.in_pass, refill,
+                           self._doses)
         if self._keep is not None:
             self._keep(self.truth)
         return self._read(speed, pose, pitch, supply, flow)
+
+    def _take_dose(self, dose: DoseOrder | None, enabled: bool) -> None:
+        """A stop ends the dose under way; one that comes while another turns is refused."""
+        if not enabled:
+            self._dose = None
+        elif self._dose is None and dose is not None:
+            self._dose = dose
+            self._begins_s.append(self.time_s + self._true.shaft.dead_time_s + self._true.shaft.extra_dead_time_s)
+        while self._begins_s and self._begins_s[0] < self.time_s + self.dt_s - 1e-9:
+            self._begins_s.popleft()
+            self._doses += 1
+
+    def _dose_rpm(self, step_s: float) -> float:
+        """Mean speed in this model step of the dose under way."""
+        if self._dose is None:
+            return 0.0
+        angle_deg, rpm = self._dose
+        turned_deg = min(angle_deg, 6.0 * rpm * step_s)
+        left_deg = angle_deg - turned_deg
+        self._dose = DoseOrder(left_deg, rpm) if left_deg > 1e-6 else None
+        return turned_deg / (6.0 * step_s)
 
     def _stopped(self) -> bool:
         return self._sim.refill_at_kg > 0.0 and self._flow.hopper_kg <= self._sim.refill_at_kg
@@ -154,7 +190,8 @@ class Plant:
         true, step = self._true, self.dt_s / MODEL_STEPS
         total = 0.0
         for k in range(MODEL_STEPS):
-            self._shaft, shaft = shaft_step(true.shaft, self._shaft, ShaftInput(rpm, self._gate_out[0], supply), step)
+            self._shaft, shaft = shaft_step(true.shaft, self._shaft, ShaftInput(
+                max(rpm, self._dose_rpm(step)), self._gate_out[0], supply), step)
             self._gate, gate = gate_step(true.gate, self._gate, GateInput(opening_mm), step)
             self._flow, flow = flow_step(true.flow, self._flow, FlowInput(
                 shaft.rpm, gate.opening_mm, pitch, refill if k == 0 else 0.0), step)
@@ -184,7 +221,8 @@ class Plant:
             now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, self._pulses, self._ndvi(pose),
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
-            pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s)
+            pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
+            () if self._vision is None else self._vision.look(now, self._driven_m))
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
         """Count pulses; the newest one's time is where its distance was reached within the step."""

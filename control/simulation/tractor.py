@@ -53,6 +53,10 @@ class Path:
         return Pose(centre_e - radius * cos(angle), centre_n + radius * sin(angle),
                     (leg.heading_deg + leg.turn_deg * along / leg.length_m) % 360.0, False)
 
+    def straight_legs(self) -> list[tuple[float, Leg]]:
+        """Each straight leg with the distance driven at its begin."""
+        return [(begin, leg) for begin, leg in zip(self._begin_m, self._legs, strict=False) if leg.turn_deg == 0.0]
+
 
 def pass_order(passes: int) -> list[int]:
     """0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in time lie three or four widths apart."""

@@ -54,8 +54,8 @@ class Row:
     def __init__(self) -> None:
         self.places_m: list[float] = []
 
-    def look(self, seen: Sequence[Seen], fixed_to_m: float) -> None:
-        """Take in what is seen; plants up to `fixed_to_m`, dosed already, stay as they are."""
+    def look(self, seen: Sequence[Seen], fixed_to_m: float, newer: float = NEWER) -> None:
+        """Take in what is seen; plants up to `fixed_to_m`, dosed already, stay as they are. `newer`: see NEWER."""
         for plant in seen:
             place = plant.track_m + plant.ahead_m
             k = bisect_left(self.places_m, place)
@@ -64,9 +64,15 @@ class Row:
             if near:
                 j = min(near, key=lambda i: abs(self.places_m[i] - place))
                 if self.places_m[j] > fixed_to_m:
-                    self.places_m[j] += self.NEWER * (place - self.places_m[j])
+                    self.places_m[j] += newer * (place - self.places_m[j])
             elif place > fixed_to_m + self.SAME_M:
                 self.places_m.insert(k, place)
+
+    def only(self, seen: Sequence[Seen], from_m: float, to_m: float) -> None:
+        """Forget the plants between two places of the track that a look which tells them all did not tell."""
+        told = sorted(plant.track_m + plant.ahead_m for plant in seen)
+        self.places_m = [place for place in self.places_m
+                         if not from_m < place <= to_m or _is_near(told, place, self.SAME_M)]
 
     def after(self, place_m: float) -> float | None:
         """The first plant beyond a place of the track."""
@@ -75,3 +81,9 @@ class Row:
 
     def forget(self, before_m: float) -> None:
         del self.places_m[:bisect_left(self.places_m, before_m)]
+
+
+def _is_near(places_m: Sequence[float], place_m: float, within_m: float) -> bool:
+    """Whether one of the places, rising, is nearer than `within_m`."""
+    k = bisect_left(places_m, place_m)
+    return any(abs(places_m[j] - place_m) < within_m for j in (k - 1, k) if 0 <= j < len(places_m))

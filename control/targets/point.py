@@ -107,7 +107,7 @@ class PointMode:
         self.row = row
         self.threshold = threshold or Threshold()
         self._latest_m = latest_m
-        self._rest_s = rest_s
+        self.rest_s = rest_s
         self._done_to_m = float("-inf")
         self._free_s = float("-inf")            # on the clock of commands
         self.doses = 0
@@ -137,7 +137,7 @@ class PointMode:
                 missed.append(Missed(plant, "busy" if wait_m > late_m else "passed"))
                 continue
             begin = max(begin, self._free_s)
-            self._free_s = begin + self.lag.turn_s + self._rest_s
+            self._free_s = begin + self.lag.turn_s + self.rest_s
             doses.append(Dose(plant, begin - now_s, late_m + wait_m, threshold, speed_mps))
         self.doses += len(doses)
         self.missed += len(missed)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypedDict
 
 from control.field.job import Job
 from control.geodesy import TangentPlane
@@ -29,13 +30,28 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
         raise PrescriptionError(f"{read.path}: {error}") from None
 
 
-def plants_of_job(job: Job, folder: Path) -> PlantList | None:
-    """The plants of `target.plants`, a path beside the job file. Raises PrescriptionError, OSError."""
+def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
+    """The plants of `target.plants`, a path beside the job file, on the field's plane, else on `plane`, else on one of
+    their own. Raises PrescriptionError, OSError."""
     if job.target.plants is None:
         return None
     places = read_plants(folder / job.target.plants)
-    plane = _origin(job) or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
-    return PlantList(places, plane)
+    own = _origin(job) or plane or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
+    return PlantList(places, own)
+
+
+class Placed(TypedDict):
+    """What a job's loop takes by these names."""
+
+    prescription: MapProfile | None
+    plants: PlantList | None
+
+
+def placed_of_job(job: Job, folder: Path) -> Placed:
+    """Map and plants of a job on one plane. Raises PrescriptionError in one line, OSError."""
+    prescription = map_of_job(job, folder)
+    return {"prescription": prescription,
+            "plants": plants_of_job(job, folder, None if prescription is None else prescription.plane)}
 
 
 def _plane(job: Job, data: MapData) -> TangentPlane:

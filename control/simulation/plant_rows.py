@@ -1,0 +1,42 @@
+"""Plants of the simulated field, and where along the machine's way they stand."""
+from __future__ import annotations
+
+from math import cos, radians, sin
+
+import numpy as np
+
+from control.field.job import Job
+from control.machine.elements import Array
+
+from .tractor import Path, pass_order
+
+
+def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
+    """Places (n, 2), east and north, m, of the plants that `simulated.plants` describes; none without it."""
+    plants, sim = job.simulated.plants, job.simulated
+    if plants is None:
+        return np.zeros((0, 2))
+    rng = np.random.default_rng(seed)
+    north = radians(job.field.pass_heading_deg)
+    rows = []
+    for k in pass_order(sim.passes):
+        along = np.arange(plants.spacing_m, sim.pass_length_m, plants.spacing_m)
+        along = along + plants.scatter_percent / 100.0 * plants.spacing_m * rng.standard_normal(len(along))
+        across = (k + 0.5) * width_m
+        rows.append(np.column_stack((along * sin(north) + across * cos(north),
+                                     along * cos(north) - across * sin(north))))
+    return np.concatenate(rows)
+
+
+def along_way(path: Path, places: Array, half_width_m: float) -> Array:
+    """Distances driven (k,), rising, at which the outlet passes the plants (n, 2) within `half_width_m` beside it, on
+    the straight legs of its way."""
+    found = []
+    for begin_m, leg in path.straight_legs():
+        angle = radians(leg.heading_deg)
+        off = places - np.array([leg.east_m, leg.north_m])
+        ahead = off[:, 0] * sin(angle) + off[:, 1] * cos(angle)
+        aside = off[:, 0] * cos(angle) - off[:, 1] * sin(angle)
+        met = (ahead >= 0.0) & (ahead <= leg.length_m) & (np.abs(aside) <= half_width_m)
+        found.append(begin_m + ahead[met])
+    return np.sort(np.concatenate(found)) if found else np.zeros(0)

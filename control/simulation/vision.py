@@ -1,0 +1,36 @@
+"""A simulated camera over a row of plants: pictures, each told when its computer is done with it."""
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from control.field.job import Camera
+from control.machine.elements import Array
+from control.readings import PlantSeen
+
+
+class Vision:
+    """`plants_m`: where along the way the plants stand, rising."""
+
+    def __init__(self, camera: Camera, plants_m: Array, seed: int) -> None:
+        self._camera = camera
+        self._plants_m = plants_m
+        self._rng = np.random.default_rng(seed)
+        self._next_s = 0.0
+        self._pictures: deque[tuple[float, list[PlantSeen]]] = deque()
+
+    def look(self, now_s: float, driven_m: float) -> tuple[PlantSeen, ...]:
+        """What is told at `now_s`; a new picture is taken where one is due."""
+        camera = self._camera
+        if now_s >= self._next_s - 1e-9:
+            self._next_s += 1.0 / camera.hz
+            begin = driven_m + camera.ahead_m
+            first, last = np.searchsorted(self._plants_m, (begin, begin + camera.view_m))
+            ahead = self._plants_m[first:last] - driven_m
+            ahead = ahead + camera.seen_sd_m * self._rng.standard_normal(len(ahead))
+            self._pictures.append((now_s + camera.computing_s, [PlantSeen(now_s, float(d)) for d in ahead]))
+        told: list[PlantSeen] = []
+        while self._pictures and self._pictures[0][0] <= now_s + 1e-9:
+            told += self._pictures.popleft()[1]
+        return tuple(told)

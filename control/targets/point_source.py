@@ -1,0 +1,142 @@
+"""Point mode in the loop: plants ahead become dose orders on ticks; measured dose errors teach the threshold."""
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from control.geodesy import Place, TangentPlane
+from control.readings import DoseOrder, PlantSeen
+
+from .plants import PlantList, Row, Seen
+from .point import Dose, PointLag, PointMode
+
+LOOK_M = 2.0                # plants are looked for this far beyond the lag distance
+KEEP_M = 20.0               # of the way behind, to place pictures taken before
+SPACINGS = 20               # doses whose mean distance counts
+
+
+class Given(NamedTuple):
+    """A dose that was commanded."""
+
+    time_s: float
+    plant_m: float
+    threshold_m: float
+    speed_mps: float
+    lands_s: float
+
+
+class Due(NamedTuple):
+    """What one tick yields: at most one dose, and why plants were missed."""
+
+    dose: DoseOrder | None
+    missed: tuple[str, ...]
+
+
+NOTHING = Due(None, ())
+
+
+class PointSource:
+    """Plants, out of a list or a camera, to doses.
+
+    `tick` after `look`, once a control period. A dose is commanded on the tick nearest to its moment, one at a time.
+    `learn`: measured errors move the threshold; off: it stays 0.
+    """
+
+    def __init__(self, lag: PointLag, dose: DoseOrder, half_width_m: float, plants: PlantList | None = None,
+                 learn: bool = True, rest_s: float = 0.0) -> None:
+        self.lag = lag
+        self.dose = dose
+        self.row = Row()
+        self.mode = PointMode(lag, self.row, rest_s=rest_s)
+        self.missed = 0
+        self.given: deque[Given] = deque(maxlen=200)
+        self.doses = 0
+        self._plants = plants
+        self._half_width_m = half_width_m
+        self._learn = learn
+        self._busy_s = lag.turn_s + rest_s
+        self._waiting: deque[tuple[float, Dose]] = deque()
+        self._free_s = float("-inf")
+        self._way: deque[tuple[float, float]] = deque()         # time, track
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """Of the plant list; None for a camera, which needs none."""
+        return None if self._plants is None else self._plants.plane
+
+    @property
+    def spacing_m(self) -> float | None:
+        """Mean distance between the last doses; None before there are two."""
+        last = list(self.given)[-SPACINGS:]
+        return (last[-1].plant_m - last[0].plant_m) / (len(last) - 1) if len(last) > 1 else None
+
+    def reach_m(self, speed_mps: float) -> float:
+        """How far ahead a dose commanded now is meant to fall: lag distance and threshold."""
+        return self.lag.distance_m(speed_mps) + self.mode.threshold.at(speed_mps)
+
+    def look(self, now_s: float, track_m: float, place: Place | None, heading_deg: float | None, speed_mps: float,
+             seen: Sequence[PlantSeen]) -> None:
+        """Take in the plants ahead of the outlet; `place` None: not known, or turning: plants not yet dosed are
+        looked for anew."""
+        self._way.append((now_s, track_m))
+        while len(self._way) > 2 and self._way[1][1] < track_m - KEEP_M:
+            self._way.popleft()
+        fixed = self.mode.fixed_to_m
+        if place is None or heading_deg is None:
+            self.row.only([], max(fixed, track_m), float("inf"))
+            return
+        if self._plants is None:
+            self.row.look([Seen(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed)
+        else:
+            farthest = self.reach_m(speed_mps) + LOOK_M
+            ahead = [Seen(track_m, d) for d in self._plants.ahead_m(place, heading_deg, farthest, self._half_width_m)]
+            self.row.only(ahead, max(fixed, track_m), track_m + farthest)
+            self.row.look(ahead, fixed, newer=0.1)
+        self.row.forget(track_m - KEEP_M)
+
+    def tick(self, now_s: float, track_m: float, speed_mps: float, period_s: float, may_flow: bool,
+             at_work: bool) -> Due:
+        """The dose of this tick. Where flow is not allowed its plant is missed; out of work it is passed by."""
+        half = 0.5 * period_s
+        if period_s > 0.0:          # doses begin on ticks only
+            busy_s = math.ceil(self._busy_s / period_s - 1e-6) * period_s
+            self.mode.rest_s = busy_s - self.lag.turn_s
+        doses, missed = self.mode.tick(now_s - half, track_m - half * speed_mps, speed_mps, period_s)
+        self._waiting.extend((now_s - half + dose.in_s, dose) for dose in doses)
+        if not at_work:
+            self._waiting.clear()
+            return NOTHING
+        why = [miss.why for miss in missed]
+        order = None
+        if not may_flow:
+            why += ["no_flow"] * len(self._waiting)
+            self._waiting.clear()
+        elif self._waiting and self._waiting[0][0] < now_s + half and now_s >= self._free_s - 1e-6:
+            _, dose = self._waiting.popleft()
+            self._free_s = now_s + self._busy_s
+            self.doses += 1
+            self.given.append(Given(now_s, dose.plant_m, dose.threshold_m, dose.speed_mps, now_s + self.lag.total_s))
+            order = self.dose
+        self.missed += len(why)
+        return Due(order, tuple(why))
+
+    def learn(self, error_m: float, now_s: float) -> bool:
+        """A dose error measured now on the newest dose that has landed, late positive; False where there is none."""
+        landed = next((given for given in reversed(self.given) if given.lands_s <= now_s), None)
+        if landed is None:
+            return False
+        if self._learn:
+            self.mode.threshold.learn(error_m, landed.speed_mps, landed.threshold_m)
+        return True
+
+    def _track_at(self, time_s: float) -> float:
+        """Track of the outlet when a picture was taken."""
+        later_s, later_m = self._way[-1]
+        for at_s, at_m in reversed(self._way):
+            if at_s <= time_s:
+                share = (time_s - at_s) / (later_s - at_s) if later_s > at_s else 0.0
+                return at_m + share * (later_m - at_m)
+            later_s, later_m = at_s, at_m
+        return later_m

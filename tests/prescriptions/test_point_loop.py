@@ -1,0 +1,128 @@
+"""Point mode through the whole loop on the simulated bench: doses at plants, told to the log, learned, stopped."""
+from __future__ import annotations
+
+import datetime as dt
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+from control.field.job import Camera, Job, Plants, Wanted
+from control.geodesy import TangentPlane
+from control.orders import Do, Order, TargetSource
+from control.readings import DoseOrder, PlantSeen
+from control.simulation.assembly import control_loop, point_source, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import simulated_run
+from control.simulation.dose_watch import DoseErrors, DoseWatch
+from control.targets.plants import PlantList
+from control.targets.point_source import PointSource
+from drivers.files.setup import Setup, load_setup
+
+TICK_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def bench() -> Setup:
+    return load_setup("bench", "points_demo", dt.date(2026, 5, 1))
+
+
+def job_of(bench: Setup, sim: dict[str, Any] | None = None, **target: Any) -> Job:
+    job = bench.job.model_copy(update={
+        "target": bench.job.target.model_copy(update=target),
+        "simulated": bench.job.simulated.model_copy(update=sim or {})})
+    return with_simulated_field(job, bench.machine)
+
+
+def driven(bench: Setup, job: Job, seconds: float, orders: Any = None, plants: PlantList | None = None
+           ) -> tuple[DoseErrors, list[Any]]:
+    plant = simulated_machine(bench.machine, job, 1, TICK_S, plants=plants)
+    loop = control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
+    watch = DoseWatch(plant.plants_m, 3, 0.01)
+    ticks = [step.tick for step in simulated_run(plant, loop, seconds, orders, watch)]
+    return watch.errors(settle=50), ticks
+
+
+def events(ticks: list[Any]) -> Counter[str]:
+    return Counter(word for tick in ticks for word in (tick.row.events or "").split(";"))
+
+
+def test_doses_fall_at_the_plants_of_a_camera_and_learning_takes_the_bias_out(bench: Setup) -> None:
+    learned, ticks = driven(bench, job_of(bench), 90.0)
+    fixed, _ = driven(bench, job_of(bench, learn_threshold=False), 90.0)
+    assert learned.plants > 200 and learned.missed <= 2 and learned.doubled == 0
+    assert learned.dose_g == pytest.approx(0.917 * 25.0 / 3.0, rel=0.01), "a third of a turn"
+    assert abs(learned.mean_m) < 0.012 and learned.p95_m < 0.08
+    assert fixed.mean_m == pytest.approx(-0.083, abs=0.03), "half a turn of the shaft, as the paper counts it"
+    assert learned.p50_m < 0.5 * fixed.p50_m
+    assert events(ticks)["dose 120"] == learned.doses
+    rows = [tick.row for tick in ticks if tick.row.state == "working"]
+    assert {row.target_source for row in rows if row.events and "dose 120" in row.events} == {"point"}
+    assert all(row.target_rate_kg_ha is None for row in rows if row.target_source == "point")
+    assert all(row.shaft_rpm_cmd == 0.0 and row.opening_mm_cmd == 25.0 for row in rows), "doses, no speed"
+    assert not any(row.alarms for row in rows)
+    assert rows[-1].hopper_kg is not None and ticks[-1].metres_left_m == pytest.approx(
+        rows[-1].hopper_kg / (0.00764 / 0.25), rel=0.1)
+
+
+def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Setup) -> None:
+    job = job_of(bench, {"plants": None, "camera": None, "passes": 1})
+    plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
+    ways = np.arange(-8.0, 60.0, 0.4)
+    plants = PlantList([plane.to_deg(0.3, way) for way in ways], plane)
+    found, ticks = driven(bench, job, 75.0, plants=plants)
+    assert found.p95_m < 0.06 and found.doubled == 0
+    missed = events(ticks)["dose_missed no_flow"]
+    assert missed >= 5, "the plants before the field's edge"
+    assert found.missed <= missed
+
+
+def test_held_and_off_the_shaft_gets_no_dose(bench: Setup) -> None:
+    _, ticks = driven(bench, job_of(bench), 40.0, orders=[
+        (4.0, Order(Do.READY)), (4.1, Order(Do.START)), (25.0, Order(Do.HOLD)), (32.0, Order(Do.READY)),
+        (32.1, Order(Do.START))])
+    by_state = {(tick.row.state, tick.command.dose is not None) for tick in ticks}
+    assert ("working", True) in by_state and ("held", False) in by_state
+    assert not {("held", True), ("ready", True), ("off", True)} & by_state
+    again = [tick.row.time_s for tick in ticks if tick.command.dose and tick.row.time_s > 32.0]
+    assert again and again[0] < 33.5
+
+
+def test_the_source_point_can_be_ordered_only_with_plants(bench: Setup) -> None:
+    with_plants = control_loop(bench.machine, bench.crop, bench.rule, job_of(bench))
+    assert with_plants.order(Order(Do.SOURCE, "manual")).accepted
+    assert with_plants.order(Order(Do.SOURCE, "point")).accepted
+    none = control_loop(bench.machine, bench.crop, bench.rule, job_of(bench, source=TargetSource.MANUAL))
+    assert none.order(Order(Do.SOURCE, "point")).why == "source_not_ready"
+    assert none.order(Order(Do.DOSE_ERROR, 0.1)).why == "no_dose_landed"
+    assert with_plants.order(Order(Do.DOSE_ERROR, 9.0)).why == "dose_error_out_of_range"
+
+
+def test_a_nudge_makes_every_dose_larger(bench: Setup) -> None:
+    _, ticks = driven(bench, job_of(bench), 25.0, orders=[
+        (4.0, Order(Do.READY)), (4.1, Order(Do.START)), (4.2, Order(Do.NUDGE, 10.0))])
+    doses = {tick.command.dose for tick in ticks} - {None}
+    assert doses == {DoseOrder(132.0, 99.8)}
+
+
+def test_a_picture_is_placed_where_the_outlet_was_when_it_was_taken(bench: Setup) -> None:
+    job = job_of(bench)
+    source: PointSource = point_source(bench.machine, job, None)
+    for k in range(41):
+        source.look(k * TICK_S, k * TICK_S * 1.0, (0.0, 0.0), 0.0, 1.0, ())
+    source.look(2.05, 2.05, (0.0, 0.0), 0.0, 1.0, [PlantSeen(0.525, 6.0)])
+    assert source.row.places_m == pytest.approx([6.525])
+
+
+def test_too_fast_for_the_spacing_plants_are_missed_and_said(bench: Setup) -> None:
+    slow, _ = driven(bench, job_of(bench, {"speed_kmh": 2.4, "plants": Plants(spacing_m=0.25)}), 60.0)
+    fast, ticks = driven(bench, job_of(bench, {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25),
+                                               "camera": Camera(ahead_m=8.0)}), 60.0)
+    assert slow.missed <= 2
+    assert fast.missed > 0.2 * fast.plants
+    assert abs(events(ticks)["dose_missed busy"] - fast.missed) <= 6
+
+
+def test_a_job_in_point_mode_needs_plants() -> None:
+    with pytest.raises(ValueError, match=r"point needs target\.plants"):
+        Job(target=Wanted(source=TargetSource.POINT))
