@@ -52,6 +52,8 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "source_not_ready": N_("This source of the target is not ready."),
     "nudge_out_of_range": N_("The nudge is out of its range."),
     "rate_out_of_range": N_("The rate is out of its range."),
+    "dose_error_out_of_range": N_("A dose error is at most 2 m."),
+    "no_dose_landed": N_("No dose has landed yet, or the job has no plants."),
 }
 
 
