@@ -34,6 +34,8 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
         kind, loaded = load_any(file, KINDS)
         if kind is CROP:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
+        if kind.folder in ("settings", "themes"):
+            raise ConfigError([f"{file}: {kind.format} is the console's: allowed are job, machine and cab files"])
         if kind.format in found:
             raise ConfigError([f"{file}: a second file with format {kind.format}: allowed is one"])
         found[kind.format] = loaded

@@ -1,0 +1,83 @@
+"""The console's settings: what one user wants, in one file. A broken file is told and left as it is."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import platformdirs
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.files.config import ConfigError, Kind, load, save
+
+MOST_RATE_KG_HA = 2000.0
+
+Keys = Annotated[str, Field(min_length=1, max_length=80, description="keys, with commas between them")]
+
+
+class Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ManualRate(Part):
+    """What may be typed as a manual rate; never beyond the crop's own limit."""
+
+    low_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 0.0
+    high_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = MOST_RATE_KG_HA
+
+    @model_validator(mode="after")
+    def _in_order(self) -> ManualRate:
+        if self.low_kg_ha >= self.high_kg_ha:
+            raise ValueError(f"low_kg_ha {self.low_kg_ha:g}: allowed is below high_kg_ha {self.high_kg_ha:g}")
+        return self
+
+
+class Rates(Part):
+    """How often the console looks at each kind of panel; slower ones spare a weak computer."""
+
+    numbers_hz: Annotated[float, Field(ge=1.0, le=5.0)] = 5.0
+    plots_hz: Annotated[float, Field(ge=0.2, le=2.0)] = 2.0
+    maps_hz: Annotated[float, Field(ge=0.1, le=1.0)] = 1.0
+
+
+class Settings(Part):
+    """Settings file "topdress-settings/1"; every key may be left out."""
+
+    units: Literal["metric", "imperial"] = "metric"
+    language: Literal["auto", "en", "zh"] = "auto"
+    theme: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")] = "day"
+    sound: bool = True
+    manual_rate: ManualRate = ManualRate()
+    console: Rates = Rates()
+    keymap: dict[str, Keys] = Field(default={}, description="action -> keys, where other than the built-in ones")
+
+
+class Read(NamedTuple):
+    """Settings to use, and why they are not the file's; empty where they are, or where there is no file."""
+
+    settings: Settings
+    trouble: str = ""
+
+
+SETTINGS = Kind("topdress-settings/1", "settings", Settings)
+
+
+def settings_path() -> Path:
+    """The file of this user."""
+    return Path(platformdirs.user_config_dir("topdress", appauthor=False)) / "settings.yaml"
+
+
+def read_settings(path: Path) -> Read:
+    """The file's settings; the defaults where there is none, and where it is broken. Never raises, never writes."""
+    if not path.exists():
+        return Read(Settings())
+    try:
+        return Read(load(path, SETTINGS).model)
+    except ConfigError as error:
+        more = f" (+{len(error.lines) - 1})" if len(error.lines) > 1 else ""
+        return Read(Settings(), f"{error.lines[0]}{more}")
+
+
+def write_settings(path: Path, settings: Settings) -> None:
+    """Whole or not at all. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save(path, settings, SETTINGS, "Settings of the topdress console; the console's Settings page writes this file.")

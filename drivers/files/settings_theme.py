@@ -1,0 +1,49 @@
+"""A theme of the user's own: a built-in one with some colours other. NAME.yaml in the folder `themes`."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.files.config import ConfigError, Kind, load
+
+Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
+
+COLOURS = ("background", "surface", "panel", "foreground", "primary", "stale", "muted", "target", "red", "on-red",
+           "amber", "on-amber", "keybar", "on-keybar", "keybar-key")
+
+
+class ThemeData(BaseModel):
+    """Theme file "topdress-theme/1"."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")]
+    like: Literal["day", "night", "contrast"]
+    dark: bool | None = None                    # None: as the one that it is like
+    colours: dict[str, Colour] = {}
+
+    @model_validator(mode="after")
+    def _known(self) -> ThemeData:
+        if self.name in ("day", "night", "contrast"):
+            raise ValueError(f"name {self.name}: is a built-in theme; allowed is another name")
+        unknown = [name for name in self.colours if name not in COLOURS]
+        if unknown:
+            raise ValueError(f"colours.{unknown[0]}: unknown: allowed {', '.join(COLOURS)}")
+        return self
+
+
+THEME = Kind("topdress-theme/1", "themes", ThemeData)
+
+
+def read_themes(folder: Path) -> tuple[tuple[ThemeData, ...], tuple[str, ...]]:
+    """The user's themes, and one line for each file that is none. Never raises."""
+    themes: list[ThemeData] = []
+    wrong: list[str] = []
+    for path in sorted(folder.glob("*.yaml")):
+        try:
+            themes.append(load(path, THEME).model)
+        except ConfigError as error:
+            wrong.append(error.lines[0])
+    return tuple(themes), tuple(wrong)
