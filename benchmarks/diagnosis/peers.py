@@ -23,7 +23,8 @@ from evidence import Evidence, drive_of, evidence, poured
 from hidden.cases import one
 from hidden.nominal import Effect, Physics
 from hidden.plant import Plant
-from hidden.score import mark, report
+from hidden.report import report
+from hidden.score import mark
 
 Score = Callable[[Evidence], list[tuple[str, float, float]]]      # (id, size, what adding it gained), best first
 MOST_CAUSES = 3

@@ -14,6 +14,7 @@ from console.cli.plain_errors import CommandError
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
     from control.machine.machine import Machine
+    from drivers.files.setup import Setup
 
 
 def diagnose(
@@ -26,9 +27,11 @@ def diagnose(
                                                  "output.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
     adopt: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="A machine file with the findings.")] = None,
-    closed_loop: Annotated[float | None, typer.Option(min=60.0, metavar="SECONDS", help="Also simulate the job `demo` "
-                                                      "this long, twice, on a machine that has the named effects: "
+    closed_loop: Annotated[float | None, typer.Option(min=60.0, metavar="SECONDS", help="Also simulate a job this "
+                                                      "long, twice, on a machine that has the named effects: "
                                                       "control without and with knowing them.")] = None,
+    job: Annotated[str | None, typer.Option(help="Of --closed-loop: job file, or name of a shipped one; default "
+                                            "demo.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
 ) -> None:
     """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do."""
@@ -36,11 +39,14 @@ def diagnose(
     from drivers.files.kinds import MACHINE
     if adopt is not None and adopt.exists():
         raise CommandError(f"{adopt}: exists already: nothing is overwritten")
+    if job is not None and closed_loop is None:
+        raise CommandError(f"--job {job}: only --closed-loop simulates a job")
     ours = {path.resolve() for source in data for path in (source, source.with_suffix(".yaml"))}
     for out in (report, as_json):
         if out is not None and out.resolve() in ours:
             raise CommandError(f"{out}: is the data itself")
     loaded = load(machine, MACHINE).model
+    setup = None if closed_loop is None else _setup(machine, job or "demo")
     if kind == "run" or (kind is None and _is_run(data)):
         found, tools = _run(data, loaded, seed)
     else:
@@ -48,8 +54,8 @@ def diagnose(
     if adopt is not None:
         found = _adopt(found, loaded, data, adopt)
     _write(found, as_json, report, tools)
-    if closed_loop is not None:
-        for line in _closed_loop(found, machine, closed_loop):
+    if setup is not None and closed_loop is not None:
+        for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
 
 
@@ -95,30 +101,47 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
     import dataclasses
 
     from control.diagnosis.extend import extend
+    from control.diagnosis.tables.sentences import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     if found.verdict == "none":
         raise CommandError(f"{out}: nothing was found, so there is nothing to adopt")
+    in_part = held_in_part(found.findings)
+    for cause in found.causes:
+        if cause.id in in_part:
+            raise CommandError(f"{out}: {cause.id} holds in the rows of {in_part[cause.id]} only: it is not the "
+                               "machine's, so nothing is adopted")
+        if cause.rivals:
+            typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
+                       f"{', '.join(rival.id for rival in cause.rivals)}", err=True)
     extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
     return dataclasses.replace(found, extended_machine=str(out))
 
 
-def _closed_loop(found: Diagnosis, machine: str, seconds: float) -> list[str]:
+def _setup(machine: str, job: str) -> Setup:
+    from control.orders import TargetSource
+    from drivers.files.setup import load_setup
+    setup = load_setup(machine, job, dt.date.today())
+    if setup.job.target.source not in (TargetSource.CANOPY, TargetSource.MANUAL):
+        raise CommandError(f"--job {job}: target {setup.job.target.source.value}: --closed-loop simulates jobs of "
+                           "target canopy or manual")
+    return setup
+
+
+def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
     import dataclasses
 
     from control.diagnosis.extend import extend, planted
     from control.diagnosis.gain import closed_loop_gain
-    from drivers.files.setup import load_setup
-    setup = load_setup(machine, "demo", dt.date.today())
     effects = planted(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
     known = extend(setup.machine, dataclasses.replace(found, tables=()))
     gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds)
     trim = "on" if setup.job.flow_trim else "off"
-    lines = ["", f"closed loop, simulated {seconds:g} s of job demo ({setup.job.strategy.value}, flow trim {trim}), "
+    lines = ["", f"closed loop, simulated {seconds:g} s of job {job} ({setup.job.strategy.value}, flow trim {trim}), "
                  "the sizes found taken for true:"]
     for word, one in (("not known", gain.before), ("known", gain.after)):
         bias = 100.0 * one.bias_kg_ha / one.mean_target_kg_ha if one.mean_target_kg_ha > 0.0 else 0.0

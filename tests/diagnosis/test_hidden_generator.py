@@ -13,8 +13,8 @@ import pytest
 
 HIDDEN = Path(__file__).parent / "hidden"
 REPO = HIDDEN.parents[2]
-MODULES = ("cases", "detect", "noise", "nominal", "plant", "programmes", "run_cases", "runlog", "score", "tables",
-           "write")
+MODULES = ("cases", "detect", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases", "runlog",
+           "score", "tables", "write")
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +200,7 @@ def test_scorer_marks(hidden: Any, verdict: str, causes: list[Any], exact: bool,
                           "size": {"value": 2.0, "low": 1.9, "high": 2.1, "unit": "%"}} for i, rivals in causes]}
     marked = hidden.score.mark(truth, answer)
     assert (marked.exact, marked.honest) == (exact, honest)
-    assert "| figure |" in hidden.score.report([marked])
+    assert "| figure |" in hidden.report.report([marked])
 
 
 def test_scorer_knows_false_alarms_and_the_outside(hidden: Any) -> None:
@@ -218,7 +218,7 @@ def test_scorer_knows_false_alarms_and_the_outside(hidden: Any) -> None:
 
 def test_wilson_interval_of_a_known_case(hidden: Any) -> None:
     """Ten of ten: the interval of Wilson (1927) begins at n / (n + z^2)."""
-    assert hidden.score.wilson(10, 10)[1] == pytest.approx(10 / (10 + 1.96**2), abs=1e-9)
+    assert hidden.report.wilson(10, 10)[1] == pytest.approx(10 / (10 + 1.96**2), abs=1e-9)
 
 
 def test_gain_share_is_one_for_the_truth_and_little_for_another_cause(hidden: Any) -> None:

@@ -295,3 +295,47 @@ def test_json_has_every_field_of_the_contract() -> None:
     assert found["causes"][0]["field_cost"]["rate_error_percent"] == pytest.approx(10.0, abs=3.0)
     assert len(found["not_shown"]) + len({c["id"] for c in found["causes"]} | {
         r["id"] for c in found["causes"] for r in c["rivals"]}) == len(CATALOGUE)
+
+
+def test_nothing_extra_is_ever_negative() -> None:
+    """A shaft that answers earlier than nominal has no dead time of minus so much: no effect says it."""
+    rng = np.random.default_rng(5)
+    rpm = np.tile(np.arange(10.0, 71.0, 10.0), 4)
+    table = Table("lag", {"shaft_rpm": rpm, "response_s": np.round(0.303 + 0.01 * rng.standard_normal(28), 3)})
+    found = diagnosed(table)
+    assert found.verdict == "unexplained" and not found.causes
+    later = Table("lag", {"shaft_rpm": rpm, "response_s": np.round(0.463 + 0.01 * rng.standard_normal(28), 3)})
+    assert ids(diagnosed(later)) == {"shaft.dead_time"}
+
+
+def test_misses_at_one_speed_are_a_lever_arm_or_a_latency_and_no_wrong_speed() -> None:
+    found = diagnosed(place_table(np.random.default_rng(6), late_s=0.5, speeds=(1.3,)))
+    assert found.verdict == "ambiguous" and members(found) == {"place.latency", "place.lever_arm"}
+
+
+def test_replicates_that_drift_are_seen_though_they_are_what_the_noise_is_told_by() -> None:
+    rng = np.random.default_rng(7)
+    rpm, speed, again = (a.ravel() for a in np.meshgrid([30.0, 60.0], [1.3], np.arange(1.0, 9.0)))
+    miss = 0.25 * (again - 4.5) + 0.08 * rng.standard_normal(len(rpm))
+    found = diagnosed(Table("place", {"shaft_rpm": rpm, "speed_mps": speed, "replicate": again,
+                                      "miss_m": np.round(miss, 3)}))
+    assert found.verdict == "unexplained" and found.unexplained[0].variable == "replicate"
+
+
+@pytest.mark.parametrize("down_s", [-0.25, 0.25])
+def test_an_asymmetry_all_on_one_side_calls_in_nothing_else(down_s: float) -> None:
+    rng = np.random.default_rng(8)
+    rpm = np.tile([20.0, 40.0, 60.0], 8)
+    label = np.repeat(["up", "down"], 12)
+    lag = total_s(rpm) + down_s * (label == "down") + 0.02 * rng.standard_normal(24)
+    found = diagnosed(Table("lag", {"shaft_rpm": rpm, "lag_s": np.round(lag, 3)}, "direction", "", label))
+    assert found.verdict == "named" and ids(found) == {"lag.asymmetry"}, (found.verdict, members(found))
+
+
+def test_warming_up_is_sized_at_power_on_whatever_its_time_constant() -> None:
+    covered = 0
+    for seed in range(12):
+        found = diagnosed(heads_table(np.random.default_rng(seed), lambda v, k, t: v * (1 + 0.12 * np.exp(-t / 4.0))))
+        sizes = [c.size for c in found.causes if c.id == "canopy.warm_up"]
+        covered += bool(sizes and sizes[0].low <= 12.0 <= sizes[0].high)
+    assert covered >= 6

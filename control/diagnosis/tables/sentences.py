@@ -14,6 +14,8 @@ from .problem import Problem
 from .scatter import FAR, UNEQUAL_P
 
 DIFFERENT_P = 0.01
+IN_PART = " holds in the rows of "
+ONLY = " only"
 OUTSTANDING = 2.0       # times the common scatter, from which on a setting is pointed out
 
 
@@ -96,8 +98,21 @@ def scope_sentences(problem: Problem, named: Named) -> list[str]:
         scope = one.part.choice.scope
         if scope is not None:
             where = group_name(problem, scope)
-            out.append(f"{one.part.choice.id} {one.part.size:+.3g} holds in the rows of {where} only")
+            out.append(f"{one.part.choice.id} {one.part.size:+.3g}{IN_PART}{where}{ONLY}")
     return out
+
+
+def held_in_part(findings: Sequence[str]) -> dict[str, str]:
+    """Effects that hold in one label or one table only: id -> which, read off the findings of a diagnosis.
+
+    Such an effect belongs to what that label names (a tractor, a rig), not to the machine.
+    """
+    found = {}
+    for text in findings:
+        head, part, where = text.partition(IN_PART)
+        if part and where.endswith(ONLY):
+            found[head.split(" ")[0]] = where.removesuffix(ONLY)
+    return found
 
 
 def group_name(problem: Problem, scope: int) -> str:

@@ -1,0 +1,57 @@
+"""`topdress diagnose`: what it refuses to adopt, and the job that its closed loop simulates."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from control.diagnosis.tables.sentences import held_in_part
+
+
+def lag_table(path: Path, later_s: float, label: str = "", more_s: float = 0.0) -> Path:
+    """Nominal whole lags, `later_s` later; with a `label`, half of the rows carry it and are `more_s` later still."""
+    rng = np.random.default_rng(3)
+    lines = ["shaft_rpm,lag_s" + (",tractor" if label else "")]
+    for k in range(42):
+        rpm = 10.0 + 10.0 * (k % 7)
+        own = label and k % 2 == 0
+        lag = 0.383 + 1.8288 - 0.0083 * rpm + later_s + (more_s if own else 0.0) + 0.02 * rng.standard_normal()
+        lines.append(f"{rpm:g},{lag:.3f}" + (f",{label if own else 'other'}" if label else ""))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_an_effect_of_one_label_is_not_adopted(tmp_path: Path) -> None:
+    table = lag_table(tmp_path / "two.csv", 0.0, "blue", 0.3)
+    out = tmp_path / "new.yaml"
+    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out)])
+    assert asked.exit_code == 2 and not out.exists()
+    assert "holds in the rows of two.csv blue only: it is not the machine's" in asked.output
+
+
+def test_an_effect_of_all_rows_is_adopted_and_its_rivals_are_said(tmp_path: Path) -> None:
+    table = lag_table(tmp_path / "one.csv", 0.3)
+    out = tmp_path / "new.yaml"
+    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out)])
+    assert asked.exit_code == 0 and out.exists(), asked.output
+    assert "is adopted, though this data cannot tell it from" in asked.output
+
+
+def test_which_part_an_effect_holds_in_is_read_off_the_findings() -> None:
+    said = ("row 3: no number", "lag.offset +0.3 holds in the rows of two.csv blue only")
+    assert held_in_part(said) == {"lag.offset": "two.csv blue"}
+
+
+@pytest.mark.parametrize(("more", "line"), [
+    (["--job", "demo"], "--job demo: only --closed-loop simulates a job"),
+    (["--job", "map_demo", "--closed-loop", "60"], "--job map_demo: target map"),
+    (["--job", "nowhere.yaml", "--closed-loop", "60"], "nowhere.yaml"),
+])
+def test_a_job_is_simulated_or_refused_in_one_line(tmp_path: Path, more: list[str], line: str) -> None:
+    table = lag_table(tmp_path / "one.csv", 0.3)
+    asked = CliRunner().invoke(app, ["diagnose", str(table), *more])
+    assert asked.exit_code == 2 and line in asked.output
+    assert "Traceback" not in asked.output
