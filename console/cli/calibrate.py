@@ -23,14 +23,34 @@ class What(StrEnum):
 
 def calibrate(
     what: Annotated[What, typer.Argument(help="catch: flow model; lag: drop times.")],
-    data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="The bench table.")],
-    out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file.")],
+    data: Annotated[Path | None, typer.Argument(metavar="[DATA.csv]", help="The bench table.")] = None,
+    *,
+    out: Annotated[Path, typer.Option(metavar="NEW.yaml|TABLE.csv", help="The new machine file; with --rig the new "
+                                      "bench table.")],
     machine: Annotated[str, typer.Option(help="Machine file to begin with, or name of a shipped one.")] = "huanghai",
     label: Annotated[str | None, typer.Option(help="lag: only the rows with this label (e.g. detected).")] = None,
     from_rpm: Annotated[float | None, typer.Option(help="lag: lowest shaft speed used.")] = None,
     to_rpm: Annotated[float | None, typer.Option(help="lag: highest shaft speed used.")] = None,
+    rig: Annotated[str | None, typer.Option(metavar="URL", help="lag: measure, with the lag rig there.")] = None,
+    board: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the board that turns the shaft.")] = None,
+    gnss: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the GNSS receiver, where fitted.")] = None,
+    rpm: Annotated[list[float] | None, typer.Option(help="--rig: a shaft speed (repeatable); default 10 to 70 in steps "
+                                                    "of 10.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, max=100, help="--rig: runs at each speed.")] = 10,
+    opening_mm: Annotated[float | None, typer.Option(help="--rig: opening of the gate; default: as it stands.")] = None,
+    no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
+                                         "hard-wired stop.")] = False,
 ) -> None:
-    """Fit the flow or the lag model to a bench table, with intervals and the range in which it holds."""
+    """Fit the flow or the lag model to a bench table, with intervals and the range in which it holds.
+
+    With lag --rig URL --board URL: measure a lag bench table.
+    """
+    if rig is not None and what is What.LAG and data is None:
+        from console.cli.lag_rig import measure_lag
+        measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
+        return
+    if data is None or rig is not None:
+        raise CommandError("calibrate: allowed is a bench table, or lag with --rig URL and no table")
     from control.calibration.flow_fit import fit_flow
     from control.calibration.lag_fit import fit_lag
     from drivers.files.bench_table import read_bench_table

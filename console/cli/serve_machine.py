@@ -5,11 +5,14 @@ import datetime as dt
 import signal
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from control.field.job import Job
 
 PLANT_STEP_S = 0.02
 
@@ -29,6 +32,8 @@ def serve_machine(
                                              "folder.")] = None,
     rate_module: Annotated[bool, typer.Option("--rate-module", help="A rate module on UDP turns the shaft.")] = False,
     agopengps: Annotated[bool, typer.Option("--agopengps", help="Positions on UDP 17777 too.")] = False,
+    lag_rig: Annotated[bool, typer.Option("--lag-rig", help="The machine stands, for calibrating, with "
+                                          "the lag rig under its outlets.")] = False,
     seconds: Annotated[float, typer.Option(min=0.0, help="End after this long; 0: when interrupted.")] = 0.0,
 ) -> None:
     """The simulated machine behind every protocol, in real time. `topdress run --config virtual` connects to it."""
@@ -39,7 +44,7 @@ def serve_machine(
     from drivers.virtual.served import Serve, ServedMachine
     from drivers.virtual.timeline import parse_fault
     setup = load_setup(machine, job, dt.date.today())
-    field = with_simulated_field(setup.job, setup.machine)
+    field = with_simulated_field(_standing(setup.job) if lag_rig else setup.job, setup.machine)
     plant = simulated_machine(setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()])
     plain = Serve(host=host, first_port=port, heads=setup.machine.geometry.heads,
                   opening_mm=setup.machine.set_points.opening_mm, terminals=pty,
@@ -64,3 +69,9 @@ def serve_machine(
         pass
     finally:
         served.close()
+
+
+def _standing(job: Job) -> Job:
+    from control.field.job import SpeedChange
+    stands = SpeedChange(at_s=0.0, speed_kmh=0.0)
+    return job.model_copy(update={"simulated": job.simulated.model_copy(update={"speed_changes": (stands,)})})

@@ -6,6 +6,7 @@ import statistics
 
 import pytest
 
+from console.cli.lag_rig import Attended
 from console.worker.host import Host
 from console.worker.parts import Assembly, Names
 from console.worker.requests import Ask
@@ -149,3 +150,71 @@ def test_side_files_are_written_in_order_and_can_be_begun_again(tmp_path):
     files.close()
     assert (tmp_path / "a").read_bytes() == b"".join(b"%d " % n for n in range(50)) + b"end"
     assert files.trouble == ""
+
+
+class Hand:
+    """A keyboard whose space bar repeats 20 times a second while `down`."""
+
+    def __init__(self):
+        self.down = False
+
+    def pressed(self):
+        return " " if self.down else ""
+
+
+def attend(bench, tmp_path, no_key=False, repeats=1):
+    """The command's own attendant at the bench, `go(seconds)` with whatever its hand does."""
+    hand = Hand()
+    attended = Attended(hand, tmp_path / "table.csv", Plan((40.0,), repeats=repeats, settle_s=2.5), 20.0, no_key, True,
+                        lambda: bench.now_s, lambda _: None)
+    attended.host = bench.host
+
+    def go(seconds):
+        for _ in range(round(seconds / STEP_S)):
+            bench.now_s += STEP_S
+            bench.virtual.advance(bench.now_s)
+            bench.host.tick(bench.now_s)
+            attended.between(0.0)
+        return bench.host.newest
+
+    return hand, attended, go
+
+
+def test_the_command_turns_the_shaft_only_while_the_key_is_down(bench, tmp_path):
+    hand, attended, go = attend(bench, tmp_path)
+    assert go(5.0).row.state == "ready", "nobody touched the key"
+    hand.down = True
+    go(0.02)
+    hand.down = False
+    assert go(2.0).row.state == "ready", "a stray press turns nothing"
+    hand.down = True
+    frame = go(3.4)
+    assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.row.opening_mm_cmd) == ("calibrating", 40.0, 20.0)
+    hand.down = False
+    assert go(0.5).row.shaft_rpm_cmd == 0.0, "commanded off within half a second of letting go"
+    go(1.0)
+    assert bench.plant.truth.shaft_rpm < 5.0
+    hand.down = True
+    go(12.0)
+    assert (attended.measured, attended.trouble, attended.left_out) == (1, "", [])
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 2
+
+
+def test_without_a_key_it_goes_on_in_runs_of_two_minutes(bench, tmp_path):
+    _, attended, go = attend(bench, tmp_path, no_key=True, repeats=25)
+    states = []
+    for _ in range(40):
+        states.append(go(5.0).bench)
+    assert attended.measured == 25 and attended.trouble == ""
+    assert max(run.elapsed_s for run in states if run) <= 120.0
+    events = [event for row in bench.writer.rows for event in (row.events or "").split(";")]
+    assert events.count("calibrate") > 1 and events.count("release") == events.count("calibrate") - 1
+
+
+def test_a_fault_ends_the_test_with_its_reason(bench, tmp_path):
+    _, attended, go = attend(bench, tmp_path, no_key=True)
+    go(3.4)
+    bench.virtual.board.driver_fault = True
+    go(0.3)
+    assert attended.trouble.startswith("A motor driver reports a fault")
+    assert go(0.1).row.shaft_rpm_cmd == 0.0

@@ -1,0 +1,82 @@
+"""`topdress calibrate lag --rig` against `serve-machine --lag-rig`: real sockets, real time; and what it refuses."""
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+
+TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
+
+
+@pytest.fixture
+def served() -> Iterator[dict[str, str]]:
+    """A standing virtual machine on free ports: device -> URL."""
+    child = subprocess.Popen([*TOPDRESS, "serve-machine", "--port", "0", "--lag-rig"], stdout=subprocess.PIPE,
+                             text=True)
+    urls: dict[str, str] = {}
+    assert child.stdout
+    for line in child.stdout:
+        if line.startswith("serving"):
+            break
+        device, _, url = line.split()
+        urls[device] = url
+    yield urls
+    child.terminate()
+    child.wait(timeout=10)
+    child.stdout.close()
+
+
+def test_one_run_on_real_bytes_gives_a_table_that_is_read(served: dict[str, str], tmp_path: Path) -> None:
+    table = tmp_path / "lag.csv"
+    done = subprocess.run(
+        [*TOPDRESS, "calibrate", "lag", "--rig", served["lag_rig"], "--board", served["board"], "--rpm", "40",
+         "--repeats", "1", "--no-key", "--out", str(table)],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"1 of 1 runs: {table}\n", "")
+    header, row = table.read_text().splitlines()
+    assert header == "shaft_rpm,replicate,response_s,drop_s"
+    rpm, _, response_s, drop_s = map(float, row.split(","))
+    assert rpm == 40.0 and 0.37 < response_s < 0.50
+    assert 1.5 < drop_s < 1.9
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--board", "socket://127.0.0.1:9"], "only while the space bar is held down"),
+    (["--no-key"], "--board: missing"),
+])
+def test_what_is_missing_is_said_in_one_line(options: list[str], said: str, tmp_path: Path) -> None:
+    table = tmp_path / "lag.csv"
+    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "socket://127.0.0.1:9", "--out", str(table),
+                                      *options])
+    assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1
+    assert not table.exists()
+
+
+def test_a_table_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+    table = tmp_path / "lag.csv"
+    table.write_text("mine")
+    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "x", "--board", "y", "--no-key", "--out",
+                                      str(table)])
+    assert result.exit_code == 2 and "exists already" in result.output and table.read_text() == "mine"
+
+
+def test_a_silent_device_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from console.cli import lag_rig
+    monkeypatch.setattr(lag_rig, "HEARD_WITHIN_S", 0.5)
+    table = tmp_path / "lag.csv"
+    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "socket://127.0.0.1:9", "--board",
+                                      "socket://127.0.0.1:9", "--no-key", "--out", str(table)])
+    assert result.exit_code == 2 and "board at socket://127.0.0.1:9 is silent" in result.output
+    assert not table.exists()
+
+
+@pytest.mark.parametrize("arguments", [["lag", "t.csv", "--rig", "x"], ["catch", "--rig", "x"], ["lag"]])
+def test_either_a_table_or_a_rig(arguments: list[str], tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["calibrate", *arguments, "--out", str(tmp_path / "x")])
+    assert result.exit_code == 2 and "allowed is a bench table, or lag with --rig URL" in result.output
