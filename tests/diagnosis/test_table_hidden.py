@@ -309,7 +309,11 @@ def test_nothing_extra_is_ever_negative() -> None:
 
 
 def test_misses_at_one_speed_are_a_lever_arm_or_a_latency_and_no_wrong_speed() -> None:
-    found = diagnosed(place_table(np.random.default_rng(6), late_s=0.5, speeds=(1.3,)))
+    rng = np.random.default_rng(6)
+    rpm = np.tile([30.0, 60.0], 8)
+    miss = 1.3 * (total_s(rpm) + 0.5) + 0.1 * rng.standard_normal(16)
+    found = diagnosed(Table("place", {"shaft_rpm": rpm, "speed_mps": np.full(16, 1.3), "miss_m": np.round(miss, 3),
+                                      "corrected_lag_s": np.zeros(16)}))
     assert found.verdict == "ambiguous" and members(found) == {"place.latency", "place.lever_arm"}
 
 
