@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from control.readings import DriveCommand, GnssFix, Measurements, Reading
+from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
 from drivers.cab_line import DatagramLine, DeviceLine, DeviceStatus
 from drivers.datagrams import Datagrams, open_datagrams, open_line
@@ -38,12 +38,15 @@ class Cab:
     """Owns the ports and drivers of one machine.
 
     `measure` and `command` are called once a tick by one thread; they never wait for a device.
-    `refused_commands` counts the set-points that were not finite: in their place a stop was sent.
+    `refused_commands` counts the set-points that were not finite: in their place a stop was sent; `dropped_doses` those
+    that came while the board was still giving the one before.
     """
 
     def __init__(self, config: CabConfig, clock: Clock, opener: Opener = open_line,
                  datagram_opener: DatagramOpener = open_datagrams) -> None:
         self.refused_commands = 0
+        self.dropped_doses = 0
+        self._dose_waits: tuple[float, DoseOrder] | None = None
         self.board: BoardReadings | None = None      # the newest status line, flags included
         self.rig: RigReadings | None = None          # the newest line of the lag rig
         self._told_to_turn_s: float | None = None    # since when the board has been sent enable 1
@@ -103,9 +106,29 @@ class Cab:
         """
         try:
             self._send(now_s, command, enabled)
+            self._give_ordered(now_s, command if enabled else None)
         except ValueError:
             self.refused_commands += 1
             self._send(now_s, None, False)
+
+    def _give_ordered(self, now_s: float, command: DriveCommand | None) -> None:
+        """The dose of this tick's command. Where the board is not yet done with the one before it waits a tick or two;
+        then it is dropped, and counted."""
+        if command is None or self._drives is None:
+            self._dose_waits = None
+            return
+        if command.dose is not None:
+            self.dropped_doses += self._dose_waits is not None
+            self._dose_waits = now_s, command.dose
+        if self._dose_waits is None:
+            return
+        since_s, dose = self._dose_waits
+        if self._drives[1].dose.ready:
+            self._dose_waits = None
+            self.give_dose(now_s, *dose)
+        elif now_s - since_s > DOSE_WAITS_S:
+            self._dose_waits = None
+            self.dropped_doses += 1
 
     def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> Dose | None:
         """Send one dose of a point applicator; None without a board. Raises ValueError as `PointDose.give` does.
@@ -221,6 +244,7 @@ class Cab:
 
 BOARD_READINGS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
 SWITCH_SILENT_S = 0.5
+DOSE_WAITS_S = 0.1          # for the board to be done with the dose before
 FOLLOWS_WITHIN_S = 0.3      # from the first enable 1 to a status line that says so
 
 

@@ -1,11 +1,12 @@
 """The slave board's program as the virtual machine runs it: commands in, safe stop, status lines out."""
 from __future__ import annotations
 
-from control.readings import DriveCommand
+from control.readings import DoseOrder, DriveCommand
 from drivers.devices.board_frames import (
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
+    SEQUENCES,
     SILENT_HOST_S,
     BadFrame,
     CommandFrame,
@@ -13,9 +14,15 @@ from drivers.devices.board_frames import (
     decode_command,
     encode_status,
     is_repeat,
+    open_frame,
+    whole,
 )
 from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.point_dose import DOSE
+from drivers.virtual.doses import VirtualDoses
 from drivers.virtual.encoders import Sensed
+
+DOSE_FRAME = DOSE.encode()
 
 
 class VirtualBoard:
@@ -37,13 +44,17 @@ class VirtualBoard:
         self._status_seq = 0
         self._pulses = 0
         self._pulse_s = 0.0
+        self._doses = VirtualDoses()
 
     def feed(self, data: bytes, now_s: float) -> None:
         """Commands received at `now_s`; wrong ones are counted by kind and change nothing."""
         for line in self._cutter.feed(data):
             for frame in line.split(b"$")[1:]:
                 try:
-                    self._take(decode_command(frame), now_s)
+                    if frame.startswith(DOSE_FRAME):
+                        self._take_dose(frame, now_s)
+                    else:
+                        self._take(decode_command(frame), now_s)
                 except BadFrame as kind:
                     self.counts.reject(str(kind))
 
@@ -55,6 +66,10 @@ class VirtualBoard:
         if enabled:
             self._opening_mm = self._command.opening_mm
         return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._opening_mm), enabled
+
+    def dose(self, now_s: float) -> DoseOrder | None:
+        """The dose that the plant begins in this step; to be asked once a step."""
+        return self._doses.order(self.set_points(now_s)[1], now_s)
 
     def status(self, sensed: Sensed, now_s: float) -> bytes:
         """The status line of this tick. A plant may tell the moment of its last pulse as `wheel_pulse_s` (on its own
@@ -71,7 +86,16 @@ class VirtualBoard:
             round(self._pulse_s * 1e6), sensed.shaft_rpm, sensed.opening_mm, sensed.hopper_kg, sensed.supply_v,
             sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags))
         self._status_seq += 1
-        return line
+        report = self._doses.report(self._status_seq, now_s)
+        self._status_seq += 1 if report else 0
+        return line + report
+
+    def _take_dose(self, frame: bytes, now_s: float) -> None:
+        seq = whole(open_frame(frame, DOSE, 4)[0], SEQUENCES - 1)
+        if is_repeat(seq, self._last_seq):
+            raise BadFrame("repeated_sequence")
+        self._last_seq = self._doses.take(frame, self.set_points(now_s)[1], now_s)
+        self.counts.accept()
 
     def _take(self, command: CommandFrame, now_s: float) -> None:
         silent = self._heard_s is None or now_s - self._heard_s >= SILENT_HOST_S

@@ -65,6 +65,7 @@ class VirtualMachine:
         begin_s = self._start_s + self._steps * self._plant.dt_s
         self.board.feed(self._board_port.read(), begin_s)
         command, enabled = self.board.set_points(begin_s)
+        command = command._replace(dose=self.board.dose(begin_s))
         for extra in self._extras:
             command, enabled = extra.before(begin_s, command, enabled)
         sensed = self._plant.step(command, enabled)
