@@ -1,12 +1,17 @@
 """Every action once. Bindings, key bar, help and palette are read off this table."""
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from textual.binding import Binding
 
 from console.app.action import ANYWHERE, Action
-from console.app.keys import common, replay, run
+from console.app.keys import calibrate, common, devices, replay, run
 
-ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *replay.ACTIONS, *common.ACTIONS)
+ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTIONS, *replay.ACTIONS, *common.ACTIONS)
+_NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comma": ",", "full_stop": ".", "left": "<",
+          "right": ">", "up": "Up", "down": "Down", "equals_sign": "=", "slash": "/", "semicolon": ";"}
+_shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one
 BY_ID = {action.id: action for action in ACTIONS}
 
 
@@ -16,9 +21,24 @@ def bindings(where: str = ANYWHERE) -> list[Binding]:
                     show=False) for action in ACTIONS if action.where == where]
 
 
+def remap(keymap: Mapping[str, str]) -> None:
+    """From now on these actions are shown with these keys, all others with their own."""
+    _shown.clear()
+    _shown.update({name: key_name(keys.split(",")[0].strip()) for name, keys in keymap.items()})
+
+
+def key_name(key: str) -> str:
+    """A key as it is written on a keyboard, as short as the key bar wants it."""
+    *held, last = key.split("+")
+    last = _NAMES.get(last, last.removeprefix("kp_"))
+    return "".join({"ctrl": "^", "shift": "S-", "alt": "A-"}.get(one, f"{one}+") for one in held) + (
+        last.upper() if len(last) == 1 else last[:1].upper() + last[1:])
+
+
 def at(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
-    return tuple(action for action in ACTIONS if action.where in (ANYWHERE, where))
+    found = (action for action in ACTIONS if action.where in (ANYWHERE, where))
+    return tuple(action._replace(shown=_shown[action.id]) if action.id in _shown else action for action in found)
 
 
 def pages() -> tuple[Action, ...]:

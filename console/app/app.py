@@ -16,23 +16,29 @@ from textual.worker import Worker
 
 from console.app import actions, themes, words
 from console.app.action import ANYWHERE, REPLAY, RUN
+from console.app.alarms import Bell, entries
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
+from console.app.fields import FieldPictures
 from console.app.history import History
 from console.app.pace import NUMBERS_S
 from console.app.pages import all_pages
 from console.app.replay_job import ReplayJob
+from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
 from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
 from console.app.services import Services
+from console.app.settings import apply, theme_of
 from console.app.source import FrameSource
 from console.app.tour import Tour
 from console.app.units import METRIC, UNITS, Units
+from console.frame import Frame
 from console.link import WorkerGone
 from console.locale import _, in_use, languages, use
-from control.orders import Do, Order, Severity, Strategy, TargetSource
+from console.worker.resume_alarms import AlarmBook, AlarmRecord
+from control.orders import Answer, Do, Order, Severity, Strategy, TargetSource
 
 NOTICE_S = 4.0
 _HERE = Path(__file__).parent
@@ -69,24 +75,40 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.start, self.attach = start, attach
         self.units = units
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
-        self.limits_kg_ha, self.hopper_kg = limits_kg_ha, hopper_kg
+        self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
+        self.sound = live
+        self.alarm_book, self.ring = AlarmBook(), Bell()
         self.live = live
         self.services = services or Services()
+        self.fields = FieldPictures(self, self.services.field)
         self.tour = Tour() if tour else None
         self.locked = False
         self.gone = ""
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
-        self.pages = all_pages(replay)
+        self.pages = all_pages(replay, self.services)
         self._supervisor: Worker[None] | None = None
         if language is not None:
             use(language)
         for one in themes.THEMES:
             self.register_theme(one)
         self.theme = theme
-        keys = dict(keymap or {})
-        self.set_keymap(keys)
+        self.use_keymap(keymap or {})
+        self.use_settings()
+
+    def use_keymap(self, keys: Mapping[str, str]) -> None:
+        """From now on these keys, and the built-in ones for all other actions."""
+        self.set_keymap(dict(keys))
+        actions.remap(keys)
         self._hold_keys = frozenset(keys.get("hold", actions.BY_ID["hold"].keys).split(","))
+
+    def use_settings(self) -> None:
+        """Make the user's settings take effect; what of them cannot be used is told."""
+        store = self.services.settings
+        if store is not None:
+            for data in store.themes:
+                self.register_theme(theme_of(data))
+            store.trouble = store.trouble or apply(self, store.settings)
 
     def get_default_screen(self) -> Screen[None]:
         return self.pages[RUN if self.source is not None or self.replay_page.job is None else REPLAY]
@@ -127,6 +149,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         now_s = self.clock()
         if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
             self.history.add(self.arrival.frame)
+            self._note_alarms(self.arrival.frame, now_s)
+            for page in self.pages.values():
+                page.gather(self.arrival.frame)
         if self.notice_text and now_s >= self._notice_until_s:
             self.notice_text = ""
         if self.tour is not None:
@@ -135,6 +160,11 @@ class TopdressApp(App[None], inherit_bindings=False):
                 self.tour = None
                 self.notice(_("That was the tour. Ctrl+T shows it again."))
         self.page.tick(now_s)
+
+    def _note_alarms(self, frame: Frame, now_s: float) -> None:
+        self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
+        if self.ring.due(now_s, frame.alarms) and self.sound:
+            self.bell()
 
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
@@ -183,7 +213,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._show_gone(str(error))
             return
         self.gone = ""
-        self.arrival = Arrival()
+        self.arrival, self.alarm_book = Arrival(), AlarmBook()
         self._supervise()
         self.page.hurry()
 
@@ -192,18 +222,29 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.source is None:
             self.notice(_("no machine is connected"))
             return
-        self.run_worker(self._give(self.source, Order(do, value)), group="orders", exit_on_error=False)
+        self.run_worker(self.asked(lambda source: source.order(Order(do, value))), group="orders", exit_on_error=False)
 
-    async def _give(self, source: FrameSource, order: Order) -> None:
+    async def asked(self, ask: Callable[[FrameSource], Awaitable[Answer]], quiet: bool = False) -> Answer:
+        """Ask something of the source; a refusal or a missing answer is said in the key bar unless `quiet`.
+
+        `why` of the answer is then as from the worker, or gone, no_answer, no_machine.
+        """
+        if self.source is None:
+            return self._refused(Answer(False, "no_machine"), quiet)
         try:
-            answer = await source.order(order)
+            answer = await ask(self.source)
         except WorkerGone as error:
             self._say_gone(str(error))
+            return Answer(False, "gone")
         except (TimeoutError, OSError):
-            self.notice(words.answer_words("no_answer"))
-        else:
-            if not answer.accepted:
-                self.notice(_("refused: {why}").format(why=words.answer_words(answer.why)))
+            return self._refused(Answer(False, "no_answer"), quiet)
+        return answer if answer.accepted else self._refused(answer, quiet)
+
+    def _refused(self, answer: Answer, quiet: bool) -> Answer:
+        if not quiet:
+            said = words.answer_words(answer.why)
+            self.notice(said if answer.why == "no_answer" else _("refused: {why}").format(why=said))
+        return answer
 
     # --- actions ------------------------------------------------------------------------------------------------
 
@@ -224,7 +265,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.page.command(name)
 
     def _do_hold(self) -> None:
-        if self.source is None and self.page.where == REPLAY:
+        if self.source is None and self.replay_page.job is not None:
             self.replay_page.command("play")
         else:
             self.give(Do.HOLD)
@@ -340,6 +381,15 @@ class TopdressApp(App[None], inherit_bindings=False):
         for alarm in frame.alarms if frame else ():
             if alarm.severity is Severity.RED and not alarm.acknowledged:
                 self.give(Do.ACKNOWLEDGE, alarm.id)
+
+    def _do_alarm_list(self) -> None:
+        """Of the run, or of the log that is played."""
+        if isinstance(self.screen, AlarmList):
+            return
+        replayed = self.page.where == REPLAY and self.replay_page.job is not None
+        records: tuple[AlarmRecord, ...] = self.replay_page.alarm_records() if replayed else self.alarm_book.records
+        title = _("Alarms of this log") if replayed else _("Alarms of this run")
+        self.push_screen(AlarmList(title, entries(records, self.units, self.utc_offset_s)))
 
     def _do_help(self) -> None:
         if not isinstance(self.screen, HelpScreen):

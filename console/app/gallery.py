@@ -14,7 +14,7 @@ from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
 from console.app.units import METRIC
-from console.frame import Frame
+from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use
 from control.orders import Answer, Order
 
@@ -25,6 +25,8 @@ class StillSource:
     def __init__(self, newest: Frame | None = None) -> None:
         self.newest = newest
         self.orders: list[Order] = []
+        self.device_orders: list[tuple[str, DeviceDo]] = []
+        self.lag_tests: list[bool] = []
         self.answer = Answer(True)
         self.end: asyncio.Future[None] | None = None
 
@@ -35,6 +37,14 @@ class StillSource:
 
     async def order(self, order: Order) -> Answer:
         self.orders.append(order)
+        return self.answer
+
+    async def device(self, name: str, do: DeviceDo) -> Answer:
+        self.device_orders.append((name, do))
+        return self.answer
+
+    async def lag_test(self, begin: bool) -> Answer:
+        self.lag_tests.append(begin)
         return self.answer
 
 
@@ -126,6 +136,11 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         app.start = app.attach = _never
         app.source.end.set_exception(WorkerGone("the control worker (process 4711) is gone"))
     await wait()
+    await wait()
+    for worker in [worker for worker in app.workers if worker.group == "field"]:
+        await worker.wait()
+    app.page.hurry()
+    app.tick()
     await wait()
 
 

@@ -1,13 +1,21 @@
 """All pages of the console, by the word that their actions carry."""
 from __future__ import annotations
 
-from console.app.action import REPLAY, RUN
+from console.app.action import CALIBRATE, DEVICES, REPLAY, RUN
 from console.app.replay_job import ReplayJob
+from console.app.screens.calibrate import CalibrateScreen
+from console.app.screens.devices import DevicesScreen
 from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
 from console.app.screens.run import RunScreen
+from console.app.services import Services
 
 
-def all_pages(replay: ReplayJob | None) -> dict[str, Page]:
+def all_pages(replay: ReplayJob | None, services: Services) -> dict[str, Page]:
     """One of each. They are composed when they are first turned to."""
-    return {RUN: RunScreen(), REPLAY: ReplayScreen(replay)}
+    return {
+        RUN: RunScreen(),
+        DEVICES: DevicesScreen(),
+        CALIBRATE: CalibrateScreen(services.calibrate),
+        REPLAY: ReplayScreen(replay),
+    }

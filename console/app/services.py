@@ -1,10 +1,20 @@
 """What screens can have done that needs files or long work. The command line gives it; None: not offered here."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+
+from console.app.calibration.job import CalibrateJob
+
+from console.app.field_picture import FieldPicture
+from console.frame import Frame
 
 
 @dataclass(frozen=True, slots=True)
 class Services:
     """Each field belongs to one screen. Its errors are one-line ValueErrors; long work runs in a thread and asks
     `cancelled` between steps."""
+
+    calibrate: CalibrateJob | None = None
+
+    field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job

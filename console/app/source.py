@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from console.frame import Frame
+from console.frame import DeviceDo, Frame
 from control.orders import Answer, Order
 
 
@@ -19,3 +19,9 @@ class FrameSource(Protocol):
 
     async def order(self, order: Order) -> Answer:
         """Sends one order and waits for its answer. Raises `console.link.WorkerGone`."""
+
+    async def device(self, name: str, do: DeviceDo) -> Answer:
+        """Asks something of one device, by its name in the frame. Raises `console.link.WorkerGone`."""
+
+    async def lag_test(self, begin: bool) -> Answer:
+        """Begins or ends the lag test, which measures while the state is calibrating. Raises as `order`."""

@@ -44,6 +44,7 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "device_in_use": N_("Not possible in state {state}."),
     "device_disconnected": N_("The device {device} is disconnected."),
     "no_log": N_("There is no log to put the file beside."),
+    "no_machine": N_("no machine is connected"),
     "no_answer": N_("No answer from the control worker yet: watch the state."),
     "replay": N_("This is a replay: the log cannot be changed."),
     "unauthorised": N_("This console only looks: orders are not taken."),

@@ -81,6 +81,9 @@ class Page(Screen[None]):
     def command(self, action: str) -> None:
         """One of the page's own actions."""
 
+    def gather(self, frame: Frame) -> None:
+        """A new frame has come; called also while another page is looked at."""
+
     def hurry(self) -> None:
         """Everything is looked at with the next tick."""
         for pace in (self.numbers, self.plots, self.maps):

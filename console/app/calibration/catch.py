@@ -1,0 +1,127 @@
+"""The catch test: settle, then catch and weigh, at three settings or more. Counts seconds and revolutions from frames.
+
+Sampling five times a second, a start or a stop of the shaft is counted to 0.02 revolutions (the corner of a ramp of
+200 r/min per s); thirty revolutions are counted to 0.1 %.
+"""
+from __future__ import annotations
+
+from collections import deque
+from statistics import fmean
+from typing import Literal, NamedTuple
+
+TURNING_RPM = 0.5             # below, the shaft stands
+SETTLE_S = 5.0                # flutes and tubes are full and the gate stands still after that
+WEIGH_S = 30.0                # advised
+LEAST_REVOLUTIONS = 3.0       # fewer make no point
+LEAST_POINTS = 3
+GAP_S = 1.0                   # frames farther apart: nothing is counted between them
+RESTING_READINGS = 15         # of the hopper scale, five a second
+
+Phase = Literal["settle", "weigh"]
+
+
+class CatchPoint(NamedTuple):
+    """One weighed catch, all outlets together. shaft_rpm: mean while it turned, so that shaft_rpm x duration_s are the
+    revolutions; opening_mm: mean over the same time."""
+
+    shaft_rpm: float
+    opening_mm: float
+    duration_s: float
+    mass_kg: float
+
+    @property
+    def revolutions(self) -> float:
+        return self.shaft_rpm * self.duration_s / 60.0
+
+    @property
+    def grams_per_revolution(self) -> float:
+        return 1000.0 * self.mass_kg / self.revolutions
+
+
+class Turned(NamedTuple):
+    """What the shaft did in one phase."""
+
+    seconds: float = 0.0
+    revolutions: float = 0.0
+    opening_mm_s: float = 0.0             # opening, integrated
+
+    def after(self, dt_s: float, shaft_rpm: float, opening_mm: float) -> Turned:
+        """shaft_rpm: the mean over dt_s."""
+        return Turned(self.seconds + dt_s, self.revolutions + shaft_rpm * dt_s / 60.0,
+                      self.opening_mm_s + opening_mm * dt_s)
+
+
+class _Sample(NamedTuple):
+    time_s: float
+    shaft_rpm: float
+    opening_mm: float
+
+
+class CatchTest:
+    """What the operator has set, run and weighed so far."""
+
+    def __init__(self, shaft_rpm: float, opening_mm: float) -> None:
+        self.shaft_rpm, self.opening_mm = shaft_rpm, opening_mm
+        self.phase: Phase = "settle"
+        self.turned = Turned()
+        self.points: list[CatchPoint] = []
+        self._last: _Sample | None = None
+        self._resting_kg: deque[float] = deque(maxlen=RESTING_READINGS)
+        self._before_kg: float | None = None
+
+    def set(self, shaft_rpm: float | None = None, opening_mm: float | None = None) -> None:
+        """Another setting has to settle first; what was caught and not weighed is forgotten."""
+        shaft_rpm = self.shaft_rpm if shaft_rpm is None else shaft_rpm
+        opening_mm = self.opening_mm if opening_mm is None else opening_mm
+        if (shaft_rpm, opening_mm) != (self.shaft_rpm, self.opening_mm):
+            self.shaft_rpm, self.opening_mm = shaft_rpm, opening_mm
+            self.again()
+
+    def again(self) -> None:
+        """Settle anew; the points stay."""
+        self.phase, self.turned, self._before_kg = "settle", Turned(), None
+
+    @property
+    def can_weigh(self) -> bool:
+        return self.phase == "weigh" and self.turned.revolutions >= LEAST_REVOLUTIONS
+
+    @property
+    def scale_says_kg(self) -> float | None:
+        """What the hopper scale lost in the catch: a hint beside the weighed mass, with the scale's own noise."""
+        if self.turned.revolutions == 0.0 or self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
+            return None
+        return self._before_kg - fmean(self._resting_kg)
+
+    def weighed(self, mass_kg: float) -> None:
+        """The caught mass makes a point; the same setting may be caught again without settling."""
+        turned = self.turned
+        self.points.append(CatchPoint(60.0 * turned.revolutions / turned.seconds, turned.opening_mm_s / turned.seconds,
+                                      turned.seconds, mass_kg))
+        self.turned, self._before_kg = Turned(), None
+
+    def undo(self) -> None:
+        """The last point goes."""
+        if self.points:
+            self.points.pop()
+
+    def see(self, time_s: float, shaft_rpm: float | None, opening_mm: float | None, hopper_kg: float | None,
+            running: bool) -> None:
+        """One frame. running: a run is going on; the shaft is counted until it stands again."""
+        now = None if shaft_rpm is None else _Sample(time_s, shaft_rpm, self.opening_mm if opening_mm is None
+                                                     else opening_mm)
+        last, self._last = self._last, now
+        turning = now is not None and now.shaft_rpm > TURNING_RPM
+        if turning or running:
+            if self.turned.revolutions == 0.0 and self._resting_kg:
+                self._before_kg = fmean(self._resting_kg)
+            self._resting_kg.clear()
+        elif hopper_kg is not None:
+            self._resting_kg.append(hopper_kg)
+        if last is None or now is None or not 0.0 < now.time_s - last.time_s <= GAP_S:
+            return
+        mean_rpm = 0.5 * (max(0.0, now.shaft_rpm) + max(0.0, last.shaft_rpm))
+        if mean_rpm > TURNING_RPM:
+            mean_mm = 0.5 * (now.opening_mm + last.opening_mm)
+            self.turned = self.turned.after(now.time_s - last.time_s, mean_rpm, mean_mm)
+        elif not running and self.phase == "settle" and self.turned.seconds >= SETTLE_S:
+            self.phase, self.turned = "weigh", Turned()

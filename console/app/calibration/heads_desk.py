@@ -1,0 +1,77 @@
+"""The heads check on the screen: six heads against their median for 30 s of driving."""
+from __future__ import annotations
+
+from console.app.calibration.desk import Bench, Desk, Seen, mark
+from console.app.calibration.heads import CHECK_S, HeadsCheck
+from console.app.widgets.chips import Chip
+from console.app.widgets.guide import GuideView, Step
+from console.app.widgets.sheet import Bar, Level, Line, Middle, Row
+from console.locale import N_, _
+
+FULL_NDVI = 0.10              # the bars' ends
+VERDICTS = {"": "", "good": N_("good"), "fouled": N_("! FOULED: clean it"),
+            "unsteady": N_("! UNSTEADY: mount, cable"), "silent": N_("✖ SILENT: plug, power")}
+LEVELS: dict[str, Level] = {"": "", "good": "", "fouled": "amber", "unsteady": "amber", "silent": "red"}
+
+
+class HeadsDesk(Desk):
+    kind = "heads"
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.check = HeadsCheck()
+
+    def title(self) -> str:
+        return _("heads check")
+
+    def see(self, seen: Seen) -> None:
+        frame = seen.frame
+        if frame is not None:
+            row = frame.row
+            ndvi = frame.head_ndvi or (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
+            self.check.see(frame.row.time_s, ndvi)
+
+    def guide(self, seen: Seen, said: str) -> GuideView:
+        check = self.check
+        now = 0 if check.started_s is None else 1 if check.running else 2
+        texts = (
+            (_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
+            (_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
+            (_("act"), _("Clean what is marked, then check again with B. What stays off is the maker's to mend.")))
+        return GuideView(_("Heads check: do all six see the same?"),
+                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
+                         "" if seen.frame is not None else _("No control worker is connected."), self._found())
+
+    def _found(self) -> tuple[str, ...]:
+        if not self.check.done:
+            return ()
+        bad = [str(one.number) for one in self.check.found() if one.verdict != "good"]
+        return ((_("all heads agree"),) if not bad else
+                (_("look at head {heads}").format(heads=", ".join(bad)),))
+
+    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+        check = self.check
+        seconds = min(check.seconds, CHECK_S)
+        rows: list[Row] = [Bar(_("time"), round(seconds / CHECK_S, 2), f"{seconds:4.1f} s",
+                               "lead" if check.running else ""),
+                           Line("", _("offset from the median of all, NDVI; spread; verdict"), "stale")]
+        for one in check.found():
+            offset = "--" if one.offset is None else f"{one.offset:+.3f}"
+            spread = "--" if one.spread is None else f"{one.spread:.3f}"
+            ndvi = "--" if one.ndvi is None else f"{one.ndvi:.2f}"
+            share = None if one.offset is None else round(one.offset / FULL_NDVI, 2)
+            verdict = _(VERDICTS[one.verdict])
+            rows.append(Middle(f"{one.number}  {ndvi}", share, f"{offset:>6} {spread:>6} {verdict}".rstrip(),
+                               LEVELS[one.verdict]))
+        return tuple(rows)
+
+    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+        label = _("begin again") if self.check.started_s is not None else _("begin")
+        return (Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.running),)
+
+    def command(self, action: str, seen: Seen) -> bool:
+        if action != "cal_begin":
+            return False
+        if seen.frame is not None:
+            self.check.start(seen.frame.row.time_s)
+        return True

@@ -1,0 +1,44 @@
+"""A line of text is asked for: a file's name, a path."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.widgets import Input, Static
+
+from console.app.dialogs import Dialog
+
+
+class NameDialog(Dialog[str | None]):
+    """wrong: says in one line what is wrong with a text, or "" when it will do. Hold and F12 (stop) work as ever."""
+
+    AUTO_FOCUS = "#name-input"
+    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False, priority=True)]
+
+    def __init__(self, title: str, begin: str, text: str = "", wrong: Callable[[str], str] = lambda text: "") -> None:
+        super().__init__(title, text)
+        self.begin, self.wrong = begin, wrong
+
+    def body(self) -> ComposeResult:
+        yield Input(self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False)
+        yield Static("", id="name-wrong", classes="dialog-value", markup=False)
+
+    def on_mount(self) -> None:
+        self.query_one("#name-wrong", Static).display = False
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        event.stop()
+        self.action_yes()
+
+    def action_yes(self) -> None:
+        typed = self.query_one("#name-input", Input).value.strip()
+        wrong = self.wrong(typed)
+        if typed and not wrong:
+            self.dismiss(typed)
+            return
+        said = self.query_one("#name-wrong", Static)
+        said.update(f"! {wrong}")
+        said.set_class(bool(wrong), "-refused")
+        said.display = bool(wrong)

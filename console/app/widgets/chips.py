@@ -1,0 +1,94 @@
+"""What can be done now, as keys with words over one or more rows: a click does it, one kind runs while it is held."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rich.cells import cell_len
+from textual import events
+from textual.content import Content
+from textual.message import Message
+
+from console.app.widgets.panel import Panel, Part, line
+
+
+class Chip(NamedTuple):
+    """action: its id. on: can be done now. lead: the next thing to do. held: runs while the mouse button is down."""
+
+    action: str
+    key: str
+    label: str
+    on: bool = True
+    lead: bool = False
+    held: bool = False
+
+
+def placed(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, int], ...]:
+    """Each chip with its row, its first cell and its width; a chip that does not fit begins the next row."""
+    found, row, start = [], 0, 0
+    for chip in chips:
+        cells = cell_len(text_of(chip))
+        if start and start + cells > width:
+            row, start = row + 1, 0
+        found.append((chip, row, start, cells))
+        start += cells + 1
+    return tuple(found)
+
+
+def text_of(chip: Chip) -> str:
+    mark = ">" if chip.lead else " "
+    return f"{mark}{chip.key} {chip.label} "
+
+
+class Chips(Panel[tuple[Chip, ...]]):
+    class Held(Message):
+        """The mouse button went down on a chip that runs while held, or came up, or left it."""
+
+        def __init__(self, action: str, down: bool) -> None:
+            super().__init__()
+            self.action, self.down = action, down
+
+    _held = ""
+
+    def lines(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
+        rows: list[list[Part]] = [[] for _row in range(height)]
+        for chip, row, _start, _cells in placed(view, width):
+            if row < height:
+                style = "$stale on $keybar" if not chip.on else (
+                    "bold $background on $primary" if chip.lead else "$on-keybar on $keybar")
+                rows[row] += [(text_of(chip), style), " "]
+        return [line(*row) for row in rows]
+
+    def at(self, x: int, y: int) -> Chip | None:
+        return next((chip for chip, row, start, cells in placed(self.view, self.content_size.width)
+                     if row == y and start <= x < start + cells), None)
+
+    async def on_click(self, event: events.Click) -> None:
+        event.stop()
+        chip = self.at(event.x, event.y)
+        if chip is not None and not chip.held:
+            await self.run_action(f"app.do('{chip.action}')")
+
+    def on_mouse_down(self, event: events.MouseDown) -> None:
+        chip = self.at(event.x, event.y)
+        if chip is not None and chip.held:
+            event.stop()
+            self._held = chip.action
+            self.capture_mouse()
+            self.post_message(self.Held(chip.action, True))
+
+    def on_mouse_move(self, event: events.MouseMove) -> None:
+        chip = self.at(event.x, event.y)
+        if self._held and (chip is None or chip.action != self._held):
+            self._release()
+
+    def on_mouse_up(self, event: events.MouseUp) -> None:
+        self._release()
+
+    def on_mouse_release(self, event: events.MouseRelease) -> None:
+        self._release()
+
+    def _release(self) -> None:
+        if self._held:
+            held, self._held = self._held, ""
+            self.release_mouse()
+            self.post_message(self.Held(held, False))

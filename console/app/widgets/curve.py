@@ -1,0 +1,107 @@
+"""Measured points, the line fitted through them, and the band in which 90 % of single measurements lie.
+
+Told apart by shape, not by colour alone: points are letters o, the line is braille without a gap, the band's two edges
+are braille dots with gaps.
+"""
+from __future__ import annotations
+
+from itertools import pairwise
+from math import ceil, floor, log10
+from typing import ClassVar, NamedTuple
+
+from rich.segment import Segment
+from rich.style import Style
+from textual.strip import Strip
+
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.panel import fit, right
+from console.locale import _
+
+_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+_AXIS = 8
+
+
+class CurveView(NamedTuple):
+    """points: (x, y). line: (x, y, low, high), by x. x_name, y_name: what and unit, in the language in use."""
+
+    x_name: str
+    y_name: str
+    points: tuple[tuple[float, float], ...] = ()
+    line: tuple[tuple[float, float, float, float], ...] = ()
+
+
+def ends(values: list[float], least: float) -> tuple[float, float]:
+    """Round ends that hold all values with some air; `least` apart or more."""
+    low, high = min(values), max(values)
+    if high - low < least:
+        middle = 0.5 * (low + high)
+        low, high = middle - 0.5 * least, middle + 0.5 * least
+    step = 10.0 ** floor(log10(high - low)) / 2.0
+    return floor(low / step - 0.05) * step, ceil(high / step + 0.05) * step
+
+
+class Curve(Canvas[CurveView]):
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"curve--point", "curve--line", "curve--band", "curve--muted",
+                                             "curve--title"}
+
+    def paint(self, view: CurveView, width: int, height: int) -> list[Strip]:
+        rows, columns = height - 2, width - _AXIS - 1
+        if rows < 2 or columns < 10:
+            return []
+        muted, title = self.style("curve--muted"), self.style("curve--title")
+        point, drawn, band = self.style("curve--point"), self.style("curve--line"), self.style("curve--band")
+        head = [(f" {view.y_name}  ", title), ("o ", point), (_("measured"), muted)]
+        if view.line:
+            head += [("  ⣀⣀ ", drawn), (_("fitted"), muted), ("  ⢀⢀ ", band), (_("90 % lie between"), muted)]
+        strips = [self.text_strip(width, *head)]
+        ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
+        if not ys:
+            blank = self.text_strip(width, (right(_("no points yet"), _AXIS + columns // 2 + 6), muted))
+            return [*strips, *([Strip.blank(width, self.rich_style)] * (rows // 2)), blank]
+        xs = [x for x, _y in view.points] + [one[0] for one in view.line]
+        across, up = ends(xs, max(1.0, 0.1 * abs(max(xs)))), ends(ys, max(0.001, 0.02 * abs(max(ys))))
+
+        def dot(x: float, y: float) -> tuple[int, int]:
+            return (round((x - across[0]) / (across[1] - across[0]) * (2 * columns - 1)),
+                    round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)))
+
+        line = _joined([dot(x, y) for x, y, _low, _high in view.line])
+        edges = {place for edge in (2, 3) for place in _joined([dot(one[0], one[edge]) for one in view.line])
+                 if place[0] % 4 == 0}
+        marks = {(x // 2, y // 4) for x, y in (dot(*one) for one in view.points)}
+        labels = {0: _number(up[1], up), rows - 1: _number(up[0], up)}
+        if rows >= 5:
+            labels[rows // 2] = _number(up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up)
+        for row in range(rows):
+            cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
+            cells += [_cell(column, row, marks, line, edges, point, drawn, band) for column in range(columns)]
+            strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
+        first, last = _number(across[0], across), _number(across[1], across)
+        middle = fit(f" {view.x_name}", max(0, columns - len(first) - len(last)))
+        strips.append(self.text_strip(width, (" " * _AXIS + first, muted), (middle, title), (last, muted)))
+        return strips
+
+
+def _joined(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
+    """Every dot on straight lines from place to place."""
+    found = set(places)
+    for (x0, y0), (x1, y1) in pairwise(places):
+        steps = max(abs(x1 - x0), abs(y1 - y0), 1)
+        found |= {(round(x0 + (x1 - x0) * k / steps), round(y0 + (y1 - y0) * k / steps)) for k in range(steps + 1)}
+    return found
+
+
+def _cell(column: int, row: int, marks: set[tuple[int, int]], line: set[tuple[int, int]], edges: set[tuple[int, int]],
+          point: Style, drawn: Style, band: Style) -> Segment:
+    if (column, row) in marks:
+        return Segment("o", point)
+    for places, style in ((line, drawn), (edges, band)):
+        bits = sum(_DOTS[y][x] for y in range(4) for x in range(2) if (2 * column + x, 4 * row + y) in places)
+        if bits:
+            return Segment(chr(0x2800 | bits), style)
+    return Segment(" ", drawn)
+
+
+def _number(value: float, span: tuple[float, float]) -> str:
+    decimals = max(0, min(4, 1 - floor(log10(span[1] - span[0]))))
+    return f"{value:.{decimals}f}"

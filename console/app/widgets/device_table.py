@@ -1,0 +1,81 @@
+"""One row a device: symbol and word, rate, age, accepted, rejected, protocol, port. A click picks."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rich.cells import cell_len
+from textual import events
+from textual.content import Content
+from textual.message import Message
+
+from console.app.widgets.panel import Panel, Part, fit, line, right
+from console.locale import _
+
+
+class DeviceLine(NamedTuple):
+    """level: "", amber, red. Texts as shown."""
+
+    name: str
+    symbol: str
+    word: str
+    level: str
+    hz: str
+    age: str
+    accepted: str
+    rejected: str
+    protocol: str
+    port: str
+    marks: str                # captured, being tested
+    stale: bool = False
+
+
+class TableView(NamedTuple):
+    lines: tuple[DeviceLine, ...]
+    picked: int
+
+
+class DeviceTable(Panel[TableView]):
+    class Picked(Message):
+        def __init__(self, index: int) -> None:
+            super().__init__()
+            self.index = index
+
+    def first_shown(self) -> int:
+        """Index of the device in the row below the heading: the picked one is always in sight."""
+        room = max(1, self.content_size.height - 1)
+        return max(0, min(self.view.picked - room + 1, len(self.view.lines) - room))
+
+    def lines(self, view: TableView, width: int, height: int) -> list[Content]:
+        if not view.lines:
+            return [line((fit(f"   {_('no device is known: is a control worker connected?')}", width), "$muted"))]
+        names = max(10, max(cell_len(one.name) for one in view.lines) + 1)
+        states = max(cell_len(one.word) for one in view.lines) + 4
+        heads = ((fit(f"   {_('device')}", names + 3), ""), (fit(f" {_('state')}", states), ""),
+                 (right(_("Hz"), 6), ""), (right(_("age"), 8), ""), (right(_("accepted"), 10), ""),
+                 (right(_("rejected"), 10), ""), (f"  {_('protocol, port')}", ""))
+        rows = [line(*((text, "$muted") for text, _style in heads))]
+        first = self.first_shown()
+        for index, one in enumerate(view.lines[first:first + height - 1], first):
+            rows.append(self._row(one, index == view.picked, names, states, width))
+        return rows
+
+    @staticmethod
+    def _row(one: DeviceLine, picked: bool, names: int, states: int, width: int) -> Content:
+        plain = "$stale" if one.stale else ""
+        chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
+        name = "bold reverse" if picked else "bold"
+        used = names + 3 + states + 34
+        rest = "  ".join(part for part in (one.marks, one.protocol, one.port) if part)
+        parts: list[Part] = [
+            (f" {'>' if picked else ' '} {fit(one.name, names)}", name),
+            (fit(f" {one.symbol} {one.word}", states), chip),
+            (right(one.hz, 6), plain), (right(one.age, 8), plain), (right(one.accepted, 10), plain),
+            (right(one.rejected, 10), plain or ("bold" if one.rejected != "0" else "")),
+            (fit(f"  {rest}", width - used), "$muted" if not one.marks else "bold")]
+        return line(*parts)
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        index = self.first_shown() + event.y - 1
+        if event.y >= 1 and index < len(self.view.lines):
+            self.post_message(self.Picked(index))

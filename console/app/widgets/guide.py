@@ -1,0 +1,63 @@
+"""A guided sequence: what is done, what is to be done now, what comes after; below it what was refused or found."""
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from textual.content import Content
+
+from console.app.widgets.panel import Panel, fit, line
+from console.app.widgets.wrap import wrapped
+from console.locale import _
+
+Mark = Literal["done", "now", "later"]
+_MARKS = {"done": "✔", "now": "▸", "later": " "}
+_STYLES = {"done": "$muted", "now": "bold", "later": "$muted"}
+
+
+class Step(NamedTuple):
+    """title: a few words; text: what to do, shown while it is the one to do."""
+
+    mark: Mark
+    title: str
+    text: str = ""
+
+
+class GuideView(NamedTuple):
+    """said: why something is not possible now, in words. found: lines of the result."""
+
+    title: str
+    steps: tuple[Step, ...]
+    said: str = ""
+    found: tuple[str, ...] = ()
+
+
+class Guide(Panel[GuideView]):
+    def lines(self, view: GuideView, width: int, height: int) -> list[Content]:
+        tail: list[Content] = []
+        if view.said:
+            tail += [line((fit(f" ! {row}" if not index else f"   {row}", width),
+                           "bold $on-alarm-amber on $alarm-amber"))
+                     for index, row in enumerate(wrapped(view.said, width - 4))]
+        if view.found:
+            tail.append(line((f" {_('found')}", "bold $primary")))
+            tail += [line((f" {row}", "bold")) for one in view.found for row in wrapped(one, width - 2)]
+        room = height - len(tail) - 1
+        rows = [line((fit(f" {view.title}", width), "bold $primary"))]
+        rows += self._steps(view.steps, width, room)
+        rows += [line("")] * max(0, min(1, height - len(rows) - len(tail)))
+        return (rows + tail) if len(rows) + len(tail) <= height else [*rows[:max(1, height - len(tail))], *tail]
+
+    @staticmethod
+    def _steps(steps: tuple[Step, ...], width: int, room: int) -> list[Content]:
+        """Titles of all steps, the text of the one to do; done ones go first where rows are few."""
+        texts = {index: wrapped(step.text, width - 5) for index, step in enumerate(steps) if step.mark == "now"}
+        spare = room - len(steps) - sum(map(len, texts.values()))
+        rows: list[Content] = []
+        for index, step in enumerate(steps):
+            if step.mark == "done" and spare < 0:
+                spare += 1
+                continue
+            head = f" {_MARKS[step.mark]} {index + 1} {step.title}"
+            rows.append(line((fit(head, width), _STYLES[step.mark])))
+            rows += [line((f"     {text}", "")) for text in texts.get(index, ())]
+        return rows
