@@ -5,6 +5,9 @@ from datetime import UTC, datetime, timedelta
 from math import cos, floor, sin
 from random import Random
 
+import numpy as np
+
+from console.app.field_picture import FieldPicture, Planned
 from console.app.services import Services
 from console.frame import DeviceView, Frame
 from control.log_row import LogRow
@@ -80,6 +83,23 @@ def sample_alarms(at_s: float) -> tuple[Alarm, ...]:
 
 
 
+def sample_field() -> FieldPicture:
+    """A field of five corners with planned rates, somewhat more than the made-up run covers."""
+    corners = ((-4.0, -5.0), (58.0, -7.0), (62.0, 52.0), (46.0, 77.0), (-4.0, 75.0))
+    rates = [[_rate(_ndvi(column * 3.0 - 2.5, row * 3.0 - 5.5)) if _inside(corners, column * 3.0 - 2.5, row * 3.0 - 5.5)
+              else float("nan") for column in range(23)] for row in range(28)]
+    area_m2 = 0.5 * abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(corners, (*corners[1:], corners[0]),
+                                                                      strict=True)))
+    return FieldPicture("", (corners,), area_m2 / 10_000.0, _WIDTH_M,
+                        Planned(-4.0, -7.0, 3.0, np.array(rates, dtype=np.float32)))
+
+
+def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: float) -> bool:
+    """Inside a convex outline whose corners run against the clock."""
+    return all((b[0] - a[0]) * (north_m - a[1]) >= (b[1] - a[1]) * (east_m - a[0])
+               for a, b in zip(corners, (*corners[1:], corners[0]), strict=True))
+
+
 def sample_services() -> Services:
     """What the screens' pictures are given: made-up answers, the same every time."""
-    return Services()
+    return Services(field=lambda _frame: sample_field())

@@ -1,8 +1,9 @@
-"""A colour scale for rates: perceptually even, safe for colour-blind eyes, from the screen's dark to its light end.
+"""Colour scales. For rates: perceptually even, safe for colour-blind eyes, from the screen's dark to its light end.
 
 Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") between a dark blue, a
 neutral grey-green and a light yellow: lightness rises evenly, and the hue moves along the blue - yellow axis that all
-common colour deficiencies keep.
+common colour deficiencies keep. For errors: from a dark blue (too little) over a pale grey (right) to a dark orange
+(too much).
 """
 from __future__ import annotations
 
@@ -15,6 +16,9 @@ Lab = tuple[float, float, float]
 
 _LOW: Lab = (0.38, -0.015, -0.135)
 _HIGH: Lab = (0.86, -0.020, 0.165)
+_UNDER: Lab = (0.42, -0.02, -0.16)
+_RIGHT: Lab = (0.88, 0.0, 0.0)
+_OVER: Lab = (0.58, 0.12, 0.12)
 
 
 def _to_srgb(lab: Lab) -> Rgb:
@@ -37,9 +41,18 @@ def _to_srgb(lab: Lab) -> Rgb:
 
 @cache
 def _colour(step: int, steps: int) -> Rgb:
-    share = step / (steps - 1)
-    lightness, a, b = (low + share * (high - low) for low, high in zip(_LOW, _HIGH, strict=True))
-    return _to_srgb((lightness, a, b))
+    return _to_srgb(_between(_LOW, _HIGH, step / (steps - 1)))
+
+
+@cache
+def _either_side(step: int, steps: int) -> Rgb:
+    share = 2.0 * step / (steps - 1) - 1.0
+    return _to_srgb(_between(_RIGHT, _OVER if share > 0.0 else _UNDER, abs(share)))
+
+
+def _between(begin: Lab, end: Lab, share: float) -> Lab:
+    lightness, a, b = (low + share * (high - low) for low, high in zip(begin, end, strict=True))
+    return lightness, a, b
 
 
 STEPS = 32
@@ -48,6 +61,11 @@ STEPS = 32
 def colour(share: float) -> Rgb:
     """sRGB at a place of the scale; share 0 is the low end, 1 the high end, outside is held at the ends."""
     return _colour(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
+
+
+def error_colour(share: float) -> Rgb:
+    """sRGB of an error; share 0 is the most that is too little, 0.5 is right, 1 the most that is too much."""
+    return _either_side(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
 def calm_ends(values: Iterable[float], step: float = 50.0, least: float = 100.0) -> tuple[float, float]:

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.color import Color, ColorSystem
 
-from console.app import themes, view
+from console.app import camera, themes, view
 from console.app.actions import ACTIONS
 from console.app.digits import draw
-from console.app.history import History, Spot
+from console.app.history import History
 from console.app.pace import Pace
 from console.app.sample import run_frames
 from console.app.scale import STEPS, calm_ends, colour
 from console.app.units import IMPERIAL, METRIC
-from console.app.widgets.field_map import frame_around
 from console.app.widgets.heads import bar
 from console.app.widgets.panel import fit, right, spread
 from console.app.widgets.trend import trace
+from console.app.worked import Box
 from control.log_row import LogRow
 
 
@@ -113,20 +113,21 @@ def test_an_unknown_value_breaks_the_trace():
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000)), max_size=10), st.integers(16, 60),
-       st.integers(6, 60))
+@given(st.lists(st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000)), min_size=1, max_size=10),
+       st.integers(16, 60), st.integers(6, 60))
 def test_every_place_lies_on_the_map(places, columns, rows):
-    frame = frame_around(places, columns, rows)
+    easts, norths = zip(*places, strict=True)
+    pixels = camera.fit(Box(min(easts), min(norths), max(easts), max(norths)), columns, rows).pixels(columns, rows)
     for place in places:
-        x, y = frame.pixel(*place)
+        x, y = pixels.at(*place)
         assert 0 <= x < columns and 0 <= y < rows
 
 
 def test_the_map_has_north_up_and_east_right():
-    frame = frame_around([(0.0, 0.0), (50.0, 50.0)], 40, 40)
-    west, north = frame.pixel(0.0, 50.0), frame.pixel(0.0, 0.0)
+    pixels = camera.fit(Box(0.0, 0.0, 50.0, 50.0), 40, 40).pixels(40, 40)
+    west, north = pixels.at(0.0, 50.0), pixels.at(0.0, 0.0)
     assert west[1] < north[1]
-    assert frame.pixel(50.0, 0.0)[0] > frame.pixel(0.0, 0.0)[0]
+    assert pixels.at(50.0, 0.0)[0] > pixels.at(0.0, 0.0)[0]
 
 
 def test_a_head_s_bar():
@@ -231,11 +232,10 @@ def test_the_history_is_bounded_and_begins_anew_with_a_new_log():
         history.add(frame)
     assert len(history.points) == len(frames)
     assert history.recent(10.0)[0].time_s == pytest.approx(frames[-1].row.time_s - 10.0)
-    gaps = [sqrt((a.east_m - b.east_m) ** 2 + (a.north_m - b.north_m) ** 2)
-            for a, b in pairwise(history.track)]
-    assert min(gaps) >= 0.8
+    assert history.worked.box is not None and history.series.end_s == frames[-1].row.time_s
     history.add(frames[0])
-    assert len(history.points) == 1 and list(history.track) == [Spot(0.0, 0.0, frames[0].row.applied_rate_kg_ha)]
+    assert len(history.points) == 1 and history.worked.box == Box(0.0, 0.0, 0.0, 0.0)
+    assert history.series.start_s == history.series.end_s == 0.0
 
 
 def test_pace():

@@ -4,18 +4,25 @@ from __future__ import annotations
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.history import Point, Spot
-from console.app.screens.page import Page
+from console.app.camera import Camera, fit
+from console.app.layers import Layer
+from console.app.screens.log_page import EMPTY_MAP, LogPage
 from console.app.view import STALE_S, RunView, look
-from console.app.widgets.field_map import FieldMap, MapView
+from console.app.widgets.field_map import FieldMap
 from console.app.widgets.heads import Heads
 from console.app.widgets.items import Items
+from console.app.widgets.map_legend import MapLegend, legend_of
+from console.app.widgets.map_title import MapTitle
 from console.app.widgets.rates import Rates
 from console.app.widgets.tiles import Tiles
 from console.app.widgets.trend import Trend, TrendView
+from console.frame import Frame
+from console.locale import in_use
+
+COARSEST_M = 3.0          # of a pixel: a larger field is not shown whole, the map follows the machine
 
 
-class PanelScreen(Page):
+class PanelScreen(LogPage):
     """Trends go below 36 rows, then the map below 100 columns."""
 
     def body(self) -> ComposeResult:
@@ -27,7 +34,9 @@ class PanelScreen(Page):
             yield Items(view.items, id="items-low")
             yield Trend(TrendView((), self.app.units.rate), id="trend")
         with Vertical(id="right"):
-            yield FieldMap(MapView((), None, None, self.app.units.rate, self.app.units.distance), id="map")
+            yield MapTitle((self.app.units.rate.name, in_use()), id="map-title")
+            yield FieldMap(EMPTY_MAP, id="map")
+            yield MapLegend(legend_of(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-legend")
             yield Items(view.items, id="items-side")
 
     def tick(self, now_s: float) -> None:
@@ -36,10 +45,26 @@ class PanelScreen(Page):
         if self.plots.due(now_s) and self.query_one("#trend").display:
             self.query_one("#trend", Trend).show(TrendView(self.points(), self.app.units.rate, age_s > STALE_S))
         if self.maps.due(now_s) and self.query_one("#right").display:
-            place = frame.place_m if frame else None
-            heading = frame.row.heading_deg if frame else None
-            self.query_one("#map", FieldMap).show(MapView(self.spots(), place, heading, self.app.units.rate,
-                                                          self.app.units.distance, age_s > STALE_S))
+            self._show_map(frame, age_s)
+
+    def _show_map(self, frame: Frame | None, age_s: float) -> None:
+        units, field_map = self.app.units, self.query_one("#map", FieldMap)
+        width, height = field_map.content_size
+        camera = self._camera(frame, field_map.view.camera, width, 2 * height)
+        view = self.map_view(frame, age_s, Layer.APPLIED, camera)
+        field_map.show(view)
+        self.query_one("#map-title", MapTitle).show((units.rate.name, in_use()))
+        self.query_one("#map-legend", MapLegend).show(
+            legend_of(view.scale, camera.metres, units.distance,
+                      view.picture is not None and view.picture.planned is not None))
+
+    def _camera(self, frame: Frame | None, before: Camera, columns: int, rows: int) -> Camera:
+        """Everything at once where that can be read, else the ground round the machine."""
+        whole = fit(self.whole(frame), columns, rows)
+        if whole.metres <= COARSEST_M or frame is None or frame.place_m is None:
+            return whole
+        near = before if before.metres == COARSEST_M else Camera(*frame.place_m, COARSEST_M)
+        return near.following(frame.place_m, columns, rows)
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
@@ -48,9 +73,3 @@ class PanelScreen(Page):
         self.query_one("#heads", Heads).show(view.heads)
         for items in self.query(Items):
             items.show(view.items)
-
-    def points(self) -> tuple[Point, ...]:
-        raise NotImplementedError
-
-    def spots(self) -> tuple[Spot, ...]:
-        raise NotImplementedError

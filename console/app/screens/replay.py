@@ -10,10 +10,10 @@ from textual.worker import Worker, WorkerState
 from console.app import words
 from console.app.action import REPLAY
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
-from console.app.history import TREND_SPAN_S, Point, Spot, points_of, spots_of
+from console.app.history import LogHistory
 from console.app.replay_job import ReplayJob, WhatIf
 from console.app.screens.base import PanelScreen
-from console.app.view import RunView, alarms, duration
+from console.app.view import RunView, duration
 from console.app.widgets.replay_bar import ReplayBar, ReplayView
 from console.frame import Frame
 from console.locale import _
@@ -32,6 +32,7 @@ class ReplayScreen(PanelScreen):
         self.chosen = WhatIf()
         self.computing: Worker[Sequence[Frame]] | None = None
         self._wanted = WhatIf()
+        self._history = LogHistory(())
         if job is not None:
             self.open(job)
 
@@ -57,26 +58,22 @@ class ReplayScreen(PanelScreen):
     def extra(self) -> ComposeResult:
         yield ReplayBar(_NO_LOG._replace(name=_("no log is open: topdress replay LOG.csv")), id="replay-bar")
 
+    def log(self) -> ReplayJob | None:
+        return self.job
+
+    def history(self) -> LogHistory:
+        """What is remembered of the frames that are played now."""
+        frames = self.job.source.frames if self.job is not None else ()
+        if self._history.frames is not frames:
+            self._history = LogHistory(frames)
+        return self._history
+
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
-        if self.job is None:
-            return None, 0.0
-        return self.job.source.newest, self.job.source.age_s
+        return (None, 0.0) if self.job is None else super().seen(now_s)
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
-        """Alarms of a machine that works meanwhile come before the log's."""
         view = super().seen_view(frame, age_s)
-        view = view._replace(status=view.status._replace(lead=_("REPLAY")))
-        live = self.app.arrival.frame
-        if live is not None and live.alarms:
-            shown = alarms(live, self.app.utc_offset_s, self.app.units)
-            lines = tuple(line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines)
-            return view._replace(alarms=shown._replace(lines=lines))
-        return view
-
-    def marks(self) -> tuple[str, ...]:
-        live = self.app.arrival.frame
-        machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None else ()
-        return (*machine, *super().marks())
+        return view._replace(status=view.status._replace(lead=_("REPLAY")))
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
@@ -95,15 +92,6 @@ class ReplayScreen(PanelScreen):
             return _("as recorded")
         other = (words.strategy_word(self.chosen.strategy), self.chosen.crop or "", self.chosen.machine or "")
         return _("what if: {other}").format(other=", ".join(part for part in other if part))
-
-    def points(self) -> tuple[Point, ...]:
-        if self.job is None:
-            return ()
-        source = self.job.source
-        return points_of(source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index)
-
-    def spots(self) -> tuple[Spot, ...]:
-        return () if self.job is None else spots_of(self.job.source.frames, self.job.source.index)
 
     def on_replay_bar_seek(self, event: ReplayBar.Seek) -> None:
         if self.job is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 from console.app.action import RUN
-from console.app.history import Point, Spot
 from console.app.screens.base import PanelScreen
 from console.app.view import AlarmsView, RunView
 from console.frame import Frame
@@ -19,9 +18,3 @@ class RunScreen(PanelScreen):
             return view
         about = "   ".join(part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part)
         return view._replace(alarms=AlarmsView((), f"{view.alarms.calm}   {about}"))
-
-    def points(self) -> tuple[Point, ...]:
-        return self.app.history.recent()
-
-    def spots(self) -> tuple[Spot, ...]:
-        return tuple(self.app.history.track)

@@ -1,140 +1,198 @@
-"""A small map: where the outlets went, coloured by what was applied there, and where the tractor is now."""
+"""A map in half-blocks: every cell of the terminal is two square pixels. Only rows that changed are drawn again."""
 from __future__ import annotations
 
-from collections.abc import Iterable
-from math import ceil
+from math import cos, radians, sin
 from typing import ClassVar, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
+from textual.geometry import Region
 from textual.strip import Strip
 
-from console.app.history import Spot
-from console.app.scale import Rgb, calm_ends, colour
-from console.app.units import Unit
+from console.app.camera import Camera, Pixels
+from console.app.field_picture import FieldPicture
+from console.app.layers import Layer, LayerScale
+from console.app.map_image import DONE, EMPTY, ENTRIES, OUTLINE, PASSAGE, PLAN, Image, image
+from console.app.scale import STEPS, Rgb
+from console.app.terminal import few_colours
 from console.app.widgets.canvas import Canvas
+from console.app.worked import Worked
 from console.locale import _
 
-_STEPS_M = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0, 200.0)
-_LEAST_SPAN_M = 40.0
+Codes = npt.NDArray[np.int32]            # (rows, columns) of the terminal
+
 _NOSES = "▴▸▾◂"
-_NOTHING_KG_HA = 1.0           # less than this is drawn as passage, not as applied
+_AHEAD = ENTRIES                         # palette: the line ahead of the machine
+_AHEAD_PIXELS = 4
+_PAIR = 256                              # a cell's code: upper entry x _PAIR + lower entry
+_MACHINE, _CROSS = _PAIR * _PAIR, _PAIR * _PAIR + 4
+_PLANNED_SHARE = 0.38                    # of its colour, the rest is background: planned ground is fainter than worked
+LEVELS_DONE, LEVELS_PLAN, LEVELS_ERROR = "░▒▓█", "1234", "Ll.hH"     # where colours are few
 
 
 class MapView(NamedTuple):
-    """place: outlets now, m; heading: degrees from north, clockwise; unit: of the rate; distance: of the scale bar."""
+    """version: of `worked`. place: outlets now, m; heading: degrees from north, clockwise. cross: a marked place."""
 
-    track: tuple[Spot, ...]
+    worked: Worked
+    version: int
+    picture: FieldPicture | None
+    scale: LayerScale
+    camera: Camera
     place: tuple[float, float] | None
     heading_deg: float | None
-    unit: Unit
-    distance: Unit
+    plan: bool = True
+    cross: tuple[float, float] | None = None
     stale: bool = False
 
 
-class Frame(NamedTuple):
-    """How metres become pixels: metres a pixel, and the place of the upper left pixel's corner."""
-
-    metres: float
-    west_m: float
-    north_m: float
-
-    def pixel(self, east_m: float, north_m: float) -> tuple[int, int]:
-        return int((east_m - self.west_m) // self.metres), int((self.north_m - north_m) // self.metres)
-
-
-def frame_around(places: Iterable[tuple[float, float]], columns: int, rows: int) -> Frame:
-    """The frame of columns x rows pixels that holds all places (m east, north), at a round scale."""
-    places = list(places) or [(0.0, 0.0)]
-    west, east = min(p[0] for p in places), max(p[0] for p in places)
-    south, north = min(p[1] for p in places), max(p[1] for p in places)
-    need = max((east - west) / (columns - 4), (north - south) / (rows - 4), _LEAST_SPAN_M / min(columns, rows))
-    metres = next((step for step in _STEPS_M if step >= need), need)
-    middle_east = ceil((west + east) / 2 / metres) * metres
-    middle_north = ceil((south + north) / 2 / metres) * metres
-    return Frame(metres, middle_east - columns / 2 * metres, middle_north + rows / 2 * metres)
-
-
 class FieldMap(Canvas[MapView]):
-    """Half-blocks: every cell is two square pixels."""
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"map--passage", "map--outline", "map--muted", "map--tractor",
+                                             "map--stale"}
 
-    COMPONENT_CLASSES: ClassVar[set[str]] = {"map--passage", "map--muted", "map--title", "map--tractor", "map--stale"}
+    def __init__(self, view: MapView, *, id: str | None = None, classes: str | None = None) -> None:
+        super().__init__(view, id=id, classes=classes)
+        self._codes: Codes | None = None
+        self._segments: dict[int, Segment] = {}
+        self._dressed_for: object = None
+        self.rows_drawn = 0
+
+    def pixels(self) -> Pixels:
+        """What is seen at the widget's size."""
+        width, height = self.content_size
+        return self.view.camera.pixels(width, 2 * height)
+
+    def show(self, view: MapView) -> None:
+        """Only the rows that look other than before are drawn again."""
+        if view == self.view:
+            return
+        self.view = view
+        self.redraws += 1
+        width, height = self.content_size
+        if self._painted_for != (width, height, self.app.theme) or self._codes is None:
+            self._painted_for = None
+            self.refresh()
+            return
+        changed = self._bring(width, height)
+        self.refresh(*(Region(0, row, width, 1) for row in changed))
 
     def paint(self, view: MapView, width: int, height: int) -> list[Strip]:
-        map_rows = height - 2
-        if map_rows < 3 or width < 16:
-            return []
-        title, muted = self.style("map--title"), self.style("map--muted")
-        given = [s.applied_kg_ha * view.unit.per_si for s in view.track
-                 if s.applied_kg_ha is not None and s.applied_kg_ha >= _NOTHING_KG_HA]
-        ends = calm_ends(given)
-        places = [(spot.east_m, spot.north_m) for spot in view.track]
-        if view.place is not None:
-            places.append(view.place)
-        frame = frame_around(places, width, map_rows * 2)
-        rows = [self.text_strip(width, (f" {_('map')} ", title), (f"{_('applied')} {view.unit.name}", muted))]
-        pixels = self._pixels(view, frame, ends)
-        tractor = frame.pixel(*view.place) if view.place is not None else None
-        rows += [Strip(self._row(row, width, pixels, tractor, view)).adjust_cell_length(width)
-                 for row in range(map_rows)]
-        if not places:
-            rows[1 + map_rows // 2] = self.text_strip(width, (f" {_('no position yet')}", muted))
-        rows.append(self._legend(view, width, frame, ends))
-        return rows
+        self._codes = None
+        self._painted = []
+        if width > 0 and height > 0:
+            self._bring(width, height)
+        return self._painted
 
-    def _pixels(self, view: MapView, frame: Frame, ends: tuple[float, float]) -> dict[tuple[int, int], Rgb]:
-        passage = self.style("map--passage").color
-        passage_rgb: Rgb = tuple(passage.get_truecolor()) if passage else (128, 128, 128)
-        pixels: dict[tuple[int, int], Rgb] = {}
-        for spot in view.track:
-            rate = spot.applied_kg_ha
-            shown = None
-            if rate is not None and rate >= _NOTHING_KG_HA:
-                shown = colour((rate * view.unit.per_si - ends[0]) / (ends[1] - ends[0]))
-            place = frame.pixel(spot.east_m, spot.north_m)
-            if shown is not None:
-                pixels[place] = shown
-            else:
-                pixels.setdefault(place, passage_rgb)
-        return pixels
+    def _bring(self, width: int, height: int) -> list[int]:
+        """Strips of the rows whose codes are other than before; their numbers."""
+        self._dress()
+        codes = self._cells(width, height)
+        old = self._codes
+        fresh = old is None or old.shape != codes.shape or len(self._painted) != height
+        changed = list(range(height)) if fresh or old is None else np.flatnonzero(
+            (codes != old).any(axis=1)).tolist()
+        if fresh:
+            self._painted = [Strip.blank(width)] * height
+        for row in changed:
+            self._painted[row] = self._strip(codes[row], width)
+        self._codes = codes
+        self.rows_drawn += len(changed)
+        view = self.view
+        if view.place is None and view.worked.box is None and (view.picture is None or view.picture.box is None):
+            self._painted[height // 2] = self.text_strip(width, (f" {_('no position yet')}", self.style("map--muted")))
+            changed = list(range(height))
+        return changed
 
-    def _row(self, row: int, width: int, pixels: dict[tuple[int, int], Rgb], tractor: tuple[int, int] | None,
-             view: MapView) -> list[Segment]:
-        base = self.rich_style
+    def _cells(self, width: int, height: int) -> Codes:
+        view, pixels = self.view, self.pixels()
+        seen = image(view.worked, view.picture, view.scale, pixels, view.plan)
+        machine = pixels.at(*view.place) if view.place is not None else None
+        if machine is not None and view.heading_deg is not None:
+            _draw_ahead(seen, machine, view.heading_deg)
+        codes = seen[0::2].astype(np.int32) * _PAIR + seen[1::2]
+        if view.cross is not None:
+            column, row = pixels.at(*view.cross)
+            if 0 <= column < width and 0 <= row < 2 * height:
+                codes[row // 2, column] = _CROSS
+        if machine is not None and 0 <= machine[0] < width and 0 <= machine[1] < 2 * height:
+            codes[machine[1] // 2, machine[0]] = _MACHINE + round((view.heading_deg or 0.0) / 90) % 4
+        return codes
+
+    def _strip(self, codes: npt.NDArray[np.int32], width: int) -> Strip:
+        begins = np.concatenate(([0], np.flatnonzero(np.diff(codes)) + 1, [width]))
         segments = []
-        for column in range(width):
-            if tractor is not None and tractor[0] == column and tractor[1] // 2 == row:
-                nose = _NOSES[round((view.heading_deg or 0.0) / 90) % 4]
-                segments.append(Segment(nose, self.style("map--stale" if view.stale else "map--tractor")))
-                continue
-            up, down = pixels.get((column, 2 * row)), pixels.get((column, 2 * row + 1))
-            if up is None and down is None:
-                segments.append(Segment(" ", base))
-            elif up == down:
-                segments.append(Segment("█", base + _fore(up) + _back(up)))
-            elif up is None:
-                segments.append(Segment("▄", base + _fore(down)))
-            elif down is None:
-                segments.append(Segment("▀", base + _fore(up)))
-            else:
-                segments.append(Segment("▀", base + _fore(up) + _back(down)))
-        return segments
+        for begin, end in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True):
+            code = int(codes[begin])
+            one = self._segments.get(code)
+            if one is None:
+                one = self._segments[code] = self._segment(code)
+            segments.append(one if end - begin == 1 else Segment(one.text * (end - begin), one.style))
+        return Strip(segments, width)
 
-    def _legend(self, view: MapView, width: int, frame: Frame, ends: tuple[float, float]) -> Strip:
-        muted = self.style("map--muted")
-        cells = max(6, min(16, width - 26))
-        steps = [colour(step / (cells - 1)) for step in range(cells)]
-        ramp = [("█", self.rich_style + _fore(step) + _back(step)) for step in steps]
-        bar_cells = 6
-        bar = view.distance.full(bar_cells * frame.metres)
-        return self.text_strip(width, (f" {ends[0]:.0f} ", muted), *ramp, (f" {ends[1]:.0f}  ", muted),
-                               ("▀" * bar_cells, muted), (f" {bar}", muted))
+    # --- colours ------------------------------------------------------------------------------------------------
+
+    def _dress(self) -> None:
+        """Forget segments that were made for other colours."""
+        wanted = (self.view.scale.layer, self.app.theme, self.view.stale, few_colours(self.app))
+        if wanted == self._dressed_for:
+            return
+        self._dressed_for = wanted
+        self._segments.clear()
+        self._codes = None
+        base = self.rich_style
+        ground: Rgb = tuple(base.bgcolor.get_truecolor()) if base.bgcolor is not None else (0, 0, 0)
+        steps = [self.view.scale.colour(step / (STEPS - 1)) for step in range(STEPS)]
+        outline = self._rgb("map--outline")
+        self._palette: list[Rgb] = [ground, self._rgb("map--passage"), outline, *steps,
+                                    *(_mixed(step, ground) for step in steps), outline]
+
+    def _rgb(self, name: str) -> Rgb:
+        colour = self.style(name).color
+        return tuple(colour.get_truecolor()) if colour is not None else (128, 128, 128)
+
+    def _segment(self, code: int) -> Segment:
+        base = self.rich_style
+        if code >= _CROSS:
+            return Segment("+", self.style("map--tractor"))
+        if code >= _MACHINE:
+            return Segment(_NOSES[code - _MACHINE], self.style("map--stale" if self.view.stale else "map--tractor"))
+        up, down = divmod(code, _PAIR)
+        if few_colours(self.app):
+            return Segment(_plain(up or down, self.view.scale.layer), base)
+        if up == down:
+            return Segment(" " if up == EMPTY else "█", base + _style(self._palette[up], self._palette[up]))
+        if up == EMPTY:
+            return Segment("▄", base + _style(self._palette[down], None))
+        if down == EMPTY:
+            return Segment("▀", base + _style(self._palette[up], None))
+        return Segment("▀", base + _style(self._palette[up], self._palette[down]))
 
 
-def _back(rgb: Rgb) -> Style:
-    return Style(bgcolor=Color.from_rgb(*rgb))
+def _draw_ahead(seen: Image, machine: tuple[int, int], heading_deg: float) -> None:
+    east, north = sin(radians(heading_deg)), cos(radians(heading_deg))
+    rows, columns = seen.shape
+    for step in range(1, _AHEAD_PIXELS + 1):
+        column, row = machine[0] + round(step * east), machine[1] - round(step * north)
+        if 0 <= column < columns and 0 <= row < rows:
+            seen[row, column] = _AHEAD
 
 
-def _fore(rgb: Rgb | None) -> Style:
-    return Style(color=Color.from_rgb(*rgb)) if rgb is not None else Style()
+def _plain(entry: int, layer: Layer) -> str:
+    """A character for a palette entry, where colours cannot tell."""
+    if entry in (EMPTY, PASSAGE, OUTLINE, _AHEAD):
+        return {EMPTY: " ", PASSAGE: ":", OUTLINE: "#", _AHEAD: "*"}[entry]
+    done = entry < PLAN
+    step = entry - (DONE if done else PLAN)
+    levels = LEVELS_ERROR if layer is Layer.ERROR else LEVELS_DONE if done else LEVELS_PLAN
+    return levels[step * len(levels) // STEPS]
+
+
+def _mixed(rgb: Rgb, ground: Rgb) -> Rgb:
+    red, green, blue = (round(_PLANNED_SHARE * a + (1 - _PLANNED_SHARE) * b) for a, b in zip(rgb, ground, strict=True))
+    return red, green, blue
+
+
+def _style(fore: Rgb, back: Rgb | None) -> Style:
+    return Style(color=Color.from_rgb(*fore), bgcolor=Color.from_rgb(*back) if back is not None else None)

@@ -1,0 +1,82 @@
+"""Where a map looks: its middle and how many metres a pixel is; a cell of the terminal is two square pixels."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from console.app.worked import Box
+
+Floats = npt.NDArray[np.float64]
+SCALES_M = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 200.0)
+LEAST_SPAN_M = 40.0
+EDGE = 0.25                     # following, the middle moves when the machine comes this near to an edge
+
+
+class Pixels(NamedTuple):
+    """columns x rows pixels; west and north: of the upper left pixel's corner, m; metres: of a pixel."""
+
+    columns: int
+    rows: int
+    metres: float
+    west_m: float
+    north_m: float
+
+    def at(self, east_m: float, north_m: float) -> tuple[int, int]:
+        """Column and row of the pixel of a place; it may lie outside."""
+        return int((east_m - self.west_m) // self.metres), int((self.north_m - north_m) // self.metres)
+
+    def place(self, column: float, row: float) -> tuple[float, float]:
+        """East and north of a pixel's middle, m."""
+        return self.west_m + (column + 0.5) * self.metres, self.north_m - (row + 0.5) * self.metres
+
+    def middles(self) -> tuple[Floats, Floats]:
+        """East of every column and north of every row, m."""
+        return (self.west_m + (np.arange(self.columns) + 0.5) * self.metres,
+                self.north_m - (np.arange(self.rows) + 0.5) * self.metres)
+
+
+class Camera(NamedTuple):
+    east_m: float
+    north_m: float
+    metres: float
+
+    def pixels(self, columns: int, rows: int) -> Pixels:
+        """What is seen on columns x rows pixels; edges of pixels lie on multiples of their size."""
+        west = round(self.east_m / self.metres - columns / 2) * self.metres
+        north = round(self.north_m / self.metres + rows / 2) * self.metres
+        return Pixels(columns, rows, self.metres, west, north)
+
+    def zoomed(self, steps: int) -> Camera:
+        """steps > 0: nearer."""
+        at = min(range(len(SCALES_M)), key=lambda k: abs(SCALES_M[k] - self.metres))
+        return self._replace(metres=SCALES_M[max(0, min(len(SCALES_M) - 1, at - steps))])
+
+    def moved(self, columns: float, rows: float) -> Camera:
+        """By pixels, to the right and up."""
+        return self._replace(east_m=self.east_m + columns * self.metres, north_m=self.north_m + rows * self.metres)
+
+    def following(self, place: tuple[float, float], columns: int, rows: int) -> Camera:
+        """The same while the place is well inside; else with the place in the middle."""
+        column, row = self.pixels(columns, rows).at(*place)
+        inside = (EDGE * columns <= column < (1 - EDGE) * columns) and (EDGE * rows <= row < (1 - EDGE) * rows)
+        return self if inside else self._replace(east_m=place[0], north_m=place[1])
+
+
+def fit(box: Box | None, columns: int, rows: int) -> Camera:
+    """The nearest round scale at which a box is seen whole on columns x rows pixels, and calm while it grows."""
+    box = box or Box(0.0, 0.0, 0.0, 0.0)
+    need = max((box.east_m - box.west_m) / max(1, columns - 4), (box.north_m - box.south_m) / max(1, rows - 4),
+               LEAST_SPAN_M / max(1, min(columns, rows)))
+    metres = next((scale for scale in SCALES_M if scale >= need), need)
+    return Camera(0.5 * (box.west_m + box.east_m), 0.5 * (box.south_m + box.north_m), metres)
+
+
+def around(*boxes: Box | None) -> Box | None:
+    """One box round all of them."""
+    known = [box for box in boxes if box is not None]
+    if not known:
+        return None
+    wests, souths, easts, norths = zip(*known, strict=True)
+    return Box(min(wests), min(souths), max(easts), max(norths))

@@ -1,0 +1,111 @@
+"""Every number of a log row as a channel that can be plotted: its words, its unit, and what it is compared with."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from console.app.units import Unit, Units
+from console.app.view import rate_error
+from console.locale import N_
+from control.log_row import COLUMNS, TEXT_COLUMNS, LogRow
+
+UnitOf = Callable[[Units], Unit]
+
+
+def _rate(units: Units) -> Unit:
+    return units.rate
+
+
+def _speed(units: Units) -> Unit:
+    return units.speed._replace(decimals=2)
+
+
+def _shaft(units: Units) -> Unit:
+    return units.shaft
+
+
+def _opening(units: Units) -> Unit:
+    return units.opening
+
+
+def _mass(units: Units) -> Unit:
+    return units.mass._replace(decimals=1)
+
+
+def _plain(name: str, decimals: int, per_si: float = 1.0) -> UnitOf:
+    unit = Unit(name, per_si, decimals)
+    return lambda units: unit
+
+
+def _distance(units: Units) -> Unit:
+    return units.fine_distance
+
+
+class Channel(NamedTuple):
+    """id: the log's column. group: channels of one group share their scale when they are plotted together."""
+
+    id: str
+    label: str
+    unit: UnitOf
+    group: str = ""
+
+
+ERROR = "rate_error_percent"
+_DEGREES, _NDVI, _COUNT = _plain("deg", 1), _plain("", 3), _plain("", 0)
+
+CHANNELS = (
+    Channel("target_rate_kg_ha", N_("target rate"), _rate, "rate"),
+    Channel("applied_rate_kg_ha", N_("applied rate"), _rate, "rate"),
+    Channel(ERROR, N_("rate error"), _plain("%", 1)),
+    Channel("speed_used_mps", N_("speed used"), _speed, "speed"),
+    Channel("speed_mps", N_("GNSS speed"), _speed, "speed"),
+    Channel("wheel_speed_mps", N_("wheel speed"), _speed, "speed"),
+    Channel("ndvi", N_("NDVI, fused"), _NDVI, "ndvi"),
+    Channel("ndvi_1", N_("NDVI, head 1"), _NDVI, "ndvi"),
+    Channel("ndvi_2", N_("NDVI, head 2"), _NDVI, "ndvi"),
+    Channel("ndvi_3", N_("NDVI, head 3"), _NDVI, "ndvi"),
+    Channel("ndvi_4", N_("NDVI, head 4"), _NDVI, "ndvi"),
+    Channel("ndvi_5", N_("NDVI, head 5"), _NDVI, "ndvi"),
+    Channel("ndvi_6", N_("NDVI, head 6"), _NDVI, "ndvi"),
+    Channel("shaft_rpm_cmd", N_("shaft, set"), _shaft, "shaft"),
+    Channel("shaft_rpm", N_("shaft, measured"), _shaft, "shaft"),
+    Channel("opening_mm_cmd", N_("opening, set"), _opening, "opening"),
+    Channel("opening_mm", N_("opening, measured"), _opening, "opening"),
+    Channel("hopper_kg", N_("hopper"), _mass),
+    Channel("flow_trim", N_("scale trim"), _NDVI),
+    Channel("lag_s", N_("look-ahead, time"), _plain("s", 2)),
+    Channel("lag_m", N_("look-ahead, way"), _distance),
+    Channel("nudge_percent", N_("nudge"), _plain("%", 0)),
+    Channel("heading_deg", N_("heading"), _DEGREES),
+    Channel("pitch_deg", N_("pitch"), _DEGREES, "tilt"),
+    Channel("roll_deg", N_("roll"), _DEGREES, "tilt"),
+    Channel("supply_v", N_("supply"), _plain("V", 2)),
+    Channel("work_switch", N_("work switch"), _COUNT),
+    Channel("fix_quality", N_("GNSS fix quality"), _COUNT),
+    Channel("satellites", N_("satellites"), _COUNT),
+    Channel("hdop", N_("GNSS dilution (HDOP)"), _plain("", 2)),
+    Channel("lat_deg", N_("latitude"), _plain("deg", 7)),
+    Channel("lon_deg", N_("longitude"), _plain("deg", 7)),
+)
+BY_ID = {channel.id: channel for channel in CHANNELS}
+COLUMN = {channel.id: index for index, channel in enumerate(CHANNELS)}
+AT_FIRST = ("target_rate_kg_ha", "applied_rate_kg_ha", "speed_used_mps")
+NAN = float("nan")
+
+_AT = tuple(COLUMNS.index(channel.id) if channel.id in COLUMNS else -1 for channel in CHANNELS)
+assert {COLUMNS[at] for at in _AT if at >= 0} == set(COLUMNS) - TEXT_COLUMNS - {"time_s"}
+
+
+def value_of(row: LogRow, channel: str) -> float:
+    """One channel of a row, NaN where it is not known. The error counts only while the machine works."""
+    at = _AT[COLUMN[channel]]
+    if at >= 0:
+        value = row[at]
+        return NAN if value is None else float(value)
+    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if row.state in (None, "working") else None
+    return NAN if error is None else 100.0 * error
+
+
+def values_of(row: LogRow) -> list[float]:
+    """All channels of a row, in the order of CHANNELS."""
+    return [value_of(row, channel.id) for channel in CHANNELS]

@@ -1,0 +1,78 @@
+"""What does not move on a map: the field's outline and the planned rates, as the job's files have them."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from console.app.camera import Pixels
+from console.app.worked import Box
+
+Rates = npt.NDArray[np.float32]
+Ring = tuple[tuple[float, float], ...]
+M2_PER_HA = 10_000.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Planned:
+    """Planned rates, kg/ha: rate_kg_ha[row, column], row 0 in the south, column 0 in the west; NaN: nothing said."""
+
+    west_m: float
+    south_m: float
+    cell_m: float
+    rate_kg_ha: Rates
+
+    @property
+    def box(self) -> Box:
+        rows, columns = self.rate_kg_ha.shape
+        return Box(self.west_m, self.south_m, self.west_m + columns * self.cell_m, self.south_m + rows * self.cell_m)
+
+    def at(self, east_m: float, north_m: float) -> float | None:
+        """The planned rate at a place; None where nothing is said."""
+        column, row = int((east_m - self.west_m) // self.cell_m), int((north_m - self.south_m) // self.cell_m)
+        rows, columns = self.rate_kg_ha.shape
+        if not (0 <= column < columns and 0 <= row < rows):
+            return None
+        rate = float(self.rate_kg_ha[row, column])
+        return None if rate != rate else rate
+
+    def seen(self, pixels: Pixels) -> Rates:
+        """The rates at the middles of pixels (rows from the north, columns)."""
+        rows, columns = self.rate_kg_ha.shape
+        east, north = pixels.middles()
+        column = np.floor((east - self.west_m) / self.cell_m).astype(np.int64)
+        row = np.floor((north - self.south_m) / self.cell_m).astype(np.int64)
+        seen = self.rate_kg_ha[np.ix_(np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1))]
+        seen[(row < 0) | (row >= rows), :] = np.nan
+        seen[:, (column < 0) | (column >= columns)] = np.nan
+        return seen
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        known = self.rate_kg_ha[np.isfinite(self.rate_kg_ha)]
+        return (float(known.min()), float(known.max())) if known.size else None
+
+    @property
+    def mass_kg(self) -> float:
+        """All that is planned."""
+        return float(np.nansum(self.rate_kg_ha, dtype=np.float64)) * self.cell_m**2 / M2_PER_HA
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FieldPicture:
+    """title: of the field. rings_m: outlines and holes, east and north. width_m: that the outlets cover."""
+
+    title: str = ""
+    rings_m: tuple[Ring, ...] = ()
+    area_ha: float | None = None
+    width_m: float = 2.4
+    planned: Planned | None = None
+
+    @property
+    def box(self) -> Box | None:
+        places = [place for ring in self.rings_m for place in ring]
+        if not places:
+            return None if self.planned is None else self.planned.box
+        easts, norths = zip(*places, strict=True)
+        return Box(min(easts), min(norths), max(easts), max(norths))

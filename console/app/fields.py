@@ -1,0 +1,44 @@
+"""The pictures of fields, loaded once each beside the screens; until then, or where there is none, nothing."""
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from console.app.field_picture import FieldPicture
+from console.frame import Frame
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+
+Load = Callable[[Frame], FieldPicture | None]
+_KEPT = 4
+
+
+class FieldPictures:
+    """load: makes the picture of a frame's job, in a thread; its ValueErrors are said once, in one line."""
+
+    def __init__(self, app: TopdressApp, load: Load | None) -> None:
+        self._app, self._load = app, load
+        self._known: dict[tuple[str, str], FieldPicture | None] = {}
+
+    def of(self, frame: Frame | None) -> FieldPicture | None:
+        """The picture for a frame; asked for the first time, it is loaded and comes later."""
+        if frame is None or self._load is None:
+            return None
+        key = (frame.log_path, frame.job)
+        if key not in self._known:
+            self._known[key] = None
+            self._app.run_worker(self._bring(key, frame, self._load), group="field", exit_on_error=False)
+        return self._known[key]
+
+    async def _bring(self, key: tuple[str, str], frame: Frame, load: Load) -> None:
+        try:
+            picture = await asyncio.to_thread(load, frame)
+        except ValueError as error:
+            self._app.notice(str(error))
+            return
+        while len(self._known) > _KEPT:
+            del self._known[next(iter(self._known))]
+        self._known[key] = picture
+        self._app.page.hurry()

@@ -1,0 +1,62 @@
+"""What a map can be coloured by, and from where to where its colours go."""
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+from console.app.field_picture import FieldPicture
+from console.app.scale import Rgb, calm_ends, colour, error_colour
+from console.app.units import Units
+from console.app.view import ERROR_SPAN
+from console.app.worked import Worked
+from console.locale import N_
+
+
+class Layer(StrEnum):
+    APPLIED = "applied"
+    TARGET = "target"
+    ERROR = "error"
+    NDVI = "ndvi"
+
+
+LABELS = {Layer.APPLIED: N_("applied"), Layer.TARGET: N_("target"), Layer.ERROR: N_("error"), Layer.NDVI: N_("NDVI")}
+RATES = frozenset({Layer.APPLIED, Layer.TARGET})
+
+
+class LayerScale(NamedTuple):
+    """low, high: of the colours, in the unit inside; per_si and decimals: how they are shown."""
+
+    layer: Layer
+    low: float
+    high: float
+    per_si: float
+    decimals: int
+    unit: str
+
+    def text(self, value: float | None) -> str:
+        """A value as shown, without its unit."""
+        if value is None:
+            return "--"
+        sign = "+" if self.layer is Layer.ERROR and value > 0.0 else ""
+        return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
+
+    def colour(self, share: float) -> Rgb:
+        return error_colour(share) if self.layer is Layer.ERROR else colour(share)
+
+
+def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: Units) -> LayerScale:
+    """Applied and target share one scale, which also holds what is planned."""
+    if layer is Layer.ERROR:
+        return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
+    if layer is Layer.NDVI:
+        low, high = calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
+        return LayerScale(layer, low, high, 1.0, 2, "")
+    planned = picture.planned.ends if picture is not None and picture.planned is not None else None
+    per_si = units.rate.per_si
+    low, high = calm_ends(value * per_si for ends in (worked.rate_ends, planned) for value in ends or ())
+    return LayerScale(layer, low / per_si, high / per_si, per_si, 0, units.rate.name)
+
+
+def after(layer: Layer) -> Layer:
+    layers = tuple(Layer)
+    return layers[(layers.index(layer) + 1) % len(layers)]

@@ -1,0 +1,124 @@
+"""The map as numbers: which palette entry every pixel has. Pure; a widget turns it into segments."""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from console.app.camera import Pixels
+from console.app.field_picture import FieldPicture, Ring
+from console.app.layers import RATES, Layer, LayerScale
+from console.app.scale import STEPS
+from console.app.view import RATE_FLOOR_KG_HA
+from console.app.worked import KINDS, NOTHING_KG_HA, Window, Worked
+
+Image = npt.NDArray[np.uint8]           # (rows, columns), from the north-west
+Values = npt.NDArray[np.float32]
+
+EMPTY, PASSAGE, OUTLINE = 0, 1, 2
+DONE = 3                                # DONE + step: worked ground
+PLAN = DONE + STEPS                     # PLAN + step: planned ground
+ENTRIES = PLAN + STEPS
+
+
+class Ground(NamedTuple):
+    """Means over each pixel, NaN where nothing is known; passed: whether the outlets' middle went there."""
+
+    applied_kg_ha: Values
+    target_kg_ha: Values
+    ndvi: Values
+    passed: npt.NDArray[np.bool_]
+
+    def layer(self, layer: Layer) -> Values:
+        if layer is Layer.ERROR:
+            floor = np.maximum(self.target_kg_ha, np.float32(RATE_FLOOR_KG_HA))
+            return np.asarray((self.applied_kg_ha - self.target_kg_ha) / floor, dtype=np.float32)
+        return {Layer.APPLIED: self.applied_kg_ha, Layer.TARGET: self.target_kg_ha, Layer.NDVI: self.ndvi}[layer]
+
+
+def ground(worked: Worked, pixels: Pixels) -> Ground:
+    """What was entered, as it lies under the pixels."""
+    planes = _under(worked, pixels)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        applied, target, ndvi = planes[:KINDS] / planes[KINDS:2 * KINDS]
+    return Ground(applied, target, ndvi, planes[2 * KINDS] > 0.0)
+
+
+def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixels: Pixels, plan: bool = True) -> Image:
+    """The palette entries of all pixels. plan: planned rates lie under the worked ground (rate layers only)."""
+    seen = np.full((pixels.rows, pixels.columns), EMPTY, dtype=np.uint8)
+    if picture is not None and picture.planned is not None and plan and scale.layer in RATES:
+        _colour(seen, picture.planned.seen(pixels), scale, PLAN)
+    here = ground(worked, pixels)
+    seen[here.passed] = PASSAGE
+    values = here.layer(scale.layer)
+    if scale.layer in RATES:
+        seen[values < NOTHING_KG_HA] = PASSAGE
+        values = np.where(values < NOTHING_KG_HA, np.float32(np.nan), values)
+    _colour(seen, values, scale, DONE)
+    for ring in picture.rings_m if picture is not None else ():
+        _outline(seen, ring, pixels)
+    return seen
+
+
+def _colour(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
+    known = np.isfinite(values)
+    share = np.clip((values[known] - scale.low) / (scale.high - scale.low), 0.0, 1.0)
+    seen[known] = first + np.rint(share * (STEPS - 1)).astype(np.uint8)
+
+
+def _under(worked: Worked, pixels: Pixels) -> Window:
+    """Planes summed over every pixel (planes, rows from the north, columns)."""
+    cell = worked.cell_for(pixels.metres)
+    south = pixels.north_m - pixels.rows * pixels.metres
+    columns = _Axis.of(pixels.west_m, pixels.metres, pixels.columns, cell)
+    rows = _Axis.of(south, pixels.metres, pixels.rows, cell)
+    planes = worked.window(cell, columns.first, rows.first, columns.count, rows.count)
+    return columns.gathered(rows.gathered(planes, 1), 2)[:, ::-1, :]
+
+
+class _Axis(NamedTuple):
+    """The cells (first, count) under a row of pixels; starts: the first cell of each pixel, or, where pixels are
+    smaller than cells, the one cell that a pixel lies in."""
+
+    first: int
+    count: int
+    starts: npt.NDArray[np.int64]
+    summed: bool
+
+    @classmethod
+    def of(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _Axis:
+        if metres < cell_m:
+            cells = np.floor((begin_m + (np.arange(pixels) + 0.5) * metres) / cell_m).astype(np.int64)
+            return cls(int(cells[0]), int(cells[-1] - cells[0]) + 1, cells - cells[0], False)
+        starts = np.ceil((begin_m + np.arange(pixels + 1) * metres) / cell_m - 0.5 - 1e-6).astype(np.int64)
+        return cls(int(starts[0]), int(starts[-1] - starts[0]), starts[:-1] - starts[0], True)
+
+    def gathered(self, planes: Window, axis: int) -> Window:
+        if self.summed:
+            return np.asarray(np.add.reduceat(planes, self.starts, axis=axis), dtype=np.float32)
+        return np.take(planes, self.starts, axis=axis)
+
+
+def _outline(seen: Image, ring: Ring, pixels: Pixels) -> None:
+    places = np.array((*ring, ring[0]), dtype=np.float64)
+    column = (places[:, 0] - pixels.west_m) / pixels.metres
+    row = (pixels.north_m - places[:, 1]) / pixels.metres
+    for begin, end in _visible(column, row, pixels):
+        c0, c1, r0, r1 = column[begin], column[end], row[begin], row[end]
+        share = np.linspace(0.0, 1.0, int(min(20_000.0, max(abs(c1 - c0), abs(r1 - r0)))) + 2)
+        c = np.floor(c0 + share * (c1 - c0)).astype(np.int64)
+        r = np.floor(r0 + share * (r1 - r0)).astype(np.int64)
+        inside = (c >= 0) & (c < pixels.columns) & (r >= 0) & (r < pixels.rows)
+        seen[r[inside], c[inside]] = OUTLINE
+
+
+def _visible(column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: Pixels
+             ) -> Iterable[tuple[int, int]]:
+    """Edges whose box touches the picture, as pairs of corners."""
+    low_c, high_c = np.minimum(column[:-1], column[1:]), np.maximum(column[:-1], column[1:])
+    low_r, high_r = np.minimum(row[:-1], row[1:]), np.maximum(row[:-1], row[1:])
+    near = np.flatnonzero((high_c >= 0) & (low_c < pixels.columns) & (high_r >= 0) & (low_r < pixels.rows))
+    return ((int(k), int(k) + 1) for k in near)

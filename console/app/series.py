@@ -1,0 +1,190 @@
+"""Lowest, highest and mean of a channel over spans of time: live in a pyramid of bounded size, or from a whole log."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from console.app.channels import CHANNELS, COLUMN, value_of, values_of
+from console.frame import Frame
+
+Floats = npt.NDArray[np.float64]
+
+WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)       # of a bucket, from level to level
+KEPT = 2_048                                 # buckets of each level: 7 min, 34 min, 2.3 h, 9 h, 36 h
+
+
+class Stretch(NamedTuple):
+    """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where nothing was known; count:
+    of known values."""
+
+    time_s: Floats
+    low: Floats
+    high: Floats
+    mean: Floats
+    count: Floats
+
+
+class Sums(NamedTuple):
+    """Over a span; NaN where nothing was known."""
+
+    low: float
+    mean: float
+    high: float
+
+
+class Series(Protocol):
+    """What a trend is drawn from. Times are s of the run."""
+
+    @property
+    def start_s(self) -> float | None:
+        """First time that is still held; None: nothing yet."""
+
+    @property
+    def end_s(self) -> float | None: ...
+
+    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> Stretch:
+        """The channel from one time to another in about `buckets` or more pieces, as far as they are held."""
+
+
+def sums(stretch: Stretch) -> Sums:
+    """Lowest, mean and highest of a stretch; the mean is of all rows, not of the buckets."""
+    known = stretch.count > 0
+    if not known.any():
+        return Sums(np.nan, np.nan, np.nan)
+    weight = stretch.count[known]
+    return Sums(float(stretch.low[known].min()), float((stretch.mean[known] * weight).sum() / weight.sum()),
+                float(stretch.high[known].max()))
+
+
+class _Level:
+    """Buckets of one width for all channels; the oldest are dropped when twice KEPT are there."""
+
+    def __init__(self, width_s: float, kept: int) -> None:
+        self.width_s, self.kept = width_s, kept
+        channels = len(CHANNELS)
+        self.size = 0
+        self.time_s: Floats = np.zeros(2 * kept)
+        self.number = -1
+        self.low: Floats = np.zeros((2 * kept, channels))
+        self.high: Floats = np.zeros((2 * kept, channels))
+        self.total: Floats = np.zeros((2 * kept, channels))
+        self.count: Floats = np.zeros((2 * kept, channels))
+
+    def add(self, time_s: float, values: Floats, known: npt.NDArray[np.bool_]) -> None:
+        number = int(time_s / self.width_s + 1e-6)
+        if number != self.number or self.size == 0:
+            self._begin(number, time_s)
+        k = self.size - 1
+        np.fmin(self.low[k], values, out=self.low[k])
+        np.fmax(self.high[k], values, out=self.high[k])
+        np.add(self.total[k], values, out=self.total[k], where=known)
+        self.count[k] += known
+
+    def _begin(self, number: int, time_s: float) -> None:
+        if self.size == 2 * self.kept:
+            for array in (self.time_s, self.low, self.high, self.total, self.count):
+                array[:self.kept] = array[self.kept:]
+            self.size = self.kept
+        k = self.size
+        self.time_s[k], self.number = time_s, number
+        self.low[k] = self.high[k] = np.nan
+        self.total[k] = self.count[k] = 0.0
+        self.size += 1
+
+    @property
+    def first_s(self) -> float:
+        return float(self.time_s[0])
+
+    def stretch(self, column: int, from_s: float, to_s: float) -> Stretch:
+        times = self.time_s[:self.size]
+        begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
+        end = int(np.searchsorted(times, to_s, side="right"))
+        count = self.count[begin:end, column]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = self.total[begin:end, column] / count
+        return Stretch(times[begin:end].copy(), self.low[begin:end, column].copy(),
+                       self.high[begin:end, column].copy(), mean, count.copy())
+
+
+class Pyramid:
+    """A Series grown row by row. Each level has wider buckets and reaches further back; the memory never grows."""
+
+    def __init__(self, widths_s: Sequence[float] = WIDTHS_S, kept: int = KEPT) -> None:
+        self.widths_s, self.kept = tuple(widths_s), kept
+        self.clear()
+
+    def clear(self) -> None:
+        self._levels = [_Level(width, self.kept) for width in self.widths_s]
+        self._started_s: float | None = None
+        self._end_s: float | None = None
+
+    @property
+    def start_s(self) -> float | None:
+        return None if self._started_s is None else max(self._started_s, self._levels[-1].first_s)
+
+    @property
+    def end_s(self) -> float | None:
+        return self._end_s
+
+    @property
+    def bytes(self) -> int:
+        return sum(array.nbytes for level in self._levels
+                   for array in (level.time_s, level.low, level.high, level.total, level.count))
+
+    def add(self, frame: Frame) -> None:
+        """One more row; rows come in order of time."""
+        values = np.array(values_of(frame.row))
+        known = np.isfinite(values)
+        time_s = frame.row.time_s
+        for level in self._levels:
+            level.add(time_s, values, known)
+        self._end_s = time_s
+        if self._started_s is None:
+            self._started_s = time_s
+
+    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> Stretch:
+        """From the coarsest level that gives as many buckets and reaches back far enough, else the one that does."""
+        started = self._started_s or 0.0
+        reach = [level for level in self._levels if level.first_s <= max(from_s, started)] or self._levels[-1:]
+        fine = [level for level in reach if level.width_s * buckets <= to_s - from_s]
+        return (fine[-1] if fine else reach[0]).stretch(COLUMN[channel], from_s, to_s)
+
+
+class LogSeries:
+    """A Series over all frames of a log; a channel's values are taken out when they are first asked for."""
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        self._frames = frames
+        self._times: Floats = np.array([frame.row.time_s for frame in frames])
+        self._values: dict[str, Floats] = {}
+
+    @property
+    def start_s(self) -> float | None:
+        return float(self._times[0]) if len(self._times) else None
+
+    @property
+    def end_s(self) -> float | None:
+        return float(self._times[-1]) if len(self._times) else None
+
+    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> Stretch:
+        values = self._values.get(channel)
+        if values is None:
+            values = self._values[channel] = np.array([value_of(frame.row, channel) for frame in self._frames])
+        begin, end = np.searchsorted(self._times, from_s, side="left"), np.searchsorted(self._times, to_s, side="right")
+        return _in_buckets(self._times[begin:end], values[begin:end], from_s, (to_s - from_s) / max(1, buckets))
+
+
+def _in_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> Stretch:
+    """Rows, in order of time, gathered in buckets of one width; empty buckets are left out."""
+    if not len(times):
+        return Stretch(*(np.zeros(0),) * 5)
+    number = np.floor((times - from_s) / max(width_s, 1e-9) + 1e-6)
+    begins = np.flatnonzero(np.diff(number, prepend=number[0] - 1.0))
+    known = np.isfinite(values)
+    count = np.add.reduceat(known.astype(np.float64), begins)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.add.reduceat(np.where(known, values, 0.0), begins) / count
+    return Stretch(times[begins], np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins), mean, count)

@@ -1,0 +1,63 @@
+"""One row under a map: what its colours mean, and how long a stretch of it is."""
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple
+
+from rich.cells import cell_len
+from rich.color import Color
+from rich.style import Style
+from textual.strip import Strip
+
+from console.app.layers import RATES, Layer, LayerScale
+from console.app.terminal import few_colours
+from console.app.units import Unit
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.field_map import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN
+from console.locale import _, in_use
+
+_BAR_CELLS = 6
+_LEAST_CELLS, _MOST_CELLS = 6, 32
+
+
+class LegendView(NamedTuple):
+    """metres: of a pixel; distance: unit of the scale bar; planned: planned ground is seen too."""
+
+    scale: LayerScale
+    metres: float
+    distance: Unit
+    planned: bool
+    language: str = ""
+
+
+def legend_of(scale: LayerScale, metres: float, distance: Unit, planned: bool) -> LegendView:
+    return LegendView(scale, metres, distance, planned, in_use())
+
+
+class MapLegend(Canvas[LegendView]):
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
+
+    def paint(self, view: LegendView, width: int, height: int) -> list[Strip]:
+        if width < 16:
+            return []
+        muted = self.style("map--muted")
+        scale = view.scale
+        low, high = f" {scale.text(scale.low)} ", f" {scale.text(scale.high)}"
+        unit = f" {scale.unit}" if scale.unit else ""
+        bar = f" {view.distance.full(_BAR_CELLS * view.metres)}"
+        planned = f"  {_('faint: planned')}" if view.planned and scale.layer in RATES else ""
+        if few_colours(self.app):
+            planned = f" {LEVELS_PLAN} {_('planned')}" if planned else ""
+        room = width - _BAR_CELLS - 2 - sum(cell_len(text) for text in (low, high, bar))
+        unit = unit if cell_len(unit) + _LEAST_CELLS <= room else ""
+        room -= cell_len(unit)
+        planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""
+        ramp = self._ramp(scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))))
+        return [self.text_strip(width, (low, muted), *ramp, (f"{high}{unit}{planned}  ", muted),
+                                ("▀" * _BAR_CELLS, muted), (bar, muted))]
+
+    def _ramp(self, scale: LayerScale, cells: int) -> list[tuple[str, Style]]:
+        base = self.rich_style
+        if few_colours(self.app):
+            return [("".join(LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_DONE), base)]
+        colours = [Color.from_rgb(*scale.colour(step / (cells - 1))) for step in range(cells)]
+        return [("█", base + Style(color=colour, bgcolor=colour)) for colour in colours]

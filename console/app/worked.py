@@ -1,0 +1,232 @@
+"""What was done where: a raster of the worked ground, in tiles and at several sizes of cell, bounded in memory.
+
+A map pixel is the mean of the cells under it, taken from the coarsest cells that are not larger than the pixel, so a
+picture of a whole day costs as much as one of a minute.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import ceil, hypot, isfinite
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from console.frame import Frame
+
+Floats = npt.NDArray[np.float64]
+Window = npt.NDArray[np.float32]       # (2 x kinds + 1, rows, columns): sums, counts, passages
+
+CELLS_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+KINDS = 3                              # applied, target, NDVI
+PLANES = 2 * KINDS + 1
+STEP_M = 0.4                           # shorter ways are not entered: standing still weighs nothing
+NOTHING_KG_HA = 1.0                    # less than this is passage, not application
+JUMP_M = 12.0                          # places further apart are not joined
+MOST_TILES = 2_000                     # of one size of cell: 57 MB
+_TILE = 32                             # cells on a side
+
+
+class Spot(NamedTuple):
+    """One place of the outlets, m east and north of the field's origin; what is not known is NaN."""
+
+    east_m: float
+    north_m: float
+    heading_deg: float
+    applied_kg_ha: float
+    target_kg_ha: float
+    ndvi: float
+
+
+def spot_of(frame: Frame) -> Spot | None:
+    """Rates count only where the machine worked: a machine that is held owes nothing. None: no place."""
+    if frame.place_m is None or not all(map(isfinite, frame.place_m)):
+        return None
+    row = frame.row
+    at_work = row.state in (None, "working")           # None: a foreign log
+
+    def known(value: float | None) -> float:
+        return float("nan") if value is None else value
+
+    return Spot(frame.place_m[0], frame.place_m[1], known(row.heading_deg),
+                known(row.applied_rate_kg_ha) if at_work else float("nan"),
+                known(row.target_rate_kg_ha) if at_work else float("nan"), known(row.ndvi))
+
+
+class Box(NamedTuple):
+    west_m: float
+    south_m: float
+    east_m: float
+    north_m: float
+
+
+class Worked:
+    """Fed with spots in the order of driving. width_m: of the ground that the outlets cover.
+
+    `version` changes when anything was entered. Where the finest cells would need more than `most_tiles` tiles they are
+    given up, and the map is as coarse as the next size. Larger cells are summed up when they are looked at.
+    """
+
+    def __init__(self, width_m: float = 2.4, most_tiles: int = MOST_TILES) -> None:
+        self.width_m, self.most_tiles = width_m, most_tiles
+        self.clear()
+
+    def clear(self) -> None:
+        self.version = 0
+        self.cells_m = CELLS_M
+        self.box: Box | None = None
+        self.rate_ends: tuple[float, float] | None = None       # of applied and target, kg/ha
+        self.ndvi_ends: tuple[float, float] | None = None
+        self._tiles: dict[float, dict[tuple[int, int], Window]] = {cell: {} for cell in CELLS_M}
+        self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}   # not yet in larger cells
+        self._last: Spot | None = None
+
+    @property
+    def tiles(self) -> int:
+        """How many tiles there are, of all sizes of cell."""
+        return sum(len(tiles) for tiles in self._tiles.values())
+
+    def add(self, spots: Sequence[Spot]) -> None:
+        """Enter the next spots. Those that lie less than STEP_M from the one before are left out."""
+        ways = list(self._new_ways(spots))
+        if not ways:
+            return
+        self.version += 1
+        along = _filled([way for way in ways if way.joined], self.cells_m[0])
+        points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(-1, len(Spot._fields))
+        laid = np.concatenate((along, points))
+        self._widen(laid)
+        middle = np.concatenate((laid[:, :2], np.full((len(laid), KINDS), np.nan)), axis=1)
+        swath = self._across(laid)
+        self._enter(swath, False)
+        self._enter(middle, True)
+        while len(self._tiles[self.cells_m[0]]) > self.most_tiles and len(self.cells_m) > 1:
+            self._sum_up(self.cells_m[1])
+            del self._tiles[self.cells_m[0]], self._new[self.cells_m[0]]
+            self.cells_m = self.cells_m[1:]
+
+    def window(self, cell_m: float, column: int, row: int, columns: int, rows: int) -> Window:
+        """Planes (sums of applied, target, NDVI; their counts; passages) of cells column ... column + columns, row
+        south to north; zeros where nothing was entered."""
+        self._sum_up(cell_m)
+        seen = np.zeros((PLANES, rows, columns), dtype=np.float32)
+        tiles = self._tiles[cell_m]
+        for tile_row in range(row // _TILE, (row + rows - 1) // _TILE + 1):
+            for tile_column in range(column // _TILE, (column + columns - 1) // _TILE + 1):
+                tile = tiles.get((tile_column, tile_row))
+                if tile is None:
+                    continue
+                r0, c0 = tile_row * _TILE, tile_column * _TILE
+                r = slice(max(row, r0), min(row + rows, r0 + _TILE))
+                c = slice(max(column, c0), min(column + columns, c0 + _TILE))
+                seen[:, r.start - row:r.stop - row, c.start - column:c.stop - column] = (
+                    tile[:, r.start - r0:r.stop - r0, c.start - c0:c.stop - c0])
+        return seen
+
+    def cell_for(self, pixel_m: float) -> float:
+        """The coarsest cell that is not larger than a pixel, or the finest."""
+        return max((cell for cell in self.cells_m if cell <= pixel_m), default=self.cells_m[0])
+
+    # --- inside -------------------------------------------------------------------------------------------------
+
+    def _new_ways(self, spots: Sequence[Spot]) -> Iterator[_Way]:
+        for spot in spots:
+            last = self._last
+            if last is None:
+                self._last = spot
+                yield _Way(spot, spot, False)
+                continue
+            apart_m = hypot(spot.east_m - last.east_m, spot.north_m - last.north_m)
+            if apart_m >= STEP_M:
+                self._last = spot
+                yield _Way(last, spot, apart_m <= JUMP_M)
+
+    def _widen(self, laid: Floats) -> None:
+        (west, south), (east, north) = laid[:, :2].min(axis=0).tolist(), laid[:, :2].max(axis=0).tolist()
+        old = self.box or Box(west, south, east, north)
+        self.box = Box(min(old.west_m, west), min(old.south_m, south), max(old.east_m, east), max(old.north_m, north))
+        self.rate_ends = _ends(self.rate_ends, laid[:, 3:5], NOTHING_KG_HA)
+        self.ndvi_ends = _ends(self.ndvi_ends, laid[:, 5], -1.0)
+
+    def _across(self, laid: Floats) -> Floats:
+        """Rows east, north, values: a row for each cell's width of the outlets' width."""
+        count = max(1, ceil(self.width_m / self.cells_m[0]))
+        aside = (np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m
+        heading = np.radians(laid[:, 2])
+        right_east = np.where(np.isfinite(heading), np.cos(heading), 0.0)
+        right_north = np.where(np.isfinite(heading), -np.sin(heading), 0.0)
+        east = laid[:, 0, None] + right_east[:, None] * aside
+        north = laid[:, 1, None] + right_north[:, None] * aside
+        values = np.repeat(laid[:, 3:], count, axis=0)
+        return np.concatenate((east.reshape(-1, 1), north.reshape(-1, 1), values), axis=1)
+
+    def _enter(self, rows: Floats, passage: bool) -> None:
+        """Add rows (n, 2 + kinds) to the finest cells; `passage`: count the places only."""
+        cell_m = self.cells_m[0]
+        cells = np.floor(rows[:, :2] / cell_m).astype(np.int64)
+        tile = cells // _TILE
+        order = np.lexsort((tile[:, 1], tile[:, 0]))
+        tile, cells, rows = tile[order], cells[order], rows[order]
+        begins = np.flatnonzero(np.any(np.diff(tile, axis=0, prepend=tile[:1] - 1) != 0, axis=1))
+        for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(tile)], strict=True):
+            column, row = tile[begin].tolist()
+            planes = self._tile(cell_m, (column, row))
+            self._new[cell_m].add((column, row))
+            inside = cells[begin:end] - np.array((column * _TILE, row * _TILE))
+            flat = inside[:, 1] * _TILE + inside[:, 0]
+            by_cell = planes.reshape(PLANES, _TILE * _TILE)
+            if passage:
+                np.add.at(by_cell[2 * KINDS], flat, 1.0)
+                continue
+            for kind in range(KINDS):
+                values = rows[begin:end, 2 + kind]
+                known = np.isfinite(values)
+                np.add.at(by_cell[kind], flat[known], values[known])
+                np.add.at(by_cell[KINDS + kind], flat[known], 1.0)
+
+    def _tile(self, cell_m: float, at: tuple[int, int]) -> Window:
+        tile = self._tiles[cell_m].get(at)
+        if tile is None:
+            tile = self._tiles[cell_m][at] = np.zeros((PLANES, _TILE, _TILE), dtype=np.float32)
+        return tile
+
+    def _sum_up(self, cell_m: float) -> None:
+        """Larger cells, up to this size, are made of the new tiles of the smaller ones: each the sum of four."""
+        half = _TILE // 2
+        for small, large in pairwise(cell for cell in self.cells_m if cell <= cell_m):
+            for column, row in self._new[small]:
+                fours = self._tiles[small][column, row].reshape(PLANES, half, 2, half, 2).sum(axis=(2, 4))
+                tile = self._tile(large, (column // 2, row // 2))
+                r, c = half * (row % 2), half * (column % 2)
+                tile[:, r:r + half, c:c + half] = fours
+                self._new[large].add((column // 2, row // 2))
+            self._new[small].clear()
+
+
+class _Way(NamedTuple):
+    begin: Spot
+    end: Spot
+    joined: bool
+
+
+def _filled(ways: Sequence[_Way], step_m: float) -> Floats:
+    """Rows of Spot values along joined ways, `step_m` apart at most, each way's end in, its begin out."""
+    if not ways:
+        return np.zeros((0, len(Spot._fields)))
+    begin = np.array([way.begin for way in ways], dtype=np.float64)
+    end = np.array([way.end for way in ways], dtype=np.float64)
+    count = np.maximum(1, np.ceil(np.hypot(*(end - begin)[:, :2].T) / step_m)).astype(np.int64)
+    which = np.repeat(np.arange(len(ways)), count)
+    share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 1) / count[which]
+    rows = end[which]
+    rows[:, :2] = begin[which, :2] + share[:, None] * (end - begin)[which, :2]
+    return rows
+
+
+def _ends(old: tuple[float, float] | None, values: Floats, least: float) -> tuple[float, float] | None:
+    known = values[np.isfinite(values) & (values >= least)]
+    if not known.size:
+        return old
+    low, high = float(known.min()), float(known.max())
+    return (low, high) if old is None else (min(old[0], low), max(old[1], high))
