@@ -61,6 +61,7 @@ def test_doses_fall_at_the_plants_of_a_camera_and_learning_takes_the_bias_out(be
     assert all(row.target_rate_kg_ha is None for row in rows if row.target_source == "point")
     assert all(row.shaft_rpm_cmd == 0.0 and row.opening_mm_cmd == 25.0 for row in rows), "doses, no speed"
     assert not any(row.alarms for row in rows)
+    assert all(change.after.rate_kg_ha == 0.0 for tick in ticks for change in tick.fired), "no rate changes"
     assert rows[-1].hopper_kg is not None and ticks[-1].metres_left_m == pytest.approx(
         rows[-1].hopper_kg / (0.00764 / 0.25), rel=0.1)
 
@@ -83,6 +84,7 @@ def test_held_and_off_the_shaft_gets_no_dose(bench: Setup) -> None:
         (32.1, Order(Do.START))])
     by_state = {(tick.row.state, tick.command.dose is not None) for tick in ticks}
     assert ("working", True) in by_state and ("held", False) in by_state
+    assert not any("dose_missed" in (tick.row.events or "") for tick in ticks if tick.row.state != "working")
     assert not {("held", True), ("ready", True), ("off", True)} & by_state
     again = [tick.row.time_s for tick in ticks if tick.command.dose and tick.row.time_s > 32.0]
     assert again and again[0] < 33.5
