@@ -343,3 +343,30 @@ def test_warming_up_is_sized_at_power_on_whatever_its_time_constant() -> None:
         sizes = [c.size for c in found.causes if c.id == "canopy.warm_up"]
         covered += bool(sizes and sizes[0].low <= 12.0 <= sizes[0].high)
     assert covered >= 6
+
+
+def lag_of(path: str, later_s: float, seed: int) -> Table:
+    rng = np.random.default_rng(seed)
+    rpm = np.tile(np.arange(10.0, 71.0, 10.0), 3)
+    return Table("lag", {"shaft_rpm": rpm, "lag_s": np.round(total_s(rpm) + later_s + 0.03 * rng.standard_normal(21), 3)},
+                 "", path)
+
+
+@pytest.mark.parametrize(("rig_s", "field_s", "scoped"), [(0.0, 0.3, True), (0.3, 0.3, False)])
+def test_two_tables_together_tell_what_the_field_alone_has(rig_s: float, field_s: float, scoped: bool) -> None:
+    found = diagnose_tables([lag_of("rig.csv", rig_s, 1), lag_of("field.csv", field_s, 2)], MACHINE)
+    assert {"lag.offset", "shaft.dead_time"} <= members(found)
+    assert any("holds in the rows of field.csv only" in text for text in found.findings) is scoped
+
+
+@pytest.mark.parametrize(("after_m", "scoped"), [(0.0, True), (0.5, False)])
+def test_two_tables_together_tell_what_a_correction_left(after_m: float, scoped: bool) -> None:
+    rng = np.random.default_rng(4)
+    rpm = np.tile(np.arange(10.0, 71.0, 10.0), 3)
+    plain = {"shaft_rpm": rpm, "speed_mps": np.full(21, 1.25)}
+    before = Table("place", {**plain, "corrected_lag_s": np.zeros(21), "miss_m": np.round(
+        1.25 * total_s(rpm) + 0.5 + 0.1 * rng.standard_normal(21), 3)}, "", "before.csv")
+    after = Table("place", {**plain, "miss_m": np.round(after_m + 0.1 * rng.standard_normal(21), 3)}, "", "after.csv")
+    found = diagnose_tables([before, after], MACHINE)
+    assert members(found) == {"place.lever_arm", "place.latency"}
+    assert any("holds in the rows of before.csv only" in text for text in found.findings) is scoped

@@ -11,6 +11,7 @@ from .piece import Array, Choice, Piece, varying
 from .roles import roles_of
 
 UNCORRECTED = "before"
+SCOPED = ("place.lever_arm", "place.latency")       # may have been put right between two labels or tables
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
@@ -43,7 +44,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                  "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
                  "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
     return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
-                  label, tuple(Choice(i) for i in choices), (), varying(variables),
+                  label, tuple(Choice(i) for i in choices), SCOPED, varying(variables),
                   {"shaft.dead_time_s": speed * machine.tolerance.dead_time_s},
                   {"lag.rebound": rises(rpm) * speed[:, None]},
                   remarks=("a constant extra lag (lag.offset) looks like place.latency in a place table; a lag table "
