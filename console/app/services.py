@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from console.app.calibration.job import CalibrateJob
 
 from console.app.field_picture import FieldPicture
+from console.app.settings import SettingsStore
 from console.frame import Frame
 
 
@@ -16,5 +17,7 @@ class Services:
     `cancelled` between steps."""
 
     calibrate: CalibrateJob | None = None
+
+    settings: SettingsStore | None = None
 
     field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job

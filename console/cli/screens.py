@@ -11,7 +11,14 @@ import platformdirs
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from pydantic import BaseModel
+
+    from console.app.services import Services
+    from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
+    from drivers.files.setup import Setup
 
 
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None) -> None:
@@ -19,7 +26,8 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.app.app import TopdressApp
     from console.link import Link, WorkerFailed, find_running, start_worker
     from drivers.files.setup import by_kind, setup_of
-    setup = setup_of(by_kind(config), dt.date.today())
+    found = by_kind(config)
+    setup = setup_of(found, dt.date.today())
     arguments = [*_pairs("--config", config), *_pairs("--effect", effects), "--seed", str(seed), "--hz", f"{hz:g}"]
     if log is not None:
         arguments += ["--log", log]
@@ -39,7 +47,21 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     except WorkerFailed as error:
         raise CommandError(str(error)) from None
     TopdressApp(source, start=start, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
-                hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time()).run()
+                hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
+                services=run_services(setup, found)).run()
+
+
+def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]]) -> Services:
+    """What the screens of a run can have done; found: the configuration files by kind."""
+    from console.app.services import Services
+    from console.cli.calibrate_services import calibrate_job
+    from drivers.files.kinds import CAB
+    cab = found.get(CAB.format)
+    board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
+    return Services(
+        calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None,
+                                board.wheel_pulses_per_turn if board else None),
+    )
 
 
 def first_time() -> bool:
