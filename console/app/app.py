@@ -55,6 +55,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic. start, attach: make a
     new source when the worker is gone; their errors (OSError, RuntimeError) are one line. replay: a log to open.
+    units, language, theme, keymap: instead of the settings' own.
     keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False for tests and pictures:
     nothing moves but by `tick`. tour: begin with the guided tour.
     """
@@ -66,14 +67,14 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def __init__(self, source: FrameSource | None, clock: Callable[[], float] = time.monotonic, *,
                  start: Connect | None = None, attach: Connect | None = None, replay: ReplayJob | None = None,
-                 units: Units = METRIC, language: str | None = None, theme: str = themes.DAY.name,
+                 units: Units | None = None, language: str | None = None, theme: str | None = None,
                  keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
                  limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
                  services: Services | None = None, tour: bool = False) -> None:
         super().__init__()
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
-        self.units = units
+        self.units = METRIC
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
         self.sound = live
@@ -88,13 +89,19 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.notice_text, self._notice_until_s = "", 0.0
         self.pages = all_pages(replay, self.services)
         self._supervisor: Worker[None] | None = None
-        if language is not None:
-            use(language)
         for one in themes.THEMES:
             self.register_theme(one)
-        self.theme = theme
-        self.use_keymap(keymap or {})
+        self.theme = themes.DAY.name
+        self.use_keymap({})
         self.use_settings()
+        if units is not None:
+            self.units = units
+        if language is not None:
+            use(language)
+        if theme is not None:
+            self.theme = theme
+        if keymap is not None:
+            self.use_keymap(keymap)
 
     def use_keymap(self, keys: Mapping[str, str]) -> None:
         """From now on these keys, and the built-in ones for all other actions."""

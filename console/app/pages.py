@@ -1,13 +1,14 @@
 """All pages of the console, by the word that their actions carry."""
 from __future__ import annotations
 
-from console.app.action import CALIBRATE, DEVICES, REPLAY, RUN
+from console.app.action import CALIBRATE, DEVICES, REPLAY, RUN, SETTINGS
 from console.app.replay_job import ReplayJob
 from console.app.screens.calibrate import CalibrateScreen
 from console.app.screens.devices import DevicesScreen
 from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
 from console.app.screens.run import RunScreen
+from console.app.screens.settings import SettingsScreen
 from console.app.services import Services
 
 
@@ -18,4 +19,5 @@ def all_pages(replay: ReplayJob | None, services: Services) -> dict[str, Page]:
         DEVICES: DevicesScreen(),
         CALIBRATE: CalibrateScreen(services.calibrate),
         REPLAY: ReplayScreen(replay),
+        SETTINGS: SettingsScreen(),
     }

@@ -9,9 +9,11 @@ import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned
 from console.app.services import Services
+from console.app.settings import SettingsStore
 from console.frame import DeviceView, Frame
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
+from drivers.files.settings import Settings
 
 _BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)
 _PASS_M = 70.0
@@ -102,4 +104,5 @@ def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: fl
 
 def sample_services() -> Services:
     """What the screens' pictures are given: made-up answers, the same every time."""
-    return Services(field=lambda _frame: sample_field())
+    return Services(field=lambda _frame: sample_field(), settings=SettingsStore(
+        Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None, "~/.config/topdress/settings.yaml"))

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -17,6 +18,7 @@ from console.app.view import RunView, duration
 from console.app.widgets.replay_bar import ReplayBar, ReplayView
 from console.frame import Frame
 from console.locale import _
+from console.worker.resume_alarms import AlarmBook, AlarmRecord
 
 SEEK_S = 30.0
 _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
@@ -54,6 +56,15 @@ class ReplayScreen(PanelScreen):
                 begins.append(round((frame.row.time_s - source.start_s) / length, 3))
             before = now
         self._alarm_shares = tuple(dict.fromkeys(begins))
+
+    def alarm_records(self) -> tuple[AlarmRecord, ...]:
+        """All alarms of the log up to what is shown."""
+        book = AlarmBook()
+        if self.job is not None:
+            source = self.job.source
+            for frame in islice(source.frames, source.index + 1):
+                book.see(frame.row.time_s, frame.row.utc, frame.alarms)
+        return book.records
 
     def extra(self) -> ComposeResult:
         yield ReplayBar(_NO_LOG._replace(name=_("no log is open: topdress replay LOG.csv")), id="replay-bar")

@@ -1,0 +1,86 @@
+"""Alarms on the console: when the bell rings, and what the list of the run's alarms says.
+
+Delay and hysteresis of the alarms themselves are safety's (`control.safety.limits`): here is only what is heard.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from console.app import words
+from console.app.units import Units
+from console.app.view import wall_clock
+from console.locale import _
+from console.worker.resume_alarms import AlarmRecord
+from control.orders import Alarm, Severity
+
+LEAST_APART_S = 5.0         # between two bells
+AGAIN_S = 30.0              # while a red alarm stands that nobody has acknowledged
+CAME_BACK_S = 10.0          # an alarm that was away for less is not new to the ear
+
+
+class Bell:
+    """When the terminal's bell rings: for each new alarm, and again while a red one is not acknowledged."""
+
+    def __init__(self) -> None:
+        self._gone_s: dict[str, float | None] = {}      # id -> when it went; None: it stands
+        self._rang_s = float("-inf")
+        self._owed = False
+
+    def due(self, now_s: float, alarms: Iterable[Alarm]) -> bool:
+        """Look at what stands, a few times a second; true where the bell is to ring now."""
+        standing = {alarm.id: alarm for alarm in alarms}
+        for name in standing:
+            gone_s = self._gone_s.get(name, float("-inf"))
+            if gone_s is not None and now_s - gone_s >= CAME_BACK_S:
+                self._owed = True
+            self._gone_s[name] = None
+        for name, gone_s in self._gone_s.items():
+            if gone_s is None and name not in standing:
+                self._gone_s[name] = now_s
+        urgent = any(alarm.severity is Severity.RED and not alarm.acknowledged for alarm in standing.values())
+        waited_s = now_s - self._rang_s
+        if urgent and waited_s >= AGAIN_S:
+            self._owed = True
+        if not standing:
+            self._owed = False
+        if not self._owed or waited_s < LEAST_APART_S:
+            return False
+        self._owed, self._rang_s = False, now_s
+        return True
+
+
+class AlarmEntry(NamedTuple):
+    """One alarm of the list, in words."""
+
+    severity: Severity
+    symbol: str
+    word: str
+    text: str
+    place: str
+    todo: str
+    stands: bool
+    when: str                   # first, last, how often, acknowledged
+
+
+def entries(records: Iterable[AlarmRecord], units: Units, utc_offset_s: float) -> tuple[AlarmEntry, ...]:
+    """The list's lines, in the language in use; standing ones first."""
+    return tuple(_entry(record, units, utc_offset_s) for record in records)
+
+
+def _entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry:
+    said = words.alarm_words(Alarm(record.id, record.severity, record.first_s, record.acknowledged, record.details),
+                             units)
+
+    def clock(utc: str, time_s: float) -> str:
+        return wall_clock(utc, utc_offset_s) or f"{time_s:.0f} s"
+
+    when = [_("first {time}").format(time=clock(record.first_utc, record.first_s)),
+            _("last {time}").format(time=clock(record.last_utc, record.last_s)),
+            _("{count} times").format(count=record.times) if record.times != 1 else _("once")]
+    if record.acknowledged_utc or record.acknowledged:
+        when.append(_("acknowledged {time}").format(time=wall_clock(record.acknowledged_utc, utc_offset_s) or ""))
+    elif record.severity is Severity.RED:
+        when.append(_("not acknowledged"))
+    return AlarmEntry(record.severity, words.SEVERITY_SYMBOLS[record.severity], _(words.SEVERITIES[record.severity]),
+                      said.text, said.place, said.todo, record.stands, "  ".join(when).rstrip())

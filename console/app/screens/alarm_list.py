@@ -1,0 +1,49 @@
+"""All alarms of the run: first, last, how often, acknowledged when, and what to do."""
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import VerticalScroll
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Static
+
+from console.app.alarms import AlarmEntry
+from console.app.widgets.panel import Part
+from console.locale import _
+from control.orders import Severity
+
+
+class AlarmList(ModalScreen[None]):
+    AUTO_FOCUS = "#alarm-scroll"
+    BINDINGS: ClassVar = [Binding("escape,z,enter", "close", show=False)]
+
+    def __init__(self, title: str, entries: tuple[AlarmEntry, ...]) -> None:
+        super().__init__()
+        self.heading, self.entries = title, entries
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(id="alarm-scroll", classes="dialog wide"):
+            yield Static(self.heading, classes="dialog-title", markup=False)
+            yield Static(self._lines() if self.entries else _("no alarm so far"), id="alarm-lines")
+            yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
+
+    def _lines(self) -> Content:
+        parts: list[Part] = []
+        for entry in self.entries:
+            name = "red" if entry.severity is Severity.RED else "amber"
+            style = f"bold $on-alarm-{name} on $alarm-{name}" if entry.stands else "bold"
+            place = f"{entry.place}: " if entry.place else ""
+            parts += [(f" {entry.symbol} {entry.word} ", style), (f" {place}{entry.text}", "bold"), "\n"]
+            parts += [(f"     {entry.when}\n", "$muted")]
+            if entry.todo:
+                parts += [f"     {entry.todo}\n"]
+        return Content.assemble(*parts)
+
+    def action_close(self) -> None:
+        self.dismiss(None)
+
+    def on_click(self) -> None:
+        self.dismiss(None)

@@ -1,0 +1,110 @@
+"""The user's settings on the console: what of them is wrong for it, and how they take effect."""
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from textual.theme import Theme
+
+from console.app import actions, themes
+from console.app.action import ANYWHERE, Action
+from console.app.units import UNITS
+from console.locale import _, preferred, use
+from drivers.files.settings import Settings
+from drivers.files.settings_theme import ThemeData
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+
+TAKEN = frozenset({"escape", "enter", "tab", "shift+tab"})      # dialogs need them
+_KEY = re.compile(r"[a-z0-9_]+(\+[a-z0-9_]+)*")
+
+_VARIABLES = {"red": "alarm-red", "on-red": "on-alarm-red", "amber": "alarm-amber", "on-amber": "on-alarm-amber",
+              "keybar": "keybar", "on-keybar": "on-keybar", "keybar-key": "keybar-key", "stale": "stale",
+              "muted": "muted", "target": "target"}
+_OWN = ("background", "surface", "panel", "foreground", "primary")
+
+
+@dataclass(slots=True)
+class SettingsStore:
+    """Where settings come from and go to. trouble: why the file was not used. write: raises OSError."""
+
+    settings: Settings
+    write: Callable[[Settings], None]
+    place: str = ""
+    trouble: str = ""
+    themes: tuple[ThemeData, ...] = ()
+
+
+def keymap_problem(keymap: Mapping[str, str]) -> str:
+    """The first thing that is wrong with a keymap, one line; empty where nothing is."""
+    for name, keys in keymap.items():
+        action = actions.BY_ID.get(name)
+        if action is None:
+            return _("key keymap.{name}: no such action").format(name=name)
+        for key in _split(keys):
+            if key in TAKEN or not _KEY.fullmatch(key):
+                return _("key keymap.{name}: value {key}: not a key that can be used").format(name=name, key=key)
+    return clash(keymap)
+
+
+def clash(keymap: Mapping[str, str]) -> str:
+    """Two actions of one screen on one key, named in one line; empty where there are none."""
+    for one, other in combinations(actions.ACTIONS, 2):
+        if one.where == other.where or ANYWHERE in (one.where, other.where):
+            both = set(_split(keys_of(one, keymap))) & set(_split(keys_of(other, keymap)))
+            if both and (one.id in keymap or other.id in keymap):
+                return _("key {key}: both {one} and {other}").format(key=min(both), one=_(one.label),
+                                                                     other=_(other.label))
+    return ""
+
+
+def keys_of(action: Action, keymap: Mapping[str, str]) -> str:
+    return keymap.get(action.id, action.keys)
+
+
+def theme_of(data: ThemeData) -> Theme:
+    """A theme as Textual wants it: one of ours, with other colours."""
+    like = {theme.name: theme for theme in themes.THEMES}[data.like]
+    own = {name: colour for name, colour in data.colours.items() if name in _OWN}
+    variables = dict(like.variables)
+    for name, colour in data.colours.items():
+        if name in _VARIABLES:
+            variables[_VARIABLES[name]] = colour
+    variables["applied"] = data.colours.get("foreground", like.variables["applied"])
+    return Theme(
+        name=data.name, dark=like.dark if data.dark is None else data.dark,
+        primary=own.get("primary", like.primary), background=own.get("background", like.background),
+        surface=own.get("surface", like.surface), panel=own.get("panel", like.panel),
+        foreground=own.get("foreground", like.foreground), secondary=variables["target"],
+        accent=own.get("primary", like.primary), warning=variables["alarm-amber"], error=variables["alarm-red"],
+        success=variables["target"], boost=own.get("surface", like.surface), text_alpha=like.text_alpha,
+        variables=variables)
+
+
+def apply(app: TopdressApp, settings: Settings) -> str:
+    """Make them take effect now. Returns what of them cannot be used, one line; empty where all can."""
+    trouble = keymap_problem(settings.keymap)
+    app.units = UNITS[settings.units]
+    use(preferred() if settings.language == "auto" else settings.language)
+    if settings.theme in app.available_themes:
+        app.theme = settings.theme
+    else:
+        known = ", ".join(themes.NAMES)
+        trouble = trouble or _("key theme: value {name}: allowed {known}").format(name=settings.theme, known=known)
+    app.use_keymap({} if trouble and keymap_problem(settings.keymap) else settings.keymap)
+    app.sound = settings.sound
+    low, high = app.crop_limits_kg_ha
+    app.limits_kg_ha = (min(max(low, settings.manual_rate.low_kg_ha), high), min(high, settings.manual_rate.high_kg_ha))
+    rates = settings.console
+    for page in app.pages.values():
+        page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
+        page.maps.every_s = 1.0 / rates.maps_hz
+    return trouble
+
+
+def _split(keys: str) -> list[str]:
+    return [key.strip() for key in keys.split(",")]

@@ -1,0 +1,80 @@
+"""The settings one below the other, as many as there is room for around the marked one. A click marks and changes."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rich.cells import cell_len
+from textual import events
+from textual.content import Content
+from textual.message import Message
+
+from console.app.widgets.panel import Panel, Part, fit, line
+
+
+class SettingLine(NamedTuple):
+    """group: a heading, shown before the first line of it. own: other than delivered."""
+
+    group: str
+    label: str
+    value: str
+    own: bool
+    hint: str
+
+
+class SettingsView(NamedTuple):
+    lines: tuple[SettingLine, ...]
+    at: int
+    place: str                  # the file
+    trouble: str                # why it was not used
+    language: str
+
+
+class SettingsList(Panel[SettingsView]):
+    class Picked(Message):
+        """A line was clicked."""
+
+        def __init__(self, index: int) -> None:
+            super().__init__()
+            self.index = index
+
+    def lines(self, view: SettingsView, width: int, height: int) -> list[Content]:
+        head = [line((fit(f" {view.place}", width), "$muted"))]
+        if view.trouble:
+            head.append(line((fit(f" ! {view.trouble}", width), "bold $on-alarm-amber on $alarm-amber")))
+        label = max((cell_len(one.label) for one in view.lines), default=0) + 4
+        value = min(max((cell_len(one.value) for one in view.lines), default=0) + 3, max(12, width // 3))
+        rows = []
+        for index in self._rows(view, height - len(head)):
+            if isinstance(index, str):
+                rows.append(line((fit(f" {index}", width), "bold $primary")))
+                continue
+            one = view.lines[index]
+            here = index == view.at
+            style = "bold reverse" if here else "bold" if one.own else ""
+            parts: list[Part] = [(fit(f" {'>' if here else ' '} {one.label}", label), style),
+                                 (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
+                                 (fit(f" {one.hint}", width - label - value), "$muted")]
+            rows.append(line(*parts))
+        return head + rows
+
+    def _rows(self, view: SettingsView, height: int) -> list[int | str]:
+        """Indices of lines and texts of headings that are shown, the marked line always among them."""
+        rows: list[int | str] = []
+        group = None
+        for index, one in enumerate(view.lines):
+            if one.group != group:
+                group = one.group
+                rows.append(group)
+            rows.append(index)
+        at = rows.index(view.at) if view.at in rows else 0
+        first = max(0, min(at - height // 2, len(rows) - height))
+        return rows[first:first + max(0, height)]
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        head = 2 if self.view.trouble else 1
+        rows = self._rows(self.view, self.content_size.height - head)
+        if 0 <= event.y - head < len(rows):
+            picked = rows[event.y - head]
+            if isinstance(picked, int):
+                self.post_message(self.Picked(picked))
