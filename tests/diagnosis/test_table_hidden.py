@@ -348,8 +348,8 @@ def test_warming_up_is_sized_at_power_on_whatever_its_time_constant() -> None:
 def lag_of(path: str, later_s: float, seed: int) -> Table:
     rng = np.random.default_rng(seed)
     rpm = np.tile(np.arange(10.0, 71.0, 10.0), 3)
-    return Table("lag", {"shaft_rpm": rpm, "lag_s": np.round(total_s(rpm) + later_s + 0.03 * rng.standard_normal(21), 3)},
-                 "", path)
+    lag = total_s(rpm) + later_s + 0.03 * rng.standard_normal(21)
+    return Table("lag", {"shaft_rpm": rpm, "lag_s": np.round(lag, 3)}, "", path)
 
 
 @pytest.mark.parametrize(("rig_s", "field_s", "scoped"), [(0.0, 0.3, True), (0.3, 0.3, False)])

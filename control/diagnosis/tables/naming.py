@@ -228,7 +228,7 @@ def _exactly(problem: Problem, chosen: list[Choice]) -> Subset | None:
 
 
 def _allowed(problem: Problem, choice: Choice, size: float) -> bool:
-    """Within the catalogue's bounds; what is lost or extra by its definition is not below what the machine has of it."""
+    """Within the catalogue's bounds; what is lost or extra by definition only adds to what the machine has of it."""
     entry = CATALOGUE[choice.id]
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
     low = entry.neutral - has if choice.id in NEVER_LESS else entry.low - entry.neutral
