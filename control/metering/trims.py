@@ -10,6 +10,7 @@ from control.readings import Reading
 class TrimLimits:
     tau_s: float = 5.0                  # how slowly shaft and gate are trimmed
     shaft_share: float = 0.10           # at most, of the command
+    held_share: float = 0.30            # further off the shaft is jammed or held: nothing is learnt (anti-windup)
     gate_mm: float = 2.0                # at most
     settled_s: float = 0.6              # the expected value must have stood still this long
     window_kg: float = 15.0             # the scale speaks once this much has left the hopper
@@ -39,7 +40,8 @@ class DriveTrim:
         if (measured_rpm is not None and now_s - measured_rpm.time_s < 0.2 and expected_rpm > 5.0
                 and now_s - self._shaft[1] > lim.settled_s):
             off = (measured_rpm.value - expected_rpm) / expected_rpm
-            self.shaft_share = _bounded(self.shaft_share - share * off, lim.shaft_share)
+            if abs(off) <= lim.held_share:
+                self.shaft_share = _bounded(self.shaft_share - share * off, lim.shaft_share)
         if (measured_mm is not None and now_s - measured_mm.time_s < 0.2
                 and now_s - self._gate[1] > lim.settled_s):
             self.gate_mm = _bounded(self.gate_mm - share * (measured_mm.value - expected_mm), lim.gate_mm)

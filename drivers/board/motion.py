@@ -26,12 +26,14 @@ class ShaftControl:
 
     The set-point rises and falls no faster than `acceleration_rpm_s`. The error is taken against what a motor with
     `time_constant_s` would measure by now, so that the integrator learns nothing from a ramp that is followed as it
-    should be. It stands still while the duty is at its limit and the error would drive it further (anti-windup), and is
-    emptied at every stop.
+    should be. Anti-windup: it stands still while the shaft is slower than that by more than `held_share` of the speed
+    and `held_rpm` (jammed or held: there is nothing to learn), and while the duty is at its limit and the error would
+    drive it further; it learns no more than `held_share` of the feed-forward; and it is emptied at every stop.
     """
 
     def __init__(self, duty_per_rpm: float, duty_to_start: float, time_constant_s: float, kp: float, ki: float,
-                 acceleration_rpm_s: float) -> None:
+                 acceleration_rpm_s: float, held_share: float, held_rpm: float) -> None:
+        self._held_share, self._held_rpm = held_share, held_rpm
         self._duty_per_rpm, self._duty_to_start = duty_per_rpm, duty_to_start
         self._kp, self._ki = kp, ki
         self._acceleration = acceleration_rpm_s
@@ -52,10 +54,12 @@ class ShaftControl:
         self.ramped_rpm += min(max(wanted_rpm - self.ramped_rpm, -most), most)
         self.expected_rpm += (self.ramped_rpm - self.expected_rpm) * min(1.0, dt_s / self._time_constant_s)
         error = self.expected_rpm - measured_rpm
+        held = error > self._held_share * self.expected_rpm + self._held_rpm
         free = self._duty_to_start + self._duty_per_rpm * self.ramped_rpm + self._kp * error + self.integral
         duty = min(max(free, 0.0), 1.0)
-        if free == duty or (free > 1.0 and error < 0.0) or (free < 0.0 and error > 0.0):
-            self.integral += self._ki * error * dt_s
+        if not held and (free == duty or (free > 1.0 and error < 0.0) or (free < 0.0 and error > 0.0)):
+            most = self._held_share * self._duty_per_rpm * self.expected_rpm
+            self.integral = min(max(self.integral + self._ki * error * dt_s, -most), most)
         return duty
 
 

@@ -43,6 +43,8 @@ class Settings:
     kp = 0.004
     ki = 0.03
     acceleration_rpm_s = 400.0
+    held_share = 0.25                   # slower than expected by more than this share and ...
+    held_rpm = 5.0                      # ... this: held or jammed; nothing is learnt from it
     steps_per_mm = 100.0                # gate: 400 half steps a turn, spindle of 4 mm
     gate_mm_s = 20.0
     gate_acceleration_mm_s2 = 200.0
@@ -124,7 +126,8 @@ class Slave:
         self._status_seq = 0
         self._meter = SpeedMeter(settings.counts_per_turn)
         self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
-                                   settings.kp, settings.ki, settings.acceleration_rpm_s)
+                                   settings.kp, settings.ki, settings.acceleration_rpm_s, settings.held_share,
+                                   settings.held_rpm)
         self._gate = Gate(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
                           settings.home_mm_s, settings.lost_mm, settings.lost_after_s)
         self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)

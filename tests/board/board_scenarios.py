@@ -22,15 +22,17 @@ class Machine(Pins):
         self.gate_count = 0
         self.dose_count = 0
         self.sensor = sensor
-        self.blocked = False
+        self.held_rpm = None            # somebody lets the shaft turn no faster
         self.fault = False
         self.loses_steps = False
         self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
 
     def pass_time(self, us):
         self.now_us += us
-        aim = self.value * self.rpm_per_duty if self.on and not self.blocked else 0.0
+        aim = self.value * self.rpm_per_duty if self.on else 0.0
         self.rpm += (aim - self.rpm) * us * 1e-6 / self.time_constant_s
+        if self.held_rpm is not None:
+            self.rpm = min(self.rpm, self.held_rpm)
         self.turns += self.rpm / 60.0 * us * 1e-6
 
     def read(self):
@@ -180,20 +182,20 @@ def limits():
     return [round(bench.machine.rpm), round(bench.machine.true_mm, 1)]
 
 
-def shaft_step(blocked_s=0.0):
-    """10 to 90 % rise time in ms, overshoot and steady error in r/min, of a step from 20 to 70 r/min; `blocked_s`: the
-    shaft is held that long before the step and let go (anti-windup)."""
-    bench = Bench()
+def shaft_step(held_rpm=None, rpm_per_duty=125.0):
+    """10 to 90 % rise time in ms, overshoot and steady error in r/min, of a step from 20 to 70 r/min; `held_rpm`: the
+    shaft is held at that speed for 2 s after the step and then let go (anti-windup)."""
+    bench = Bench(rpm_per_duty=rpm_per_duty)
     bench.run(0.2, 0, 25, 0)
     bench.run(2.0, 20, 25, 1)
-    if blocked_s:
-        bench.machine.blocked = True
-        bench.run(blocked_s, 70, 25, 1)
-        bench.machine.blocked = False
+    if held_rpm is not None:
+        bench.machine.held_rpm = held_rpm
+        bench.run(2.0, 70, 25, 1)
+        bench.machine.held_rpm = None
     seen = []
     bench.run(4.0, 70, 25, 1, look=lambda b: seen.append(b.machine.rpm))
-    low = next(ms for ms, rpm in enumerate(seen) if rpm >= 25.0)
-    high = next(ms for ms, rpm in enumerate(seen) if rpm >= 65.0)
+    low = next((ms for ms, rpm in enumerate(seen) if rpm >= 25.0), -1)
+    high = next((ms for ms, rpm in enumerate(seen) if rpm >= 65.0), -1)
     steady = sum(seen[-500:]) / 500.0 - 70.0
     return [high - low, round(max(seen) - 70.0, 2), round(steady, 2)]
 
@@ -319,7 +321,8 @@ def lag_rig(early_granule=False):
 SCENARIOS = {
     "safe_stop": safe_stop, "power_on": power_on, "stop_at_once": stop_at_once, "driver_fault": driver_fault,
     "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
-    "shaft_step_after_block": lambda: shaft_step(2.0), "gate_moves": gate_moves,
+    "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
+    "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,
     "gate_moves_homed": lambda: gate_moves(False), "gate_step": gate_step, "lost_steps": lost_steps, "doses": doses,
     "lag_rig": lag_rig, "lag_rig_early_granule": lambda: lag_rig(True)}
 
