@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from console.app.action import DIAGNOSIS
 from console.app.app import TopdressApp
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
@@ -83,6 +84,12 @@ PICTURES = (
     Picture("replay-80x24-day", (80, 24), screen="replay"),
     Picture("replay-80x24-night", (80, 24), "night", screen="replay"),
     Picture("replay-120x40-zh", (120, 40), "night", "zh", screen="replay"),
+    Picture("diagnosis-120x40-day", (120, 40), screen="diagnosis"),
+    Picture("diagnosis-120x40-night", (120, 40), "night", screen="diagnosis"),
+    Picture("diagnosis-100x30-day", (100, 30), screen="diagnosis"),
+    Picture("diagnosis-80x24-day", (80, 24), screen="diagnosis"),
+    Picture("diagnosis-120x40-zh", (120, 40), language="zh", screen="diagnosis"),
+    Picture("diagnosis-list-80x24-night", (80, 24), "night", screen="diagnosis-list"),
     Picture("help-100x30", (100, 30), screen="help"),
     Picture("gone-100x30", (100, 30), screen="gone"),
 )
@@ -125,10 +132,13 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     """Bring a still app to what its picture shows."""
     await wait()
     app.tick()
-    if picture.screen in app.pages and app.page.where != picture.screen:
-        app.turn_to(picture.screen)
+    where = picture.screen.partition("-")[0]
+    if where in app.pages and app.page.where != where:
+        app.turn_to(where)
         await wait()
         app.tick()
+    if where == DIAGNOSIS:
+        await prepare_diagnosis(app, picture.screen, wait)
     if picture.screen == "help":
         await app.action_do("help")
     if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:
@@ -140,6 +150,23 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     for worker in [worker for worker in app.workers if worker.group == "field"]:
         await worker.wait()
     app.page.hurry()
+    app.tick()
+    await wait()
+
+
+async def prepare_diagnosis(app: TopdressApp, screen: str, wait: Callable[[], Awaitable[None]]) -> None:
+    """The list of files; and, unless that alone is wanted, what was found in the second of them."""
+    await _worked(app, wait)
+    if screen == "diagnosis":
+        await app.action_do("dia_down")
+        await app.action_do("dia_begin")
+        await _worked(app, wait)
+
+
+async def _worked(app: TopdressApp, wait: Callable[[], Awaitable[None]]) -> None:
+    for worker in [worker for worker in app.workers if worker.group in ("list", "work")]:
+        await worker.wait()
+    await wait()
     app.tick()
     await wait()
 

@@ -8,6 +8,7 @@ from random import Random
 import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned
+from console.app.sample_diagnosis import MadeUpDiagnosis
 from console.app.services import Services
 from console.app.settings import SettingsStore
 from console.frame import DeviceView, Frame
@@ -104,5 +105,5 @@ def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: fl
 
 def sample_services() -> Services:
     """What the screens' pictures are given: made-up answers, the same every time."""
-    return Services(field=lambda _frame: sample_field(), settings=SettingsStore(
+    return Services(diagnosis=MadeUpDiagnosis(), field=lambda _frame: sample_field(), settings=SettingsStore(
         Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None, "~/.config/topdress/settings.yaml"))

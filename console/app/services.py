@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from console.app.calibration.job import CalibrateJob
-
+from console.app.diagnosis_data import DiagnosisService
 from console.app.field_picture import FieldPicture
 from console.app.settings import SettingsStore
 from console.frame import Frame
@@ -21,3 +21,5 @@ class Services:
     settings: SettingsStore | None = None
 
     field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job
+
+    diagnosis: DiagnosisService | None = None

@@ -1,0 +1,202 @@
+"""What the Diagnosis page is given: data to choose from, what was found in it, and who finds it."""
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, Protocol
+
+Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; the stage, a word
+Export = Literal["report", "data"]
+
+
+class Source(NamedTuple):
+    """A file that can be diagnosed. kind: run, or that of a bench table."""
+
+    path: str
+    name: str
+    kind: str
+    changed: str            # local date and time, to the minute
+    size: str               # "12.3 MB"
+    working: bool = False   # the log that the control worker writes now
+
+
+class Curve(NamedTuple):
+    """Means of a residual over bins of one variable, before and after the causes are in the model.
+
+    before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`. names: of the places 0, 1,
+    ... where the variable is no scale. onset: place on the axis where a cause began.
+    """
+
+    channel: str
+    unit: str
+    label: str
+    at: tuple[float, ...]
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    half: tuple[float, ...]
+    names: tuple[str, ...] = ()
+    onset: float | None = None
+
+
+class RivalShown(NamedTuple):
+    id: str
+    title: str
+    probability: float
+
+
+class CauseShown(NamedTuple):
+    """One cause. over, time: along the variable that tells it, and over the log; None where nothing can be drawn."""
+
+    id: str
+    title: str
+    advice: str
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    member: int | None
+    onset_s: float | None
+    probability: float
+    rivals: tuple[RivalShown, ...]
+    rate_percent: float | None
+    rate_kg_ha: float | None            # the same at the log's mean target; None where that is not known
+    place_m: float | None
+    over: Curve | None = None
+    time: Curve | None = None
+
+
+class ChannelShown(NamedTuple):
+    """How well the machine file predicts a channel. after: error with the causes in it, None where not computed."""
+
+    channel: str
+    unit: str
+    error: float
+    noise: float
+    after: float | None
+    structure: bool                     # more than noise is there
+
+
+class GainShown(NamedTuple):
+    channel: str
+    metric: str
+    before: float
+    after: float
+
+
+class RunPlan(NamedTuple):
+    """The run that would tell rivals apart. id: "" where the simulated machine cannot drive it."""
+
+    id: str
+    plan: str
+    minutes: float
+
+
+class Found(NamedTuple):
+    """A diagnosis as the page shows it. adoptable: ids; refused: why the others are not adopted, a line each.
+
+    folder: where report, data and the extended machine lie until they are exported or adopted.
+    """
+
+    source: str                         # file name
+    path: str
+    kind: str
+    machine: str
+    rows: int
+    duration_s: float | None
+    verdict: str
+    causes: tuple[CauseShown, ...]
+    channels: tuple[ChannelShown, ...]
+    left: tuple[tuple[str, str, float], ...]        # channel, variable, share: what no effect explains
+    gains: tuple[GainShown, ...]
+    notes: tuple[str, ...]              # about the data itself
+    next_run: RunPlan | None
+    adoptable: tuple[str, ...]
+    refused: tuple[str, ...]
+    unseen: int                         # effects that this data cannot show
+    left_curve: Curve | None = None
+    folder: str = ""
+    planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
+
+
+class Stop:
+    """Cancels work in another thread: `then` is called at once when it is set, or was."""
+
+    def __init__(self) -> None:
+        self._set = threading.Event()
+        self._then: Callable[[], None] | None = None
+
+    def set(self) -> None:
+        self._set.set()
+        if self._then is not None:
+            self._then()
+
+    def is_set(self) -> bool:
+        return self._set.is_set()
+
+    def then(self, end: Callable[[], None]) -> None:
+        self._then = end
+        if self.is_set():
+            end()
+
+
+class Stopped(Exception):
+    """The work was cancelled."""
+
+
+class DiagnosisService(Protocol):
+    """Files and long work of the page. Errors are one-line ValueErrors; long work raises Stopped where it is cancelled.
+
+    Everything here blocks: the page calls it in a thread.
+    """
+
+    def sources(self, running_log: str) -> tuple[Source, ...]:
+        """Newest first. running_log: path that the control worker writes, or empty."""
+
+    def source(self, path: str) -> Source:
+        """A file by its typed path."""
+
+    def machines(self) -> tuple[str, ...]:
+        """Machine files to hold the data against, beside the one that the log names."""
+
+    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
+        """machine None: the one that the log names, else the configured one."""
+
+    def adopt(self, found: Found) -> str:
+        """Writes the new machine file; its path."""
+
+    def export(self, found: Found, what: Export) -> str:
+        """Writes the report or the data beside the log; the path."""
+
+    def write_run(self, found: Found) -> str:
+        """Writes the separating run as a job file; its path."""
+
+    def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
+        """Drives the separating run on the simulated machine and diagnoses its log."""
+
+
+def to_plain(value: Any) -> Any:
+    """Of the tuples above: what JSON can hold, by name."""
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return {name: to_plain(part) for name, part in value._asdict().items()}
+    return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
+
+
+def found_from(plain: dict[str, Any]) -> Found:
+    """The other way about."""
+    causes = tuple(CauseShown(**one | {"rivals": tuple(RivalShown(**r) for r in one["rivals"]),
+                                       "over": _curve(one["over"]), "time": _curve(one["time"])})
+                   for one in plain["causes"])
+    return Found(**plain | {
+        "causes": causes, "channels": tuple(ChannelShown(**one) for one in plain["channels"]),
+        "left": tuple((str(c), str(v), float(s)) for c, v, s in plain["left"]),
+        "gains": tuple(GainShown(**one) for one in plain["gains"]),
+        "next_run": None if plain["next_run"] is None else RunPlan(**plain["next_run"]),
+        "left_curve": _curve(plain["left_curve"]),
+        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted")}})
+
+
+def _curve(plain: dict[str, Any] | None) -> Curve | None:
+    if plain is None:
+        return None
+    lists = {name: tuple(plain[name]) for name in ("at", "before", "after", "half", "names")}
+    return Curve(**plain | lists)

@@ -1,0 +1,103 @@
+"""Every cause: what, how big, how sure, what else it could be, what it costs. One of them is chosen."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rich.cells import cell_len
+from textual import events
+from textual.content import Content
+from textual.message import Message
+
+from console.app.widgets.panel import Panel, fit, line
+from console.app.widgets.wrap import wrapped
+from console.locale import _
+
+
+class CauseLine(NamedTuple):
+    title: str
+    size: str
+    sure: str
+    rivals: str
+    cost: str
+    advice: str
+    interval: tuple[float, float, float] | None     # low, value, high, as shares of a bar from -1 to 1
+
+
+class CausesView(NamedTuple):
+    causes: tuple[CauseLine, ...]
+    at: int
+    calm: str                   # what stands there where there is no cause
+    language: str
+
+
+BAR = 24
+
+
+def interval_bar(interval: tuple[float, float, float]) -> str:
+    """-1 ... 1 on BAR cells: `|` zero, `=` the interval, `#` the size."""
+    def cell(share: float) -> int:
+        return round((share + 1.0) / 2.0 * (BAR - 1))
+
+    low, value, high = map(cell, interval)
+    marks = ["."] * BAR
+    for at in range(low, high + 1):
+        marks[at] = "="
+    marks[cell(0.0)] = "|"
+    marks[value] = "#"
+    return "".join(marks)
+
+
+class Causes(Panel[CausesView]):
+    class Picked(Message):
+        def __init__(self, index: int) -> None:
+            super().__init__()
+            self.index = index
+
+    def __init__(self, view: CausesView, *, id: str | None = None) -> None:
+        super().__init__(view, id=id)
+        self._row_of: list[int] = []
+
+    def lines(self, view: CausesView, width: int, height: int) -> list[Content]:
+        rows = [line((fit(f" {_('causes')}", width), "bold $primary"))]
+        self._row_of = [-1]
+        if not view.causes:
+            return [*rows, *(line(f" {row}") for row in wrapped(view.calm, width - 2))]
+        blocks = [self._block(cause, index == view.at, width) for index, cause in enumerate(view.causes)]
+        shown: list[list[Content]] = []
+        for index, block in enumerate(blocks):
+            left = height - 1 - sum(map(len, shown)) - (len(blocks) - index - 1)
+            shown.append(block if index == view.at else block[:max(1, min(len(block), left))])
+        room = height - 1
+        while sum(map(len, shown)) > room and any(len(b) > 1 for k, b in enumerate(shown) if k != view.at):
+            longest = max((k for k in range(len(shown)) if k != view.at), key=lambda k: len(shown[k]))
+            shown[longest] = shown[longest][:-1]
+        for index, block in enumerate(shown):
+            rows += block
+            self._row_of += [index] * len(block)
+        return rows
+
+    def _block(self, cause: CauseLine, chosen: bool, width: int) -> list[Content]:
+        label = max(cell_len(word) for word in (_("size"), _("sure"), _("or else"), _("costs"), _("do"))) + 5
+        mark = ">" if chosen else " "
+        heads = wrapped(cause.title, width - 4)
+        block = [line((fit(f" {mark if not k else ' '} {head}", width),
+                       "bold $background on $primary" if chosen else "bold")) for k, head in enumerate(heads)]
+
+        def row(name: str, text: str, style: str = "") -> None:
+            for k, part in enumerate(wrapped(text, width - label)):
+                block.append(line((fit(f"   {name}" if not k else "", label), "$muted"), (part, style)))
+
+        row(_("size"), cause.size)
+        if cause.interval is not None and width - label >= BAR:
+            block.append(line(" " * label, (interval_bar(cause.interval), "$target")))
+        row(_("sure"), cause.sure)
+        if cause.rivals:
+            row(_("or else"), cause.rivals)
+        row(_("costs"), cause.cost, "bold")
+        row(_("do"), cause.advice)
+        return block
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        if event.y < len(self._row_of) and self._row_of[event.y] >= 0:
+            self.post_message(self.Picked(self._row_of[event.y]))

@@ -1,0 +1,45 @@
+"""Channel by channel: how far the machine file is off, before and after the causes are in it, beside the noise."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from textual.content import Content
+
+from console.app.widgets.panel import Panel, fit, line, right
+from console.locale import _
+
+
+class ChannelLine(NamedTuple):
+    """wrong: more than noise is there."""
+
+    name: str
+    unit: str
+    error: str
+    after: str
+    noise: str
+    beyond: str
+    wrong: bool
+
+
+class ChannelsView(NamedTuple):
+    channels: tuple[ChannelLine, ...]
+    left: tuple[str, ...]           # what no cause explains, and what is said of the data
+    language: str
+
+
+class ChannelTable(Panel[ChannelsView]):
+    def lines(self, view: ChannelsView, width: int, height: int) -> list[Content]:
+        rows = [line((fit(f" {_('channels')}: {_('error of the machine file')}", width), "bold $primary")),
+                line((self._row(_("channel"), _("before"), _("after"), _("noise"), _("beyond noise"), width),
+                      "$muted"))]
+        for one in view.channels:
+            name = f"{'!' if one.wrong else ' '} {one.name}, {one.unit}"
+            rows.append(line((self._row(name, one.error, one.after, one.noise, one.beyond, width),
+                              "bold" if one.wrong else "")))
+        return rows + [line((fit(f" {text}", width), "$muted")) for text in view.left]
+
+    @staticmethod
+    def _row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:
+        columns = "".join(right(text, 9) for text in (error, after, noise))
+        last = right(beyond, 14)
+        return fit(f" {fit(name, max(8, width - 43))} {columns}{last}", width)

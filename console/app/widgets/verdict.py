@@ -1,0 +1,46 @@
+"""The verdict: one word, one line, what to do; beside it that of the separating run."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from textual.content import Content
+
+from console.app.widgets.panel import Panel, fit, line
+from console.app.widgets.wrap import wrapped
+
+_STYLES = {"none": "bold reverse", "named": "bold $on-alarm-amber on $alarm-amber",
+           "ambiguous": "bold $on-alarm-amber on $alarm-amber", "unexplained": "bold $on-alarm-red on $alarm-red"}
+
+
+class Said(NamedTuple):
+    """verdict: id. lead: which data, where there are two."""
+
+    verdict: str
+    symbol: str
+    word: str
+    about: str
+    sentence: str
+    todo: str
+    lead: str = ""
+
+
+class Verdict(Panel[tuple[Said, ...]]):
+    """Rows: word and data; the sentence; what to do. Two verdicts stand one below the other, in fewer rows each."""
+
+    def lines(self, view: tuple[Said, ...], width: int, height: int) -> list[Content]:
+        rows: list[Content] = []
+        for index, said in enumerate(view):
+            room = (height - len(rows)) // (len(view) - index)
+            rows += self._one(said, width, room)
+        return rows
+
+    @staticmethod
+    def _one(said: Said, width: int, room: int) -> list[Content]:
+        lead = f"{said.lead}: " if said.lead else ""
+        head = line((f" {said.symbol} {said.word} ", _STYLES[said.verdict]), (f"  {lead}", "bold"),
+                    (fit(said.about, max(0, width - len(said.word) - 10)), "$muted"))
+        todo = [line((f" > {row}" if not k else f"   {row}", "bold $primary"))
+                for k, row in enumerate(wrapped(said.todo, width - 4))]
+        sentence = [line((f" {row}", "bold")) for row in wrapped(said.sentence, width - 2)]
+        left = room - 1 - len(sentence)
+        return [head, *sentence[:max(1, room - 1)], *todo[:max(0, left)]]

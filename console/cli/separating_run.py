@@ -1,0 +1,112 @@
+"""The run that tells rivals apart, as something that the simulated machine can drive and a job file can hold."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from control.diagnosis.next_run import manoeuvres
+from control.field.job import Job, SpeedChange
+from control.machine.machine import Machine
+from control.orders import Do, Order, TargetSource
+
+Orders = tuple[tuple[float, Order], ...]
+
+CONFIRM_S = 0.4             # the calibration button is told to be down this often
+RUN_S = 118.0               # safety ends a calibrating run at 120 s
+RATE_KG_HA = 300.0          # of the runs that are driven
+BEGIN_S = 4.0               # the tractor moves by then
+FLOW_KG_S = 0.09            # about what 300 kg/ha take at 4.5 km/h on 2.4 m
+
+
+class Drive(NamedTuple):
+    """orders None: the simulated operator's own (ready, start, start again after a refill)."""
+
+    job: Job
+    seconds: float
+    orders: Orders | None
+
+
+def run_id(plan: str, machine: Machine) -> str:
+    """The manoeuvre that a diagnosis planned; "" where the simulated machine has none like it."""
+    return next((one.id for one in manoeuvres(machine) if one.plan == plan and one.id in _DRIVES), "")
+
+
+def minutes_of(plan: str, machine: Machine) -> float:
+    """How long the planned run takes; 0 where that is not known."""
+    return next((one.minutes for one in manoeuvres(machine) if one.plan == plan), 0.0)
+
+
+def drive_of(manoeuvre: str, job: Job, machine: Machine) -> Drive:
+    """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so that only it moves things.
+
+    Raises ValueError for a manoeuvre that the simulated machine cannot drive.
+    """
+    if manoeuvre not in _DRIVES:
+        raise ValueError(f"{manoeuvre}: the simulated machine cannot drive this run")
+    target = job.target.model_copy(update={"source": TargetSource.MANUAL, "manual_rate_kg_ha": RATE_KG_HA, "map": None,
+                                           "plants": None})
+    calm = job.model_copy(update={"id": f"separate_{manoeuvre}", "target": target, "flow_trim": False,
+                                  "field": job.field.model_copy(update={"boundary_m": ()})})
+    return _DRIVES[manoeuvre](calm, machine)
+
+
+def _with(job: Job, **simulated: object) -> Job:
+    return job.model_copy(update={"simulated": job.simulated.model_copy(update=simulated)})
+
+
+def _standing(job: Job) -> Job:
+    return _with(job, speed_changes=(SpeedChange(at_s=0.0, speed_kmh=0.0),), refill_at_kg=0.0)
+
+
+def _stairs(job: Job, machine: Machine) -> Drive:
+    shafts = [20.0, 40.0, 60.0, 80.0] * 2
+    return Drive(_standing(job), 500.0, _bench([(rpm, machine.set_points.opening_mm) for rpm in shafts]))
+
+
+def _openings(job: Job, machine: Machine) -> Drive:
+    openings = [10.0, 20.0, 30.0, 40.0] * 2
+    return Drive(_standing(job), 500.0, _bench([(machine.set_points.shaft_rpm, mm) for mm in openings]))
+
+
+def _bench(settings: list[tuple[float, float]]) -> Orders:
+    """Calibrating runs of two settings, a minute each: as long as safety lets one last."""
+    orders: list[tuple[float, Order]] = [(1.0, Order(Do.READY))]
+    for pair in range(0, len(settings), 2):
+        begin = 5.0 + 61.0 * pair
+        ticks = [begin + CONFIRM_S * k for k in range(int(RUN_S / CONFIRM_S))]
+        orders += [(at, Order(Do.CALIBRATE, 120.0)) for at in ticks]
+        for k, (rpm, mm) in enumerate(settings[pair:pair + 2]):
+            at = begin + 0.1 + 59.0 * k
+            orders += [(at, Order(Do.CALIBRATE_OPENING, mm)), (at + 0.1, Order(Do.CALIBRATE_SHAFT, rpm))]
+    return tuple(sorted(orders, key=lambda one: one[0]))
+
+
+def _slope(job: Job, machine: Machine) -> Drive:
+    return Drive(_with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None)
+
+
+def _two_speeds(job: Job, machine: Machine) -> Drive:
+    changes = tuple(SpeedChange(at_s=120.0 * k, speed_kmh=3.0 if k % 2 == 0 else 6.0) for k in range(5))
+    return Drive(_with(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None)
+
+
+def _out_of_work(job: Job, machine: Machine) -> Drive:
+    orders = [(1.0, Order(Do.READY)), (BEGIN_S + 2.0, Order(Do.START))]
+    for minute in range(1, 10):
+        orders.append((60.0 * minute, Order(Do.HOLD if minute % 2 else Do.START)))
+    return Drive(_with(job, refill_at_kg=0.0), 600.0, tuple(orders))
+
+
+def _still(job: Job, machine: Machine) -> Drive:
+    return Drive(_standing(job), 600.0, ((1.0, Order(Do.READY)),))
+
+
+def _refill(job: Job, machine: Machine) -> Drive:
+    empty_kg = machine.flow.full_kg / 3.0
+    begin_kg = empty_kg + 600.0 * FLOW_KG_S
+    return Drive(_with(job, hopper_kg=begin_kg, refill_at_kg=empty_kg), 1260.0, None)
+
+
+_DRIVES: dict[str, Callable[[Job, Machine], Drive]] = {
+    "stairs": _stairs, "openings": _openings, "slope": _slope, "two_speeds": _two_speeds, "out_of_work": _out_of_work,
+    "standing": _still, "refill": _refill}
