@@ -55,10 +55,12 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]]) -> Servic
     """What the screens of a run can have done; found: the configuration files by kind."""
     from console.app.services import Services
     from console.cli.calibrate_services import calibrate_job
+    from console.cli.map_services import field_picture
     from drivers.files.kinds import CAB
     cab = found.get(CAB.format)
     board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
     return Services(
+        field=field_picture,
         calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None,
                                 board.wheel_pulses_per_turn if board else None),
     )
@@ -78,8 +80,10 @@ def first_time() -> bool:
 def show_replay(recorded: RunLog) -> None:
     """The console on a log."""
     from console.app.app import TopdressApp
+    from console.app.services import Services
+    from console.cli.map_services import field_picture
     from console.cli.replay_frames import replay_job
-    TopdressApp(None, replay=replay_job(recorded)).run()
+    TopdressApp(None, replay=replay_job(recorded), services=Services(field=field_picture)).run()
 
 
 def _pairs(option: str, values: tuple[str, ...]) -> list[str]:

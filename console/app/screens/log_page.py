@@ -23,7 +23,7 @@ EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, Camera(0.0, 0.0, 1.0), N
 class LogPage(Page):
     """Alarms of a machine that works meanwhile come before the log's, and are said to be its own."""
 
-    def log(self) -> ReplayJob | None:
+    def replayed(self) -> ReplayJob | None:
         """The log to show; None: the machine."""
         return None
 
@@ -31,12 +31,12 @@ class LogPage(Page):
         return self.app.replay_page.history()
 
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
-        job = self.log()
+        job = self.replayed()
         return super().seen(now_s) if job is None else (job.source.newest, job.source.age_s)
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
-        if self.log() is None:
+        if self.replayed() is None:
             return view
         view = view._replace(status=view.status._replace(lead=_("REPLAY")))
         live = self.app.arrival.frame
@@ -47,24 +47,24 @@ class LogPage(Page):
         return view
 
     def marks(self) -> tuple[str, ...]:
-        live = self.app.arrival.frame if self.log() is not None else None
+        live = self.app.arrival.frame if self.replayed() is not None else None
         machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None else ()
         return (*machine, *super().marks())
 
     def points(self) -> tuple[Point, ...]:
         """Of the trend of target and applied rate."""
-        job = self.log()
+        job = self.replayed()
         if job is None:
             return self.app.history.recent()
         source = job.source
         return points_of(source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index)
 
     def series(self) -> Series:
-        return self.app.history.series if self.log() is None else self.log_history().series
+        return self.app.history.series if self.replayed() is None else self.log_history().series
 
     def worked(self) -> Worked:
         """The worked ground so far. Of a log that is far ahead it is entered over some looks."""
-        job = self.log()
+        job = self.replayed()
         if job is None:
             return self.app.history.worked
         history = self.log_history()

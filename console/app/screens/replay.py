@@ -69,7 +69,7 @@ class ReplayScreen(PanelScreen):
     def extra(self) -> ComposeResult:
         yield ReplayBar(_NO_LOG._replace(name=_("no log is open: topdress replay LOG.csv")), id="replay-bar")
 
-    def log(self) -> ReplayJob | None:
+    def replayed(self) -> ReplayJob | None:
         return self.job
 
     def history(self) -> LogHistory:

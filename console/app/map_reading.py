@@ -1,0 +1,73 @@
+"""What a map says of one place and of the whole job, in words. Pure."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from console.app.camera import Pixels
+from console.app.field_picture import FieldPicture
+from console.app.map_image import ground
+from console.app.units import M2_PER_HA, Units
+from console.app.view import Item, Shown, rate_error, signed_percent
+from console.app.worked import Worked
+from console.frame import Frame
+from console.locale import _
+
+
+class Part(NamedTuple):
+    label: str
+    text: str
+
+
+class Reading(NamedTuple):
+    """where: what the place is; parts: the important ones first."""
+
+    where: str
+    parts: tuple[Part, ...]
+
+
+def reading(where: str, place: tuple[float, float] | None, metres: float, worked: Worked,
+            picture: FieldPicture | None, units: Units) -> Reading:
+    """The means over one pixel at a place."""
+    if place is None:
+        return Reading(_("no position yet"), ())
+    half = 0.5 * metres
+    here = ground(worked, Pixels(1, 1, metres, place[0] - half, place[1] + half))
+    applied, target, ndvi = (None if (value := float(values[0, 0])) != value else value
+                             for values in (here.applied_kg_ha, here.target_kg_ha, here.ndvi))
+    planned = picture.planned.at(*place) if picture is not None and picture.planned is not None else None
+    error = rate_error(target, applied)
+    parts = [Part(_("applied"), units.rate.full(applied)), Part(_("target"), units.rate.full(target))]
+    if picture is not None and picture.planned is not None:
+        parts.append(Part(_("planned"), units.rate.full(planned)))
+    parts += [Part(_("error"), "--" if error is None else signed_percent(100.0 * error)),
+              Part("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
+              Part(_("east"), units.distance.full(place[0])), Part(_("north"), units.distance.full(place[1]))]
+    return Reading(where, tuple(parts))
+
+
+def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, stale: bool) -> tuple[Item, ...]:
+    """Area and product done and left. What is left of the product: the plan's, else the mean so far on what is left."""
+    if frame is None:
+        return ()
+    field_ha = picture.area_ha if picture is not None else None
+    left_ha = max(0.0, field_ha - frame.area_ha) if field_ha is not None else None
+    mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
+    planned_kg = picture.planned.mass_kg if picture is not None and picture.planned is not None else None
+    if planned_kg is not None:
+        left_kg: float | None = max(0.0, planned_kg - frame.applied_kg)
+    else:
+        left_kg = left_ha * mean if left_ha is not None and mean is not None else None
+    share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
+    row = frame.row
+    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if row.state in (None, "working") else None
+    return tuple(Item(label, Shown(text, stale)) for label, text in (
+        (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
+        (_("left"), units.area.full(left_ha)),
+        (_("applied"), units.mass.full(frame.applied_kg)),
+        (_("still needed"), units.mass.full(left_kg)),
+        (_("in hopper"), units.mass.full(row.hopper_kg)),
+        (_("mean"), units.rate.full(mean)),
+        (_("target"), units.rate.full(row.target_rate_kg_ha)),
+        (_("rate now"), units.rate.full(row.applied_rate_kg_ha)),
+        (_("error"), "--" if error is None else signed_percent(100.0 * error)),
+        (_("speed"), units.speed.full(row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps))))

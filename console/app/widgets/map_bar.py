@@ -1,0 +1,47 @@
+"""The row above the large map: its layers, a click chooses one; and whether it follows the machine."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rich.cells import cell_len
+from textual import events
+from textual.content import Content
+from textual.message import Message
+
+from console.app.layers import LABELS, Layer
+from console.app.widgets.panel import Panel, Part, spread
+from console.locale import _
+
+
+class MapBarView(NamedTuple):
+    layer: Layer
+    states: tuple[str, ...]
+    language: str
+
+
+def laid_out() -> tuple[tuple[Layer, str, int], ...]:
+    """Layers with their texts and first cells."""
+    placed, start = [], 0
+    for layer in Layer:
+        text = f"  {_(LABELS[layer])}  "
+        placed.append((layer, text, start))
+        start += cell_len(text)
+    return tuple(placed)
+
+
+class MapBar(Panel[MapBarView]):
+    class Chosen(Message):
+        def __init__(self, layer: Layer) -> None:
+            super().__init__()
+            self.layer = layer
+
+    def lines(self, view: MapBarView, width: int, height: int) -> list[Content]:
+        left: list[Part] = [(text, "bold reverse" if layer is view.layer else "bold $primary")
+                            for layer, text, _start in laid_out()]
+        return [spread(left, [(f" {'   '.join(view.states)} ", "$muted")], width)]
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        for layer, text, start in laid_out():
+            if start <= event.x < start + cell_len(text):
+                self.post_message(self.Chosen(layer))

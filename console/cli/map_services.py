@@ -1,0 +1,92 @@
+"""The picture of a frame's field for the maps: outline and planned rates, from what stands beside its run log."""
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from console.app.field_picture import FieldPicture, Planned, Ring
+from console.frame import Frame
+
+if TYPE_CHECKING:
+    from control.field.job import Job
+    from control.targets.map_profile import MapProfile
+    from drivers.files.run_meta import RunMeta
+
+MOST_CELLS = 250_000
+FINEST_M = 1.0
+_SLICE = 20_000          # cells asked at once
+
+
+def field_picture(frame: Frame) -> FieldPicture | None:
+    """Of the job in the frame's log; None where the log does not say its job.
+
+    Raises ValueError, one line, where the job's files cannot be read.
+    """
+    from drivers.files.atomic import sidecar
+    from drivers.files.kinds import JOB, MACHINE
+    from drivers.files.run_meta import meta_from_yaml
+    if not frame.log_path:
+        return None
+    described = sidecar(Path(frame.log_path))
+    try:
+        meta = meta_from_yaml(described.read_text(encoding="utf-8"))
+    except OSError:
+        return None
+    if meta.job is None:
+        return None
+    try:
+        job = JOB.model.model_validate(dict(meta.job))
+        width_m = MACHINE.model.model_validate(dict(meta.machine)).geometry.working_width_m if meta.machine else 2.4
+        return picture_of(job, _folder(meta, job, described.parent), width_m)
+    except (ValueError, OSError) as error:
+        raise ValueError(" ".join(str(error).split())) from None
+
+
+def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
+    """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
+    from control.field.boundary import Boundary
+    from drivers.files.prescriptions.for_job import map_of_job
+    rings: tuple[Ring, ...] = ()
+    area_ha = None
+    if job.field.boundary_m:
+        boundary = Boundary(job.field.boundary_m)
+        rings, area_ha = boundary.rings, boundary.area_ha
+    profile = map_of_job(job, folder)
+    planned = None if profile is None else _planned(job, folder, profile, rings)
+    return FieldPicture(job.field.title or job.title or job.id, rings, area_ha, width_m, planned)
+
+
+def _folder(meta: RunMeta, job: Job, beside: Path) -> Path:
+    """Beside the log where the job's files lie there, else beside the job file of the run."""
+    names = [name for name in (job.target.map, job.target.plants) if name is not None]
+    written = meta.extra.get("job_folder")
+    if not isinstance(written, str) or (names and all((beside / name).exists() for name in names)):
+        return beside
+    return Path(written)
+
+
+def _planned(job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]) -> Planned:
+    """The map looked at in the middles of square cells, no more than MOST_CELLS of them; NaN outside the field."""
+    from control.field.boundary import Boundary
+    from control.orders import TargetSource
+    from drivers.files.prescriptions.read import read_prescription
+    assert job.target.map is not None
+    south, west, north, east = read_prescription(folder / job.target.map).data.box_deg
+    corners = profile.plane.many_to_m([south, south, north, north], [west, east, west, east])
+    (west_m, south_m), (east_m, north_m) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    cell_m = max(FINEST_M, math.sqrt((east_m - west_m) * (north_m - south_m) / MOST_CELLS))
+    columns, rows = (max(1, math.ceil(span / cell_m)) for span in (east_m - west_m, north_m - south_m))
+    easts = west_m + (np.arange(columns) + 0.5) * cell_m
+    norths = south_m + (np.arange(rows) + 0.5) * cell_m
+    places = np.column_stack((np.tile(easts, rows), np.repeat(norths, columns)))
+    rates = np.full(len(places), np.nan, dtype=np.float32)
+    for begin in range(0, len(places), _SLICE):
+        targets = profile.prescription.targets_at(places[begin:begin + _SLICE])
+        rates[begin:begin + _SLICE] = [target.rate_kg_ha if target.source is TargetSource.MAP else np.nan
+                                       for target in targets]
+    if rings:
+        rates[~Boundary(rings[0], rings[1:]).many_inside(places)] = np.nan
+    return Planned(west_m, south_m, cell_m, rates.reshape(rows, columns))
