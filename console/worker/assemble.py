@@ -63,6 +63,8 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         sha256[str(cab.path)] = cab.sha256
     now_utc = _utc_now().isoformat(timespec="milliseconds")
     loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch, **placed)
+    if isinstance(bench, SimulatedBench):
+        bench.state = lambda: loop.safety.state
     if before is not None:
         go_on(loop, job, before)
     meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
@@ -106,7 +108,7 @@ def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> Si
                         wheel_pulses_per_turn=machine.speed.pulses_per_turn)
     cab, virtual = virtual_cab(plant, clock, heads=machine.geometry.heads, board=board,
                                opening_mm=machine.set_points.opening_mm)
-    return SimulatedBench(cab, virtual)
+    return SimulatedBench(cab, virtual, plant)
 
 
 def _log_path(wanted: str | None) -> Path:

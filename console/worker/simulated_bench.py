@@ -1,23 +1,36 @@
 """The simulated machine as a bench: stepped by the loop's own ticks, reached through the same bytes as a real one."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from control.orders import State
 from control.readings import DriveCommand, Measurements
+from control.simulation.plant import Plant
 from drivers.cab import Cab
 from drivers.cab_line import DeviceLine, DeviceStatus
 from drivers.devices.lag_rig import RigReadings
 from drivers.virtual.machine import VirtualMachine
 
 
-class SimulatedBench:
-    """A cab plugged into a virtual machine that is brought up to the tick's time before it is read."""
+PARKED = (State.OFF, State.READY, State.CALIBRATING)
 
-    def __init__(self, cab: Cab, machine: VirtualMachine) -> None:
+
+class SimulatedBench:
+    """A cab plugged into a virtual machine that is brought up to the tick's time before it is read.
+
+    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and drives once it works:
+    `state` tells which.
+    """
+
+    def __init__(self, cab: Cab, machine: VirtualMachine, plant: Plant | None = None) -> None:
         self._cab = cab
         self._machine = machine
+        self._plant = plant
+        self.state: Callable[[], State] = lambda: State.OFF
 
     def measure(self, now_s: float) -> Measurements:
+        if self._plant is not None:
+            self._plant.parked = self.state() in PARKED
         self._machine.advance(now_s)
         return self._cab.measure(now_s)
 

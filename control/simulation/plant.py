@@ -93,6 +93,7 @@ class Plant:
         self._dose: DoseOrder | None = None
         self._begins_s: deque[float] = deque()      # when the shaft will begin the doses that were accepted
         self._doses = 0
+        self.parked = False                         # the driver stops, or does not start
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
         corners = field_boundary(sim, width, job.field.pass_heading_deg)
@@ -135,7 +136,7 @@ class Plant:
         while len(self._stages) > 1 and begin >= self._stages[1][0]:
             self._stages.pop(0)
             self._true = self._stages[0][1]
-        speed = self._driver.step(begin, self._stopped(), self._normal.next(), dt)
+        speed = self._driver.step(begin, self.parked or self._stopped(), self._normal.next(), dt)
         self._driven_m += speed * dt
         pose = self._path.at(self._driven_m)
         pitch = self._sim.slope_deg * cos(radians(pose.heading_deg - self._heading0)) + self._pitch.step(dt)
