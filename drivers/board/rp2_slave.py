@@ -6,10 +6,14 @@ import time
 
 import machine  # type: ignore[import-not-found]
 
+from drivers.board.parts import Scale, Tilt
 from drivers.board.slave import Pins, Settings, Slave
 
 ROUND_US = 1000
 MM_PER_COUNT = 65.0 / 65535.0           # displacement sensor, 0 to 65 mm over the converter's range
+KG_PER_COUNT, ZERO_KG = 5.0e-5, 0.0     # of the hopper's load cells: calibrate with two known masses
+SCALE_FITTED = TILT_FITTED = True
+TILT_US = 50000
 VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
 
 
@@ -33,6 +37,11 @@ class Rp2Pins(Pins):
         self._told = 0, 0
         self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
         self._hall.irq(self._on_wheel, machine.Pin.IRQ_FALLING, hard=True)
+        scale = machine.Pin(12, machine.Pin.OUT, value=0), machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._scale = Scale(*scale, KG_PER_COUNT, ZERO_KG) if SCALE_FITTED else None
+        bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
+        self._tilt = Tilt(bus) if TILT_FITTED else None
+        self._tilt_us = 0
         self._now_us = 0
         self._ticks = time.ticks_us()   # type: ignore[attr-defined]
 
@@ -92,6 +101,23 @@ class Rp2Pins(Pins):
     def supply_v(self) -> "float | None":
         return float(self._supply.read_u16() * VOLTS_PER_COUNT)
 
+    def hopper_kg(self) -> "float | None":
+        return self._scale.kg if self._scale else None
+
+    def pitch_deg(self) -> "float | None":
+        return self._tilt.pitch_deg if self._tilt else None
+
+    def roll_deg(self) -> "float | None":
+        return self._tilt.roll_deg if self._tilt else None
+
+    def look(self, now_us: int) -> None:
+        """Fetch what scale and inclination have; every round."""
+        if self._scale:
+            self._scale.look()
+        if self._tilt and now_us - self._tilt_us >= TILT_US:
+            self._tilt.look((now_us - self._tilt_us) * 1e-6)
+            self._tilt_us = now_us
+
     def work_switch(self) -> "bool | None":
         return not self._switch.value()
 
@@ -111,6 +137,7 @@ def main() -> None:
     watchdog = machine.WDT(timeout=500)     # a program that hangs restarts; the enable line is off meanwhile
     while True:
         begun_us = pins.now_us()
+        pins.look(begun_us)
         slave.tick(begun_us)
         watchdog.feed()
         rest_us = ROUND_US - (pins.now_us() - begun_us)

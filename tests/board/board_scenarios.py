@@ -2,6 +2,7 @@
 what both have is used. Each gives plain lists and numbers."""
 from drivers.board.framing import seal
 from drivers.board.lag_rig import LagRig, RigPins, RigSettings
+from drivers.board.parts import Scale, Tilt
 from drivers.board.slave import Pins, Settings, Slave
 
 MS = 1000
@@ -318,13 +319,119 @@ def lag_rig(early_granule=False):
             int(fields[9])]
 
 
+class Wire:
+    """A pin of a fake part: what is put on it goes to `heard`, what is read comes from `says`."""
+
+    def __init__(self, heard=None, says=None):
+        self._heard, self._says = heard, says
+
+    def value(self, level=None):
+        if level is None:
+            return self._says()
+        if self._heard:
+            self._heard(level)
+        return None
+
+
+class FakeHx711:
+    """Gives one conversion, most significant bit first: the next bit at each rise of the clock. Data stays low until
+    it has been fetched."""
+
+    def __init__(self):
+        self.count, self.pulses, self.ready, self.level = 0, 0, False, 0
+
+    def convert(self, count):
+        self.count, self.pulses, self.ready = count & 0xFFFFFF, 0, True
+
+    def clock(self, level):
+        if level and not self.level:
+            self.pulses += 1
+            if self.pulses == 25:
+                self.ready = False
+        self.level = level
+
+    def data(self):
+        if not self.ready:
+            return 1
+        return 0 if self.pulses == 0 else (self.count >> (24 - min(self.pulses, 24))) & 1
+
+
+def scale():
+    """kg of a list of conversions, how many pulses each took; then a broken cell, silence, and back again."""
+    part = FakeHx711()
+    read = Scale(Wire(heard=part.clock), Wire(says=part.data), 0.001, 5.0)
+    found = [read.kg]
+    for count in (0, 100000, -5000, 0x7FFFFE, 0x7FFFFF, 20000):
+        part.convert(count)
+        read.look()
+        found.append([None if read.kg is None else round(read.kg, 3), part.pulses])
+    for _ in range(900):
+        read.look()
+    found.append(round(read.kg, 3))
+    for _ in range(200):
+        read.look()
+    found.append(read.kg)
+    part.convert(1000)
+    read.look()
+    found.append(round(read.kg, 3))
+    return found
+
+
+class FakeLis3dh:
+    """Registers of the accelerometer; `gone`: nobody answers."""
+
+    def __init__(self):
+        self.g, self.gone, self.written, self.who = (0.0, 0.0, 1.0), False, [], 0x33
+
+    def readfrom_mem(self, address, register, count):
+        if self.gone or address != 0x18:
+            raise OSError(5)
+        if register == 0x0F:
+            return bytes([self.who])
+        raw = b""
+        for axis in self.g:
+            value = int(axis * 1000.0) * 16 & 0xFFFF        # twelve bits, left in the word, 1 mg each
+            raw += bytes([value & 0xFF, value >> 8])
+        return raw
+
+    def writeto_mem(self, address, register, data):
+        self.written.append([register, data[0]])
+
+
+def tilt():
+    """Registers set; pitch and roll in degrees: flat, nose up, right side down, jolted; gone, back, another part."""
+    part = FakeLis3dh()
+    read = Tilt(part)
+
+    def settled(g):
+        part.g = g
+        for _ in range(100):
+            read.look(0.05)
+        return None if read.pitch_deg is None else [round(read.pitch_deg, 1), round(read.roll_deg, 1)]
+    found = [settled((0.0, 0.0, 1.0)), part.written[:]]
+    found += [settled((0.174, 0.0, 0.985)), settled((0.0, -0.174, 0.985)), settled((1.5, 1.0, 1.0))]
+    part.g = (0.5, 0.0, 0.866)
+    read.look(0.05)
+    found.append(round(read.pitch_deg, 1))
+    part.gone = True
+    found.append(settled((0.0, 0.0, 1.0)))
+    part.gone = False
+    found.append(settled((0.0, 0.0, 1.0)))
+    part.who = 0x11
+    part.gone = True
+    read.look(0.05)
+    part.gone = False
+    found.append(settled((0.0, 0.0, 1.0)))
+    return found
+
+
 SCENARIOS = {
     "safe_stop": safe_stop, "power_on": power_on, "stop_at_once": stop_at_once, "driver_fault": driver_fault,
     "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
     "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
     "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,
     "gate_moves_homed": lambda: gate_moves(False), "gate_step": gate_step, "lost_steps": lost_steps, "doses": doses,
-    "lag_rig": lag_rig, "lag_rig_early_granule": lambda: lag_rig(True)}
+    "lag_rig": lag_rig, "scale": scale, "tilt": tilt, "lag_rig_early_granule": lambda: lag_rig(True)}
 
 
 def main():

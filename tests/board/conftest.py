@@ -85,7 +85,7 @@ def under_micropython(micropython_folder: Path, tmp_path_factory: pytest.TempPat
     """What every scenario gives under MicroPython."""
     script = tmp_path_factory.mktemp("micropython") / "run.mjs"
     script.write_text(RUNNER)
-    files = [BOARD / name for name in ("__init__.py", "framing.py", "motion.py", "slave.py", "lag_rig.py")]
+    files = [BOARD / name for name in ("__init__.py", "framing.py", "motion.py", "parts.py", "slave.py", "lag_rig.py")]
     done = subprocess.run(["node", str(script), str(micropython_folder), *map(str, files),
                            str(HERE / "board_scenarios.py")], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, (done.stdout + done.stderr)[-800:]

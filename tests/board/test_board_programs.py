@@ -139,9 +139,26 @@ def test_a_granule_before_the_start_is_told(scenarios):
     assert scenarios.lag_rig(True)[-1] == 2
 
 
-@pytest.mark.parametrize("part", ["safe_stop", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits",
-                                  "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply",
-                                  "gate_moves", "gate_moves_homed", "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule"])
+def test_the_scales_conversions_become_kg_and_a_broken_cell_is_not_known(scenarios):
+    before, *found, kept_kg, silent, again_kg = scenarios.scale()
+    assert before is None
+    assert found == [[5.0, 25], [105.0, 25], [0.0, 25], [8393.606, 25], [None, 25], [25.0, 25]]
+    assert (kept_kg, silent, again_kg) == (25.0, None, 6.0), "silent for a second: not known"
+
+
+def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
+    flat, written, nose_up, right_down, jolted, slowly, gone, back, other = scenarios.tilt()
+    assert (flat, written) == ([0.0, 0.0], [[0x20, 0x47], [0x23, 0x88]])
+    assert nose_up == [10.0, 0.0] and right_down == [0.0, 10.0]
+    assert jolted == right_down, "a jolt says nothing of the slope"
+    assert 1.0 < slowly < 10.0, "a tenth of the way in a twentieth of a second"
+    assert (gone, back, other) == (None, [0.0, 0.0], None)
+
+
+@pytest.mark.parametrize("part", [
+    "safe_stop", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits", "shaft_step",
+    "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves", "gate_moves_homed",
+    "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
 def test_micropython_does_the_same(part, scenarios, under_micropython):
     assert under_micropython[part] == scenarios.SCENARIOS[part]()
 

@@ -1,0 +1,91 @@
+"""Scale and inclination at the slave board: a load-cell amplifier HX711 and an accelerometer LIS3DH."""
+from math import atan2, degrees
+
+HX711_BITS = 24
+GAIN_PULSES = 1                 # after the 24: channel A, gain 128 at the next conversion
+
+LIS3DH = 0x18
+WHO_AM_I, IS_LIS3DH = 0x0F, 0x33
+CONTROL_1, ALL_AXES_50_HZ = 0x20, b"\x47"
+CONTROL_4, WHOLE_SAMPLES_2_G = 0x23, b"\x88"
+SAMPLES = 0x28 | 0x80           # the address counts on while it is read
+LEAST_G2, MOST_G2 = 0.5, 2.0    # of 1 g squared: more or less is a jolt and says nothing of the slope
+
+
+class Scale:
+    """HX711: `data` falls when a conversion is there (10 a second); `clock` fetches it bit by bit. kg = slope x counts
+    + zero, from the two-point calibration of the hopper."""
+
+    def __init__(self, clock, data, kg_per_count: float, zero_kg: float) -> None:  # type: ignore[no-untyped-def]
+        self._clock, self._data = clock, data
+        self._slope, self._zero_kg = kg_per_count, zero_kg
+        self._silent = 0
+        self.kg: float | None = None        # None: not heard yet, or silent
+        clock.value(0)
+
+    def look(self, rounds_silent: int = 1000) -> None:
+        """To be called every round (about a millisecond); takes 0.3 ms when a conversion is there."""
+        if self._data.value():
+            self._silent += 1
+            if self._silent > rounds_silent:
+                self.kg = None
+            return
+        self._silent = 0
+        count = 0
+        for _ in range(HX711_BITS):
+            count = count << 1 | self._pulse()
+        for _ in range(GAIN_PULSES):
+            self._pulse()
+        if count in (0x7FFFFF, 0x800000):   # the converter's limits: a broken cell or cable
+            self.kg = None
+            return
+        self.kg = self._slope * (count - (1 << HX711_BITS) if count & 0x800000 else count) + self._zero_kg
+
+    def _pulse(self) -> int:
+        self._clock.value(1)
+        bit = int(self._data.value())
+        self._clock.value(0)
+        return bit
+
+
+class Tilt:
+    """LIS3DH lying flat, x to the front, y to the right, z up. Shaking is taken out by a mean over `tau_s`."""
+
+    def __init__(self, i2c, tau_s: float = 0.5) -> None:  # type: ignore[no-untyped-def]
+        self._i2c = i2c
+        self._tau_s = tau_s
+        self._g: list[float] | None = None
+        self._there = False
+        self.pitch_deg: float | None = None         # nose up positive
+        self.roll_deg: float | None = None          # right side down positive
+
+    def look(self, dt_s: float) -> None:
+        """To be called every 50 ms or so; a part that does not answer is looked for again at the next call."""
+        try:
+            if not self._there:
+                self._begin()
+            raw = self._i2c.readfrom_mem(LIS3DH, SAMPLES, 6)
+        except OSError:
+            self._there, self._g = False, None
+            self.pitch_deg = self.roll_deg = None
+            return
+        g = [_signed(raw[2 * axis] | raw[2 * axis + 1] << 8) / 16000.0 for axis in range(3)]
+        if not LEAST_G2 < g[0] * g[0] + g[1] * g[1] + g[2] * g[2] < MOST_G2:
+            return
+        if self._g is None:
+            self._g = g
+        share = min(1.0, dt_s / self._tau_s)
+        x, y, z = self._g = [self._g[axis] + share * (g[axis] - self._g[axis]) for axis in range(3)]
+        self.pitch_deg = degrees(atan2(x, (y * y + z * z) ** 0.5))
+        self.roll_deg = degrees(atan2(-y, z))
+
+    def _begin(self) -> None:
+        if self._i2c.readfrom_mem(LIS3DH, WHO_AM_I, 1)[0] != IS_LIS3DH:
+            raise OSError("another part")
+        self._i2c.writeto_mem(LIS3DH, CONTROL_1, ALL_AXES_50_HZ)
+        self._i2c.writeto_mem(LIS3DH, CONTROL_4, WHOLE_SAMPLES_2_G)
+        self._there = True
+
+
+def _signed(value: int) -> int:
+    return value - 65536 if value & 0x8000 else value
