@@ -11,15 +11,14 @@ from drivers.cab_line import DeviceLine, DeviceStatus
 from drivers.devices.lag_rig import RigReadings
 from drivers.virtual.machine import VirtualMachine
 
-
 PARKED = (State.OFF, State.READY, State.CALIBRATING)
 
 
 class SimulatedBench:
     """A cab plugged into a virtual machine that is brought up to the tick's time before it is read.
 
-    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and drives once it works:
-    `state` tells which.
+    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and drives once it
+    works: `state` tells which.
     """
 
     def __init__(self, cab: Cab, machine: VirtualMachine, plant: Plant | None = None) -> None:
