@@ -1,14 +1,61 @@
-"""`topdress check`: is this configuration file right?"""
+"""`topdress check`: is this configuration file right? And the schemas by which editors know the same."""
 from __future__ import annotations
 
-from typing import Annotated
+import json
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
+from console.cli.plain_errors import CommandError
 
-def check(files: Annotated[list[str], typer.Argument(metavar="CFG...", help="Configuration files, or names of "
-                                                     "shipped ones.")]) -> None:
+
+def check(
+    files: Annotated[list[str] | None, typer.Argument(metavar="CFG...", help="Configuration files, or names of shipped "
+                                                      "ones.")] = None,
+    schema: Annotated[str | None, typer.Option(metavar="KIND", help="Say the JSON schema of a kind of file instead: "
+                                               "machine, crop, job, cab, ...")] = None,
+    write_schemas: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there "
+                                                       "instead.")] = None,
+) -> None:
     """Check configuration files of any kind; one plain line for each thing that is wrong."""
+    if schema is not None:
+        typer.echo(schema_text(schema), nl=False)
+    if write_schemas is not None:
+        write_all(write_schemas)
+    if not files and schema is None and write_schemas is None:
+        raise CommandError("check: no file given: allowed are configuration files, --schema KIND or --write-schemas "
+                           "FOLDER")
+    if files:
+        _check(files)
+
+
+def kinds_by_name() -> dict[str, Any]:
+    """The kinds of configuration files by the short name of their format."""
+    from drivers.files.kinds import KINDS
+    return {name.removeprefix("topdress-").partition("/")[0]: kind for name, kind in KINDS.items()}
+
+
+def schema_text(name: str) -> str:
+    """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
+    from drivers.files.config import schema
+    kinds = kinds_by_name()
+    short = name.removeprefix("topdress-").partition("/")[0]
+    if short not in kinds:
+        raise CommandError(f"--schema {name}: allowed is one of {', '.join(kinds)}")
+    return json.dumps(schema(kinds[short]), indent=1, ensure_ascii=False) + "\n"
+
+
+def write_all(folder: Path) -> None:
+    """`<kind>.json` for every kind, whole or not at all. Raises OSError."""
+    from drivers.files.atomic import write_atomically
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in kinds_by_name():
+        write_atomically(folder / f"{name}.json", schema_text(name))
+        typer.echo(folder / f"{name}.json")
+
+
+def _check(files: list[str]) -> None:
     from drivers.files.config import ConfigError, load_any
     from drivers.files.kinds import KINDS
     wrong: list[str] = []

@@ -1,0 +1,47 @@
+"""The published schemas are those of the models, and the command tells them."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from console.cli.check import kinds_by_name, schema_text
+
+PUBLISHED = Path(__file__).parents[2] / "schemas"
+KINDS = sorted(kinds_by_name())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_published_schema_is_fresh(kind: str) -> None:
+    text = (PUBLISHED / f"{kind}.json").read_text(encoding="utf-8")
+    assert text == schema_text(kind), "write them anew: topdress check --write-schemas schemas"
+
+
+def test_nothing_else_is_published() -> None:
+    assert sorted(path.stem for path in PUBLISHED.iterdir()) == KINDS
+
+
+@pytest.mark.parametrize("name", ["cab", "topdress-cab/1"])
+def test_a_schema_is_told_by_name_or_format(name: str) -> None:
+    result = CliRunner().invoke(app, ["check", "--schema", name])
+    assert result.exit_code == 0
+    told = json.loads(result.output)
+    assert told["properties"]["format"] == {"const": "topdress-cab/1"} and told["additionalProperties"] is False
+    assert told["$defs"]["BoardConfig"]["properties"]["max_shaft_rpm"]["maximum"] == 300
+
+
+def test_all_are_written_to_a_folder(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["check", "--write-schemas", str(tmp_path / "new")])
+    assert result.exit_code == 0 and len(result.output.splitlines()) == len(KINDS)
+    for kind in KINDS:
+        assert (tmp_path / "new" / f"{kind}.json").read_bytes() == (PUBLISHED / f"{kind}.json").read_bytes()
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["check"], "no file given"), (["check", "--schema", "boat"], "allowed is one of machine, crop")])
+def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1
