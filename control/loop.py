@@ -7,6 +7,7 @@ from typing import NamedTuple
 from control.agronomy import fusion
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
+from control.field.coverage import Coverage
 from control.field.job import Job
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
@@ -41,6 +42,7 @@ from control.targets.canopy import STRAIGHT_DEG_S, CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.lag_correction import ChangeQueue, Fired
 from control.targets.map_profile import MapProfile
+from control.targets.overlap import Overlap
 from control.targets.point import Threshold
 from control.targets.point_source import PointSource
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
@@ -51,6 +53,7 @@ HEAD_SILENT_S = 1.25            # a reading that is older stands in no log and o
 HEAD_LATENCY_S = 0.5            # a head's reading may be one period old
 NUDGE_PERCENT = 30.0
 FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
+CELL_M = 0.2                    # of the bitmap of ground that is done
 DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
 
 
@@ -86,7 +89,8 @@ class ControlLoop:
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
                  has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
-                 prescription: MapProfile | None = None, points: PointSource | None = None) -> None:
+                 prescription: MapProfile | None = None, points: PointSource | None = None,
+                 headland: Fence | None = None) -> None:
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -104,6 +108,12 @@ class ControlLoop:
         self._points = points
         self._sensing = Sensing(machine.geometry.antenna_m, plane)
         self._fence = fence
+        self._headland = headland
+        rate = ground.headland_rate_kg_ha
+        self._headland_target = None if rate is None else Target(rate, TargetSource.MANUAL)
+        self._no_double = job.no_double
+        width_m = machine.geometry.working_width_m
+        self._overlap = Overlap(Coverage(width_m, min(CELL_M, width_m / 6.0)), machine.geometry.outlets)
         self._fusion = fusion.start(machine.geometry.heads)
         self._fused: fusion.Fused | None = None
         self._head_times: tuple[float | None, ...] = ()
@@ -132,6 +142,7 @@ class ControlLoop:
         self._refilled = False
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._dose_ahead_m = 0.0
+        self._metres_left_m: float | None = None
         self._backed = False                    # backwards at the tick before
         self._landed_to_m = float("-inf")       # farthest place at which material has landed since START
         self._spread_to_m = float("-inf")       # the same when it last backed up: nothing more before that
@@ -145,7 +156,10 @@ class ControlLoop:
     @property
     def totals(self) -> Totals:
         """Area, product, nitrogen and evenness so far. Takes some 50 us: not for every tick."""
-        return self._totals.snapshot()
+        covered, points = self._overlap.covered, self._points
+        return self._totals.snapshot()._replace(
+            covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha, metres_left_m=self._metres_left_m,
+            doses=None if points is None else points.doses, doses_missed=None if points is None else points.missed)
 
     @property
     def sums(self) -> Sums:
@@ -171,7 +185,7 @@ class ControlLoop:
 
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
-        return self._fenced(self._wanted()).at(track_m)
+        return self._fenced(self._once(self._wanted())).at(track_m)
 
     def order(self, order: Order) -> Answer:
         now = self._time_s or 0.0
@@ -194,11 +208,13 @@ class ControlLoop:
             if rate is None or not 0.0 <= rate <= self.crop.max_rate_kg_ha:
                 return Answer(False, "rate_out_of_range")
             self._manual = Everywhere(Target(rate, TargetSource.MANUAL))
-        elif order.do in (Do.LOOK_AHEAD, Do.FLOW_TRIM):
+        elif order.do in (Do.LOOK_AHEAD, Do.FLOW_TRIM, Do.NO_DOUBLE):
             if not isinstance(value, bool):
                 return Answer(False, "yes_or_no")
             if order.do is Do.LOOK_AHEAD:
                 self._look_ahead = value
+            elif order.do is Do.NO_DOUBLE:
+                self._no_double = value
             else:
                 self._flow_trim_on = value
         elif order.do is Do.DOSE_ERROR:
@@ -266,6 +282,7 @@ class ControlLoop:
         conditions = self._conditions(m, now)
         speed = sensed.speed_mps or 0.0
         self._look_at_fence(sensed)
+        self._look_at_done(m, sensed)
         self._look_at_map(sensed)
         self._look_at_plants(m, sensed)
         reach = _Reach(self, sensed, conditions)
@@ -282,6 +299,7 @@ class ControlLoop:
         trim = self._flow_trim.value if self._flow_trim_on else 1.0
         applied = _rate(model_flow, speed, self.machine)
         metres_left = self._metres_left(m.hopper_kg, self._dosed_rate(conditions) if by_point else rate)
+        self._metres_left_m = metres_left
         usable = self._usable_speed(lag)
         verdict = self.safety.check(now, self._situation(
             m, sensed, holding, rate, model_flow, applied, trim, metres_left, usable,
@@ -314,6 +332,8 @@ class ControlLoop:
         notes = [f"limited_{pair.limited}"] if pair.limited else []
         if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
             notes.append("lag_out_of_range")
+        if self._no_double and rate <= 0.0 and not self._overlap.inside(sensed.track_m + speed * lag.total_s):
+            notes.append("already_spread")
         place = None
         if sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
@@ -350,12 +370,25 @@ class ControlLoop:
         self._canopy.decide(sensed.track_m, now)
 
     def _look_at_fence(self, sensed: Sensed) -> None:
-        if self._fence is None:
-            return
-        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
-            self._fence.lost()
-            return
-        self._fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m)
+        for fence in (self._fence, self._headland):
+            if fence is None:
+                continue
+            if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+                fence.lost()
+            else:
+                fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, self._queue.fired_to_m)
+
+    def _look_at_done(self, m: Measurements, sensed: Sensed) -> None:
+        """Note what lands here, and look for ground ahead that has its material."""
+        place = None
+        if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
+            place = (sensed.east_m, sensed.north_m)
+        rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
+        turns = rpm >= 0.5 * self.machine.limits.shaft_low_rpm
+        self._overlap.note(sensed.time_s, place, sensed.heading_deg, turns,
+                           drop_s(self.machine.fall, rpm) if turns else 0.0)
+        if self._no_double:
+            self._overlap.look(sensed.track_m, place, sensed.heading_deg, self._queue.fired_to_m)
 
     def _look_at_map(self, sensed: Sensed) -> None:
         if self._map is None:
@@ -432,12 +465,18 @@ class ControlLoop:
             return DOSES_ONLY
         return self._manual if self._source is TargetSource.MANUAL else self._fallback
 
+    def _once(self, wanted: Profile) -> Profile:
+        """The headland's own rate, and nothing where an earlier pass has spread."""
+        if self._headland is not None and self._headland_target is not None:
+            wanted = Fenced(wanted, self._headland, self._headland_target)
+        return Fenced(wanted, self._overlap, Target(0.0, self._source)) if self._no_double else wanted
+
     def _fenced(self, inner: Profile) -> Profile:
         return inner if self._fence is None or self.safety.memory.allow.outside else Fenced(inner, self._fence)
 
     def _profile(self) -> Profile:
         """What the queue follows: wanted, not where something lies already, not outside."""
-        wanted = self._wanted()
+        wanted = self._once(self._wanted())
         if self._spread_to_m > float("-inf"):
             wanted = Unspread(wanted, self._spread_to_m, self._source)
         return self._fenced(wanted)

@@ -57,6 +57,7 @@ class Do(StrEnum):
     GO_ON_UNLOGGED = "go_on_unlogged"  # value: True / False
     FLOW_TRIM = "flow_trim"          # value: True / False: the scale may correct the flow model
     LOOK_AHEAD = "look_ahead"        # value: True / False
+    NO_DOUBLE = "no_double"          # value: True / False: ground that has its material gets no more
     DOSE_ERROR = "dose_error"        # value: m, measured behind the machine on the newest doses; late is positive
 
 

@@ -43,6 +43,8 @@ class Ground(Part):
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 119.88
     boundary_m: tuple[tuple[float, float], ...] = ()        # closed by itself; empty: no field known
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
+    headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
+    headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
 
     @model_validator(mode="after")
     def _polygon(self) -> Ground:
@@ -117,6 +119,7 @@ class Job(Part):
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim: bool = True
+    no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
     target: Wanted = Wanted()
     field: Ground = Ground()
     simulated: Simulated = Simulated()

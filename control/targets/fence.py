@@ -51,22 +51,31 @@ class Fence:
         return self._inside_here != (crossed % 2 == 1)
 
 
-class Fenced:
-    """A profile that is nothing outside the fence."""
+class Inside(Protocol):
+    """What tells inside from outside along the way ahead."""
 
-    def __init__(self, inner: Profile, fence: Fence) -> None:
+    places_m: list[float]       # where one becomes the other
+
+    def inside(self, place_m: float) -> bool: ...
+
+
+class Fenced:
+    """A profile that is another target outside the fence; nothing, unless told otherwise."""
+
+    def __init__(self, inner: Profile, fence: Inside, outside: Target = OUTSIDE) -> None:
         self._inner = inner
         self._fence = fence
+        self._outside = outside
 
     def at(self, place_m: float) -> Target:
-        return self._inner.at(place_m) if self._fence.inside(place_m) else OUTSIDE
+        return self._inner.at(place_m) if self._fence.inside(place_m) else self._outside
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
         begin = after_m
         for end in [*(p for p in self._fence.places_m if after_m < p <= before_m), before_m]:
             if not self._fence.inside(begin):
-                if holding != OUTSIDE:
-                    return Change(begin, OUTSIDE)
+                if holding != self._outside:
+                    return Change(begin, self._outside)
             else:
                 change = self._inner.next_change(begin, end, holding)
                 if change is not None and (change.place_m < end or end == before_m):

@@ -1,0 +1,89 @@
+"""Ground that has its material from an earlier pass, seen ahead along the working line: no second dose there."""
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from control.field.coverage import Coverage, Covered
+from control.geodesy import Place, direction
+
+LOOK_M = 16.0           # changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
+STEP_M = 0.25
+SHARE = 0.8             # of the outlets over done ground: from here on the whole machine counts as over it
+SHORTEST_M = 0.5        # shorter stretches, done or not, are cut corners
+SAME_DEG = 1.0          # a heading this near to that of the last look is the same
+SAME_M = 2.0            # an edge seen this near to where its change was made is that change
+
+
+class Overlap:
+    """Where along the way ahead the ground is done; looked at anew every step of the way and in turns.
+
+    `outlets` stand at even distances over the width of `coverage`; each counts by its own place.
+    """
+
+    def __init__(self, coverage: Coverage, outlets: int) -> None:
+        self.places_m: list[float] = []         # along the track, where done begins or ends
+        self._coverage = coverage
+        self._aside = (np.arange(outlets) + 0.5) / outlets * coverage.width_m - 0.5 * coverage.width_m
+        self._ahead = np.arange(0.0, LOOK_M, STEP_M)
+        self._done_here = False                 # where it was looked from
+        self._looked: tuple[float, float] | None = None         # track and heading of that place
+        self._falling: deque[tuple[float, bool]] = deque()      # when it lands, whether there is any
+        self._lands = False
+
+    @property
+    def covered(self) -> Covered:
+        return self._coverage.covered
+
+    def note(self, now_s: float, place: Place | None, heading_deg: float | None, released: bool, drop_s: float) -> None:
+        """The outlets are here; what is released now lands a drop time later, under where they are then."""
+        self._falling.append((now_s + drop_s, released))
+        while self._falling and self._falling[0][0] <= now_s:
+            self._lands = self._falling.popleft()[1]
+        known = place is not None and heading_deg is not None
+        self._coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
+                           heading_deg if heading_deg is not None and known else 0.0, self._lands)
+
+    def look(self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float) -> None:
+        """Look from the outlets straight ahead. An edge up to `fired_to_m`, where changes have been made, stays where
+        it was seen then."""
+        if place is None or heading_deg is None:
+            self._done_here, self.places_m, self._looked = False, [], None
+            return
+        if self._looked is not None and abs(track_m - self._looked[0]) < STEP_M and abs(
+                (heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG:
+            return
+        self._looked = track_m, heading_deg
+        over = self._over(place, heading_deg)
+        self._done_here = bool(over[0])
+        seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
+        made = [known for known in self.places_m if known <= fired_to_m]
+        self.places_m = [next((old for old in made if abs(old - edge) < SAME_M), edge) for edge in seen]
+
+    def inside(self, place_m: float) -> bool:
+        """Whether a place of the track may get material: it has none yet."""
+        crossed = sum(1 for edge in self.places_m if edge <= place_m)
+        return self._done_here == (crossed % 2 == 1)
+
+    def _over(self, place: Place, heading_deg: float) -> np.ndarray:
+        """Whether the machine would be over done ground, at each step ahead (k,)."""
+        east, north = direction(heading_deg)
+        places = np.empty((len(self._ahead), len(self._aside), 2))
+        places[..., 0] = place[0] + self._ahead[:, None] * east + self._aside * north
+        places[..., 1] = place[1] + self._ahead[:, None] * north - self._aside * east
+        done = self._coverage.applied(places.reshape(-1, 2)).reshape(places.shape[:2])
+        over = done.mean(axis=1) >= SHARE
+        return without_short(over, round(SHORTEST_M / STEP_M))
+
+
+def without_short(flags: np.ndarray, least: int) -> np.ndarray:
+    """Runs (k,) of less than `least` equal values take the value before them; the first run stays."""
+    begins = np.flatnonzero(np.concatenate(([True], flags[1:] != flags[:-1])))
+    if len(begins) == 1:
+        return flags
+    kept = flags.copy()
+    for begin, end in zip(begins[1:].tolist(), [*begins[2:].tolist(), len(flags)], strict=True):
+        if end - begin < least and end < len(flags):
+            kept[begin:end] = kept[begin - 1]
+    return kept

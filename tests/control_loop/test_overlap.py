@@ -1,0 +1,137 @@
+"""No double dose, the headland, and what the totals say: through the whole loop on the simulated machine."""
+from __future__ import annotations
+
+import datetime as dt
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from control.field.coverage import Coverage
+from control.field.job import Ground, Job, Simulated, Wanted
+from control.loop import ControlLoop
+from control.orders import Do, Order, TargetSource
+from control.simulation.assembly import control_loop
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import landing
+from control.simulation.plant import Plant
+from control.simulation.tractor import Leg
+from control.simulation.tractor import Path as Way
+from control.targets.overlap import Overlap, without_short
+from drivers.files.setup import Setup, load_setup
+
+WIDTH_M = 2.4
+FIELD_M = ((-30.0, -30.0), (60.0, -30.0), (60.0, 90.0), (-30.0, 90.0))
+
+
+@pytest.fixture(scope="module")
+def setup() -> Setup:
+    return load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+
+
+def job_of(boundary: tuple[tuple[float, float], ...] = FIELD_M, **more: Any) -> Job:
+    ground = {name: more.pop(name) for name in ("headland_m", "headland_rate_kg_ha") if name in more}
+    return Job(target=Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0),
+               simulated=Simulated(speed_kmh=5.4, passes=1, refill_at_kg=0.0, speed_wander_percent=0.0),
+               field=Ground(boundary_m=boundary, **ground), **more)
+
+
+def driven(setup: Setup, job: Job, legs: list[Leg], seconds: float, orders: Any = None,
+           notes: list[str] | None = None) -> tuple[dict[str, Any], Any, ControlLoop]:
+    plant = Plant(setup.machine, job, 1, 0.05, path=Way(legs))
+    loop, record = control_loop(setup.machine, setup.crop, setup.rule, job), Record()
+    for step in simulated_run(plant, loop, seconds, orders):
+        record.add(step)
+        if notes is not None:
+            notes += step.tick.notes
+    columns = record.columns()
+    return columns, landing(columns, WIDTH_M), loop
+
+
+LOOP = [Leg(0.0, 0.0, 0.0, 50.0, 0.0), Leg(0.0, 50.0, 0.0, np.pi * 8.0 * 1.5, 270.0), Leg(8.0, 42.0, 270.0, 60.0, 0.0)]
+"""North, three quarters of a right-hand circle of 8 m, and west across the first leg 42 m up."""
+
+
+def skipped(columns: dict[str, Any], land: Any) -> list[tuple[float, float]]:
+    """Stretches of the way (begin, end) without material, between stretches with some."""
+    centres, rate = land.ground.centres_m(), land.landed_kg_ha
+    flows = np.flatnonzero(rate > 100.0)
+    return [(float(centres[a]), float(centres[b])) for a, b in pairwise(flows.tolist()) if b - a > 3]
+
+
+def test_the_first_pass_is_not_crossed_with_a_second_dose(setup: Setup) -> None:
+    notes: list[str] = []
+    columns, land, loop = driven(setup, job_of(), LOOP, 80.0, notes=notes)
+    assert 20 < notes.count("already_spread") < 60, "1.6 s and the lag"
+    crossing = 50.0 + np.pi * 12.0 + 8.0
+    found = [gap for gap in skipped(columns, land) if gap[1] > 20.0]
+    assert len(found) == 1
+    begin, end = found[0]
+    assert begin == pytest.approx(crossing - 1.2, abs=0.5)
+    assert end == pytest.approx(crossing + 1.2, abs=0.5)
+    totals = loop.totals
+    assert totals.overlap_ha is not None and totals.overlap_ha * 1e4 < 0.55 * WIDTH_M ** 2, "run-down and edges"
+    assert totals.covered_ha == pytest.approx(totals.area_ha, rel=0.06)
+    assert totals.metres_left_m == pytest.approx((300.0 - totals.applied_kg) / (300.0 * WIDTH_M / 1e4), rel=0.01)
+    assert totals.applied_n_kg == pytest.approx(totals.applied_kg * setup.crop.product_n_fraction)
+
+
+@pytest.mark.parametrize("how", ["job", "order"])
+def test_switched_off_it_is_crossed_like_any_ground(setup: Setup, how: str) -> None:
+    orders = [(1.0, Order(Do.READY)), (4.0, Order(Do.START))]
+    if how == "order":
+        orders.append((20.0, Order(Do.NO_DOUBLE, False)))
+    columns, land, loop = driven(setup, job_of(no_double=how == "order"), LOOP, 80.0, orders)
+    assert not [gap for gap in skipped(columns, land) if gap[1] > 20.0]
+    assert loop.totals.overlap_ha is not None
+    assert loop.totals.overlap_ha * 1e4 == pytest.approx(WIDTH_M ** 2, rel=0.15)
+    assert loop.order(Order(Do.NO_DOUBLE, "no")).why == "yes_or_no"
+
+
+def test_neighbouring_passes_are_no_overlap(setup: Setup) -> None:
+    legs = [Leg(0.0, 0.0, 0.0, 40.0, 0.0), Leg(0.0, 40.0, 0.0, np.pi * 1.2, 180.0),
+            Leg(WIDTH_M, 40.0, 180.0, 60.0, 0.0)]
+    columns, land, _ = driven(setup, job_of(), legs, 60.0)
+    assert not [gap for gap in skipped(columns, land) if gap[0] > 46.0]
+
+
+def test_the_headland_has_its_own_rate_or_none(setup: Setup) -> None:
+    square = ((-20.0, 0.0), (20.0, 0.0), (20.0, 60.0), (-20.0, 60.0))
+    way = [Leg(0.0, -20.0, 0.0, 120.0, 0.0)]
+    for rate in (0.0, 150.0):
+        _, land, _ = driven(setup, job_of(square, headland_m=12.0, headland_rate_kg_ha=rate), way, 70.0)
+        place = land.ground.centres_m() - 20.0
+        inner = land.landed_kg_ha[(place > 13.0) & (place < 47.0)]
+        head = land.landed_kg_ha[((place > 1.0) & (place < 11.0)) | ((place > 49.0) & (place < 59.0))]
+        outside = land.landed_kg_ha[(place < -1.0) | (place > 61.0)]
+        assert inner.mean() == pytest.approx(300.0, rel=0.03)
+        assert head.mean() == pytest.approx(rate, abs=8.0)
+        assert outside.mean() < 1.0
+
+
+def test_a_headland_that_leaves_nothing_is_said(setup: Setup) -> None:
+    job = job_of(((0, 0), (40, 0), (40, 40), (0, 40)), headland_m=25.0)
+    with pytest.raises(ValueError, match=r"headland_m 25: leaves nothing"):
+        control_loop(setup.machine, setup.crop, setup.rule, job)
+
+
+def test_short_runs_take_the_value_before_them() -> None:
+    flags = np.array([0, 0, 0, 1, 0, 0, 1, 1, 1, 0, 1, 1], dtype=bool)
+    assert without_short(flags, 2).astype(int).tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1]
+    assert without_short(np.zeros(4, dtype=bool), 2).tolist() == [False] * 4
+
+
+def test_edges_of_done_ground_lie_where_they_are_seen() -> None:
+    coverage = Coverage(WIDTH_M)
+    for k in range(400):
+        coverage.lay((0.1 * k - 20.0, 10.0), 90.0, True)
+    coverage.lay((200.0, 200.0), 0.0, False)
+    overlap = Overlap(coverage, 6)
+    overlap.look(5.0, (0.0, 0.0), 0.0, float("-inf"))
+    assert overlap.places_m == pytest.approx([5.0 + 8.8, 5.0 + 11.2], abs=0.26)
+    assert overlap.inside(10.0) and not overlap.inside(15.0) and overlap.inside(16.5)
+    overlap.look(15.0, (0.0, 10.0), 0.0, float("-inf"))
+    assert not overlap.inside(15.0) and overlap.inside(17.0)
+    overlap.look(15.0, None, None, float("-inf"))
+    assert overlap.inside(15.0), "no place known: nothing counts as done"
