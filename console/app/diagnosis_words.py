@@ -94,14 +94,19 @@ def sentence(found: Found) -> str:
         return said if not found.causes else f"{said} {_('Besides:')} {title(found.causes[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
-    first = title(found.causes[0])
-    more = "" if len(found.causes) == 1 else f" {_('and {count} more').format(count=len(found.causes) - 1)}"
-    if found.verdict == "ambiguous":
-        if found.causes[0].rivals:
-            return _("{first}, or one of {count} others: this data cannot tell.").format(
-                first=first, count=len(found.causes[0].rivals)) + more
-        return f"{first}{more}. {_('One of them is not told apart.')}"
-    return f"{first}{more}."
+    return "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(found.causes, 1)) if (
+        len(found.causes) > 1) else _doubtful(found.causes[0])
+
+
+def _doubtful(cause: CauseShown) -> str:
+    """One cause, and how many others it could be."""
+    if not cause.rivals:
+        return f"{title(cause)}."
+    if len(cause.rivals) == 1:
+        return _("{first}, or: {other}. This data cannot tell.").format(first=title(cause),
+                                                                       other=_(cause.rivals[0].title))
+    return _("{first}, or one of {count} others: this data cannot tell.").format(first=title(cause),
+                                                                                count=len(cause.rivals))
 
 
 def todo(found: Found) -> str:
@@ -109,7 +114,9 @@ def todo(found: Found) -> str:
     if found.verdict == "none":
         return _("Nothing to do.")
     if found.verdict == "ambiguous" and found.next_run is not None:
-        return _("First the separating run: {plan}").format(plan=plan_words(found))
+        return _("A separating run of {minutes} minutes tells: its steps are among the views.").format(
+            minutes=f"{found.next_run.minutes:g}") if found.next_run.minutes else _("A separating run tells: its steps "
+                                                                                    "are among the views.")
     if found.causes:
         return _(found.causes[0].advice)
     return _("Adopt the smooth curve (K), or look for what else changed.")
@@ -133,7 +140,7 @@ def size(cause: CauseShown) -> str:
     if cause.value is None:
         said = _("size not known")
     else:
-        said = f"{number(cause.value)} {cause.unit}"
+        said = f"{number(cause.value)} {_(cause.unit)}"
         if cause.low is not None and cause.high is not None:
             said += f"  ({number(cause.low, 2)} {_('to')} {number(cause.high, 2)})"
     if cause.onset_s is not None:
@@ -181,7 +188,7 @@ def plan_steps(found: Found) -> tuple[str, ...]:
 
 
 def curve_title(curve: Curve) -> str:
-    return _("{channel}: measured less predicted, {unit}").format(channel=channel_word(curve.channel), unit=curve.unit)
+    return _("error of {channel}, {unit}").format(channel=channel_word(curve.channel), unit=curve.unit)
 
 
 def beyond_noise(error: float, noise: float) -> float:

@@ -9,13 +9,19 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import platformdirs
 
 from console.app.diagnosis_data import Export, Found, Source, Stop, Stopped, Tell, found_from
 from console.cli.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from drivers.files.config import Loaded
 
 MOST_FILES = 200
 HEADER_BYTES = 8_192
@@ -27,6 +33,14 @@ ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", 
 def data_folder() -> Path:
     """The user's own folder for what the program writes."""
     return Path(platformdirs.user_data_dir("topdress", appauthor=False))
+
+
+def diagnosis_files(found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> DiagnosisFiles:
+    """With what the command line was given: the configuration files by kind, the simulated machine's effects."""
+    from drivers.files.kinds import MACHINE
+    folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
+    machine = found.get(MACHINE.format)
+    return DiagnosisFiles(folders, "huanghai" if machine is None else str(machine.path), effects)
 
 
 class DiagnosisFiles:
@@ -41,7 +55,7 @@ class DiagnosisFiles:
         self.own = own or data_folder()
         self.folders = tuple(dict.fromkeys((self.own / "logs", *(folders or (Path.cwd(),)))))
         self.machine, self.effects = machine, effects
-        self._scratch = tempfile.TemporaryDirectory(prefix="topdress-")
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._made = 0
 
     # --- files ---------------------------------------------------------------------------------------------------
@@ -114,6 +128,8 @@ class DiagnosisFiles:
         return found_from(plain)._replace(folder=order.folder)
 
     def _folder(self) -> Path:
+        if self._scratch is None:
+            self._scratch = tempfile.TemporaryDirectory(prefix="topdress-")
         self._made += 1
         folder = Path(self._scratch.name) / str(self._made)
         folder.mkdir()

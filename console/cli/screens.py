@@ -48,18 +48,21 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         raise CommandError(str(error)) from None
     TopdressApp(source, start=start, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                 hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
-                services=run_services(setup, found)).run()
+                services=run_services(setup, found, effects)).run()
 
 
-def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]]) -> Services:
-    """What the screens of a run can have done; found: the configuration files by kind."""
+def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> Services:
+    """What the screens of a run can have done; found: the configuration files by kind; effects: of the simulated machine.
+    """
     from console.app.services import Services
     from console.cli.calibrate_services import calibrate_job
+    from console.cli.diagnosis_services import diagnosis_files
     from console.cli.map_services import field_picture
     from drivers.files.kinds import CAB
     cab = found.get(CAB.format)
     board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
     return Services(
+        diagnosis=diagnosis_files(found, effects),
         field=field_picture,
         calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None,
                                 board.wheel_pulses_per_turn if board else None),

@@ -43,6 +43,7 @@ class DiagnosisScreen(Page):
 
     def __init__(self) -> None:
         super().__init__()
+        self.add_class("diagnosis")
         self.sources: tuple[Source, ...] | None = None
         self.at = 0                                 # chosen file
         self.machine: str | None = None             # None: the one that the data names
@@ -95,6 +96,7 @@ class DiagnosisScreen(Page):
             self._list()
         found = self.shown
         self.set_class(found is None, "-picking")
+        self.set_class(len(self.found) > 1, "-two")
         for name in ("causes", "channels", "over", "time", "run"):
             self.set_class(self.see == name, f"-see-{name}")
         said = self.query_one("#dia-said", Static)
@@ -151,7 +153,9 @@ class DiagnosisScreen(Page):
                       ("dia_pick", _("read anew"), True, False)]
         else:
             run = found.next_run is not None and bool(found.next_run.id)
-            wanted = [("dia_view", "", len(self.views()) > 1, False),
+            views = self.views()
+            at = views.index(self.see) + 1 if self.see in views else 1
+            wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
                       ("dia_adopt", "", bool(found.adoptable), found.verdict in ("named", "unexplained")),
                       ("dia_report", "", True, False), ("dia_data", "", True, False)]
             if found.next_run is not None:

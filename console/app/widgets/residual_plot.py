@@ -66,9 +66,9 @@ class ResidualPlot(Canvas[PlotView | None]):
         if view is None or len(view.at) < 2:
             return [self.text_strip(width, (f" {_('nothing to draw here')}", muted))]
         before, after, began = self.style("plot--before"), self.style("plot--after"), self.style("plot--onset")
-        legend = [(f" {view.title}   ", title), ("o.. ", before), (_("before") + "  ", muted)]
+        legend = [(f" {view.title}   ", title), ("o ", before), (_("before") + "  ", muted)]
         if not view.same:
-            legend += [("+-- ", after), (_("after"), muted)]
+            legend += [("+ ", after), (_("after"), muted)]
         strips = [self.text_strip(width, *legend)]
         up = nice_ends([*view.before, *view.after])
         spread = (min(view.at), max(view.at))

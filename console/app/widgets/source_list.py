@@ -42,7 +42,7 @@ class SourceList(Panel[SourcesView]):
         room = max(1, height - HEAD_ROWS)
         first = first_row(view.at, len(view.sources), room)
         for index, source in enumerate(view.sources[first:first + room], first):
-            mark = f"  < {_('the run of now')}" if source.working else ""
+            mark = f"  < {_('now')}" if source.working else ""
             text = self._row(source.changed, _(KINDS.get(source.kind, source.kind)), source.size, source.name + mark,
                              width, ">" if index == view.at else " ")
             rows.append(line((text, "bold $background on $primary" if index == view.at else "")))
