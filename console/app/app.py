@@ -1,6 +1,7 @@
 """The Textual app: it supervises the source of frames, turns keys into orders, and looks at what is new."""
 from __future__ import annotations
 
+import asyncio
 import gc
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -21,6 +22,7 @@ from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
 from console.app.fields import FieldPictures
 from console.app.history import History
+from console.app.job_desk import JobDesk
 from console.app.pace import NUMBERS_S
 from console.app.pages import all_pages
 from console.app.replay_job import ReplayJob
@@ -34,6 +36,7 @@ from console.app.settings import apply, theme_of
 from console.app.source import FrameSource
 from console.app.tour import Tour
 from console.app.units import METRIC, UNITS, Units
+from console.app.view import wall_clock
 from console.frame import Frame
 from console.link import WorkerGone
 from console.locale import _, in_use, languages, use
@@ -89,6 +92,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.notice_text, self._notice_until_s = "", 0.0
         self.pages = all_pages(replay, self.services)
         self._supervisor: Worker[None] | None = None
+        self._restarting = False
+        self._earlier_of = ""
         for one in themes.THEMES:
             self.register_theme(one)
         self.theme = themes.DAY.name
@@ -131,6 +136,9 @@ class TopdressApp(App[None], inherit_bindings=False):
             if page is not self.screen:
                 self.install_screen(page, where)
         self._supervise()
+        self._say_setting_trouble()
+        if self.source is None and self.services.job is not None and self.replay_page.job is None:
+            self._offer(self.services.job)
         if self.live:
             self.set_interval(NUMBERS_S, self.tick)
             self.call_after_refresh(gc.freeze)
@@ -169,9 +177,21 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.page.tick(now_s)
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
+        if frame.log_path != self._earlier_of and self.services.job is not None:
+            self._earlier_of = frame.log_path
+            self.run_worker(self._learn_earlier(self.services.job, frame.log_path), group="earlier",
+                            exit_on_error=False)
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
         if self.ring.due(now_s, frame.alarms) and self.sound:
             self.bell()
+
+    async def _learn_earlier(self, desk: JobDesk, log_path: str) -> None:
+        """Alarms and track from before this console looked."""
+        earlier = await asyncio.to_thread(desk.earlier, log_path)
+        if earlier is not None:
+            self.alarm_book.add_before(earlier.alarms)
+            self.history.add_before(earlier.track)
+            self.page.hurry()
 
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
@@ -195,8 +215,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         except Exception as error:      # a link that fails in any other way is as useless as one that is gone
             self._say_gone(f"{type(error).__name__}: {error}")
 
+    def _say_setting_trouble(self) -> None:
+        store = self.services.settings
+        if store is not None and store.trouble:
+            self.call_after_refresh(self.notice, store.trouble)
+
     def _say_gone(self, why: str) -> None:
-        if self.gone:
+        if self.gone or self._restarting:
             return
         self.gone = why or "gone"
         self._show_gone(self.gone)
@@ -208,10 +233,58 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.push_screen(GoneScreen(why, self.start is not None, self.attach is not None), self._reconnect)
 
     def _reconnect(self, how: str | None) -> None:
-        connect = {"start": self.start, "attach": self.attach}.get(how or "")
+        if how == "start" and self.services.job is not None:
+            self._offer(self.services.job)
+            return
+        self.connect({"start": self.start, "attach": self.attach}.get(how or ""))
+
+    def connect(self, connect: Connect | None) -> None:
+        """Go on with another source; None: stay without one."""
         if connect is not None:
             self.notice(_("connecting to the control worker"))
             self.run_worker(self._connect(connect), group="connect", exclusive=True, exit_on_error=False)
+
+    def _offer(self, desk: JobDesk) -> None:
+        """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
+        offer = desk.offer()
+        if offer is None:
+            self.connect(self.start)
+            return
+        cut_off = offer
+
+        def answer(value: str | None) -> None:
+            if value == "resume":
+                self.connect(lambda: desk.resume(cut_off))
+            elif value == "anew":
+                self.connect(lambda: desk.anew(cut_off))
+            else:
+                self.notice(_("nothing is connected: C asks again"))
+
+        title = _("A job was cut off at {time}: {job}").format(
+            time=wall_clock(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job)
+        resume = _("resume the job of {time} ({area} done)").format(
+            time=wall_clock(offer.began_utc, self.utc_offset_s)[:5], area=self.units.area.full(offer.area_ha))
+        self.push_screen(ChoiceDialog(title, (Choice("resume", resume), Choice("anew", _("begin anew"))), "", _(
+            "Resumed, the ground that is done gets nothing a second time; the machine is off until you start it.")),
+            answer)
+
+    def restart(self, start: Connect) -> None:
+        """End the worker that runs, then start one anew."""
+        async def change() -> None:
+            self._restarting = True
+            try:
+                end = getattr(self.source, "stop_worker", None)
+                if end is not None:
+                    await end()
+            except (OSError, TimeoutError) as error:
+                self.notice(_("the control worker does not end: {why}").format(why=error))
+                return
+            finally:
+                self._restarting = False
+            await self._connect(start)
+
+        self.notice(_("the control worker starts again"))
+        self.run_worker(change(), group="connect", exclusive=True, exit_on_error=False)
 
     async def _connect(self, connect: Connect) -> None:
         try:
@@ -221,6 +294,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             return
         self.gone = ""
         self.arrival, self.alarm_book = Arrival(), AlarmBook()
+        self.history = History()
+        self._earlier_of = ""
         self._supervise()
         self.page.hurry()
 

@@ -168,10 +168,11 @@ class NumberDialog(Dialog[float | None]):
     PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
 
     def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
-                 to_si: Callable[[float], float] = lambda shown: shown) -> None:
+                 to_si: Callable[[float], float] = lambda shown: shown, typed: str = "") -> None:
+        """low, high, typed (what stands there at first): as shown; the answer is `to_si` of the number."""
         super().__init__(title, text)
         self.unit, self.low, self.high, self.to_si = unit, low, high, to_si
-        self.typed = ""
+        self.typed = typed
 
     def body(self) -> ComposeResult:
         yield Static(self._says(), classes="dialog-value", id="number-value", markup=False)

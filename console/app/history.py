@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
 from console.app.series import LogSeries, Pyramid
-from console.app.worked import Worked, spot_of
+from console.app.worked import Spot, Worked, spot_of
 from console.frame import Frame
 
 TREND_SPAN_S = 120.0
@@ -46,6 +46,11 @@ class History:
         spot = spot_of(frame)
         if spot is not None:
             self.worked.add((spot,))
+
+    def add_before(self, places: Iterable[tuple[float, float, float, float]]) -> None:
+        """Ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it was driven."""
+        unknown = float("nan")
+        self.worked.add([Spot(*place, unknown, unknown) for place in places])
 
     def recent(self, span_s: float = TREND_SPAN_S) -> tuple[Point, ...]:
         if not self.points:

@@ -1,11 +1,12 @@
 """All pages of the console, by the word that their actions carry."""
 from __future__ import annotations
 
-from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS, MAP, REPLAY, RUN, SETTINGS
+from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS, JOB, MAP, REPLAY, RUN, SETTINGS
 from console.app.replay_job import ReplayJob
 from console.app.screens.calibrate import CalibrateScreen
 from console.app.screens.devices import DevicesScreen
 from console.app.screens.diagnosis import DiagnosisScreen
+from console.app.screens.job import JobScreen
 from console.app.screens.map import MapScreen
 from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
@@ -23,5 +24,6 @@ def all_pages(replay: ReplayJob | None, services: Services) -> dict[str, Page]:
         CALIBRATE: CalibrateScreen(services.calibrate),
         REPLAY: ReplayScreen(replay),
         DIAGNOSIS: DiagnosisScreen(),
+        JOB: JobScreen(),
         SETTINGS: SettingsScreen(),
     }

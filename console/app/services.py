@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from console.app.calibration.job import CalibrateJob
 from console.app.diagnosis_data import DiagnosisService
 from console.app.field_picture import FieldPicture
+from console.app.job_desk import JobDesk
 from console.app.settings import SettingsStore
 from console.frame import Frame
 
@@ -19,6 +20,8 @@ class Services:
     calibrate: CalibrateJob | None = None
 
     settings: SettingsStore | None = None
+
+    job: JobDesk | None = None
 
     field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job
 

@@ -116,7 +116,7 @@ def _snapshot(data: Mapping[str, Any]) -> Snapshot:
     known |= {
         "sums": Sums(**(sums | {"bins": tuple((int(k), float(ha), float(kg)) for k, ha, kg in sums["bins"])})),
         "alarms": records_of(data["alarms"]), "ground": unpacked(data["ground"]),
-        "track": tuple((float(e), float(n), float(rate)) for e, n, rate in data["track"]),
+        "track": tuple((float(e), float(n), float(h), float(rate)) for e, n, h, rate in data["track"]),
         "refills": tuple((str(utc), float(kg)) for utc, kg in data["refills"]),
         "strategy": Strategy(data["strategy"]).value}
     for name in ("config", "effects", "logs_before"):

@@ -18,10 +18,10 @@ from control.targets.fence import Edge
 CELL_M = 0.25               # at most a sixth of the width
 STEP_M = 0.1                # along a line that is searched for done ground
 TRACK_STEP_M = 1.0          # places kept for the map: at least this far apart ...
-TRACK_PLACES = 3_000        # ... and no more than these; then every other one goes and the step doubles
+TRACK_PLACES = 8_000        # ... and no more than these; then every other one goes and the step doubles
 NOTHING_DONE = Raster(0.0, 0.0, CELL_M, np.zeros((1, 1), dtype=np.bool_))
 
-Spot = tuple[float, float, float]       # east m, north m, kg/ha
+Spot = tuple[float, float, float, float]    # east m, north m, heading degrees, kg/ha
 
 
 class Done:
@@ -50,7 +50,7 @@ class Done:
             self._flowing = self._falling.popleft()[1]
         self._coverage.lay(place_m, heading_deg, self._flowing)
         if self._flowing:
-            self._note_track((round(place_m[0], 1), round(place_m[1], 1), round(applied_kg_ha)))
+            self._note_track((round(place_m[0], 1), round(place_m[1], 1), round(heading_deg), round(applied_kg_ha)))
         return self._flowing
 
     def lost(self) -> None:

@@ -19,6 +19,8 @@ ACTIONS = (
     Action("replay_screen", "f7,7", "F7", N_("replay"), N_("A log, played again."), locked=True),
     Action("diagnosis_screen", "f9,9", "F9", N_("diagnosis"),
            N_("What is wrong with the machine, and why: from its logs."), locked=True),
+    Action("job_screen", "f10,0", "F10", N_("job"), N_("Before work, totals, refills, N-rich strip, end of the job."),
+           locked=True),
     Action("settings_screen", "f11", "F11", N_("settings"), N_("Units, language, look, sound, limits, keys."),
            locked=True),
     Action("alarm_list", "z", "Z", N_("alarms"), N_("All alarms of the run or log, with what to do."), locked=True),

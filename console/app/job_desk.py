@@ -1,0 +1,99 @@
+"""What the Job screen is given by the command line: files, exports, and going on after a power cut."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from console.app.source import FrameSource
+from console.locale import N_
+from console.worker.resume_alarms import AlarmRecord
+
+
+READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
+
+
+class File(NamedTuple):
+    """A configuration that can be taken: what is loaded, and what it is called."""
+
+    value: str
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the configuration of the run says."""
+
+    job: str = ""
+    job_file: str = ""
+    crop: str = ""
+    crop_file: str = ""
+    crop_warnings: tuple[str, ...] = ()
+    source: str = "canopy"
+    ndvi_nrich: float | None = None
+    nrich_from: str = ""                # job, crop; empty: no strip
+    fixed_yield_t_ha: float | None = None
+    max_rate_kg_ha: float = 0.0
+    fallback_rate_kg_ha: float = 0.0
+    field: str = ""
+    field_ha: float | None = None       # None: no boundary known
+    machine: str = ""
+    machine_file: str = ""
+    effects: tuple[str, ...] = ()       # adopted ones, with the data that they come from
+    shipped_machine: bool = False
+    jobs: tuple[File, ...] = ()
+    crops: tuple[File, ...] = ()
+    machines: tuple[File, ...] = ()
+
+
+class Offer(NamedTuple):
+    """A job that was cut off."""
+
+    path: str
+    began_utc: str
+    saved_utc: str
+    job: str
+    area_ha: float
+
+
+class Earlier(NamedTuple):
+    """What happened before this console looked: alarms, and where material lies (east m, north m, heading, kg/ha)."""
+
+    alarms: tuple[AlarmRecord, ...]
+    track: tuple[tuple[float, float, float, float], ...]
+
+
+Progress = Callable[[int, int, str], None]      # steps done, steps in all, what is being done
+Cancelled = Callable[[], bool]
+
+
+class JobDesk(Protocol):
+    """Errors are one-line ValueErrors. All but `restart`, `resume` and `anew` may take their time: in a thread."""
+
+    def facts(self) -> Facts: ...
+
+    def free_bytes(self, log_path: str) -> int | None:
+        """On the disk where the log is written; None where it cannot be told."""
+
+    def earlier(self, log_path: str) -> Earlier | None: ...
+
+    def take(self, kind: str, value: str) -> None:
+        """Another job, crop or machine for the next start; checked first."""
+
+    def take_strip(self, ndvi: float) -> str:
+        """A new job file with this NDVI of the N-rich strip, for the next start; returns where it stands."""
+
+    async def restart(self) -> FrameSource:
+        """A worker with what was taken. The one before must have ended."""
+
+    def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+        """As applied, a file for each part of the job; returns where they stand."""
+
+    def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]: ...
+
+    def offer(self) -> Offer | None: ...
+
+    async def resume(self, offer: Offer) -> FrameSource: ...
+
+    async def anew(self, offer: Offer) -> FrameSource:
+        """Begin another job; this one is not offered again."""

@@ -1,0 +1,49 @@
+"""A refill recognised by the scale: the machine does not work, the mass rises by more than 5 kg, and settles. Pure."""
+from __future__ import annotations
+
+from collections import deque
+
+from control.log_row import LogRow
+
+LEAST_KG = 5.0
+SETTLE_S = 3.0              # the mass must have stood this long ...
+SETTLE_KG = 1.0             # ... within this
+STANDING_MPS = 0.2
+
+
+class RefillWatch:
+    """Fed with rows. `seen_kg`: what was added since the machine stopped, None while nothing was."""
+
+    def __init__(self) -> None:
+        self.seen_kg: float | None = None
+        self._window: deque[tuple[float, float]] = deque()
+        self._level_kg: float | None = None         # before the refill
+
+    def add(self, row: LogRow) -> None:
+        """A row of the run. Work, movement or a silent scale begins the watch anew."""
+        moving = (row.speed_used_mps or 0.0) > STANDING_MPS
+        if row.hopper_kg is None or row.state == "working" or moving:
+            self._window.clear()
+            self._level_kg = None
+            if row.state == "working":
+                self.seen_kg = None
+            return
+        if self._window and row.time_s < self._window[-1][0]:
+            self._window.clear()
+        self._window.append((row.time_s, row.hopper_kg))
+        while row.time_s - self._window[0][0] > SETTLE_S:
+            self._window.popleft()
+        masses = [kg for _time, kg in self._window]
+        if row.time_s - self._window[0][0] < 0.8 * SETTLE_S or max(masses) - min(masses) > SETTLE_KG:
+            return
+        level_kg = sum(masses) / len(masses)
+        if self._level_kg is None or level_kg < self._level_kg:
+            self._level_kg = level_kg
+        elif level_kg - self._level_kg > LEAST_KG:
+            self.seen_kg = round(level_kg - self._level_kg, 1)
+
+    def done(self) -> None:
+        """It was recorded, or it was none: what is in the hopper now counts from here."""
+        self.seen_kg = None
+        self._level_kg = None
+        self._window.clear()

@@ -1,0 +1,36 @@
+"""What goes on at the Job screen: the strip that is driven, refills, exports and where they lie."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from textual.content import Content
+
+from console.app.widgets.panel import Panel, fit, line
+from console.locale import _
+
+
+class JobNote(NamedTuple):
+    """text: one line. loud: something is asked of the operator, or goes on."""
+
+    text: str
+    loud: bool = False
+
+
+class NotesView(NamedTuple):
+    notes: tuple[JobNote, ...]
+    refills: tuple[str, ...]
+    language: str
+
+
+class JobNotes(Panel[NotesView]):
+    def lines(self, view: NotesView, width: int, height: int) -> list[Content]:
+        rows = [line((fit(f" {note.text}", width), "bold reverse" if note.loud else "")) for note in view.notes]
+        if view.refills:
+            room = max(0, height - len(rows))
+            rows.append(line((fit(f" {_('refills')}", width), "bold $primary")))
+            shown = view.refills[:max(0, room - 1)]
+            if len(shown) < len(view.refills) and shown:
+                more = len(view.refills) - len(shown) + 1
+                shown = (*shown[:-1], _("+{count} more").format(count=more))
+            rows += [line((fit(f"   {text}", width), "")) for text in shown]
+        return rows
