@@ -6,11 +6,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.machine.machine import CATALOGUE
+
 from .encoder import encoder_steps
 from .hypothesis import Part, Parts
 from .likelihood import Column, fitted
+from .null import chance, null_of_maximum, scores, slow_share, spread_over, without_best_block
 from .onset import blocked, refined, stops, with_onset
-from .open_set import Table, best_table, significant
+from .open_set import SLOW_ENERGY, Table, best_table, significant
 from .search import Found, Group, Refit
 
 Array = npt.NDArray[np.float64]
@@ -21,6 +24,9 @@ ONSET_THRESHOLD = 16.0
 RIVAL_GAP = 6.0             # rivals within this much of twice the log-likelihood: 95 % for one degree of freedom,
 RIVAL_SHARE = 0.03          # ... and within this share of what the cause explains: forms are never quite right
 TANGLED = 0.97              # two effects whose sizes hang together like this are not two findings
+FALSE_ALARMS = 0.002        # of one group of channels in one log
+LEAST_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
+DRIFT_FACTOR = 1.6          # of the threshold, for what is as slow as the drift that the log has
 REFITTED = 4                # best of a scan that are refitted in full
 
 
@@ -66,6 +72,7 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
         if any(part.onset_s is not None for part in current.parts):
             current = refined(group, current, group.data)
         current = _pruned(group, with_onset(group, current, group.data, ONSET_THRESHOLD), threshold)
+        current = _without_chance(group, current, threshold)
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
     table = best_table(group, current)
     if table is not None and significant(table, explained):
@@ -83,8 +90,33 @@ def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
     tried = [r for r in (group.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
     if not tried:
         return None
-    best = max(tried, key=lambda r: r.log_likelihood)
-    return best if 2.0 * (best.log_likelihood - now.log_likelihood) > threshold else None
+    for best in sorted(tried, key=lambda r: -r.log_likelihood):
+        gain = 2.0 * (best.log_likelihood - now.log_likelihood)
+        if gain > threshold and _holds(group, best, len(now.parts), gain, threshold):
+            return best
+    return None
+
+
+def _holds(group: Group, found: Refit, k: int, gain: float, threshold: float) -> bool:
+    """Whether a part's evidence is more than this log's own noise gives: in size, over time, and beside its drift.
+
+    A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must show once only.
+    """
+    part = found.parts[k]
+    if CATALOGUE[part.id].effect.onset_only or part.id == "shaft.coarse_encoder":
+        return True
+    others = (*found.parts[:k], *found.parts[k + 1:])
+    trace = group.trace(found.parts, k)
+    seen = scores(group, others, found.noise, [trace])
+    if without_best_block(seen, 0) < LEAST_WITHOUT_BLOCK * threshold or gain < threshold * spread_over(seen, 0) ** 0.5:
+        return False
+    if gain < DRIFT_FACTOR * threshold and any(
+            slow_share(trace.coefficients[c.name], c, found.noise[c.name]) > SLOW_ENERGY
+            for c in group.channels if c.name in trace.coefficients):
+        return False
+    tried = [c for c in group.candidates if c.part.id != part.id]
+    every = scores(group, found.parts, found.noise, [group.candidate_column(others, c) for c in tried])
+    return chance(null_of_maximum(every), gain) < FALSE_ALARMS
 
 
 def _one_of_each(found: list[Found]) -> list[Found]:
@@ -118,6 +150,15 @@ def _pruned(group: Group, now: Refit, threshold: float) -> Refit:
         if 2.0 * (now.log_likelihood - best.log_likelihood) > threshold:
             break
         now = best
+    return now
+
+
+def _without_chance(group: Group, now: Refit, threshold: float) -> Refit:
+    """Parts whose evidence does not hold beside the others are dropped."""
+    for k in reversed(range(len(now.parts))):
+        without = group.refit((*now.parts[:k], *now.parts[k + 1:]), now.noise)
+        if not _holds(group, now, k, 2.0 * (now.log_likelihood - without.log_likelihood), threshold):
+            now = without
     return now
 
 

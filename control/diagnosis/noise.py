@@ -79,8 +79,8 @@ class NoisePrior(NamedTuple):
     fast_s: float
     floor_sd: float
     slow_share: float = 0.2         # of the fast component
-    slow_s: float = 200.0
-    spread: tuple[float, float, float, float] = (1.0, 1.0, 1.5, 0.7)
+    slow_s: float = 120.0           # drift that remembers for longer cannot be told from a constant in an hour
+    spread: tuple[float, float, float, float] = (1.0, 1.0, 1.5, 0.4)
 
 
 class Noise(NamedTuple):

@@ -9,6 +9,8 @@ import numpy.typing as npt
 from control.machine.elements import Table as Nodes
 
 from .likelihood import fitted, power_left
+from .noise import Noise
+from .null import slow_share
 from .search import Group, Refit
 from .sensitivities import FORM_CHANNEL
 from .smooth import LEAST_RANGE, SHAPES, TABLES, Span, shape, span
@@ -17,6 +19,8 @@ OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, ove
 LEAST_SHARE = 0.005         # of what is left; a structure below this and below LEAST_FIELD_PERCENT is nobody's worry
 LEAST_FIELD_PERCENT = 0.1   # of the dose
 TIME_FACTOR = 2.0           # slow noise is smooth in time by its nature
+SLOW_ENERGY = 0.5           # of a structure, in bands where the slow noise is stronger than the fast
+DRIFT_LEFT = 0.2            # of the slow noise's variance, once the structure is taken out
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
 
 # Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
@@ -41,6 +45,7 @@ class Table(NamedTuple):
     values: Nodes               # in the unit of the stage's table
     explained_share: float      # of what the named causes and the tolerances leave, as variance
     field_percent: float        # of the dose, r.m.s. over the working rows; a scale's error moves no dose
+    slow_noise: bool = False    # as slow as the channel's drift, which remains without it
 
 
 def best_table(group: Group, now: Refit) -> Table | None:
@@ -53,7 +58,7 @@ def best_table(group: Group, now: Refit) -> Table | None:
             if variable in DOWNSTREAM[stage]:
                 continue
             found = _table(group, now, stage, variable)
-            if found is not None and (best is None or found.gain > best.gain):
+            if found is not None and not found.slow_noise and (best is None or found.gain > best.gain):
                 best = found
     return best
 
@@ -82,7 +87,19 @@ def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
     left = power_left(p, name, fixed, plain.amplitude)
     share = float(np.clip(np.sum(series ** 2) / max(1e-300, left), 0.0, 1.0))
     return Table(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
-                 tuple(values.tolist()), share, _field_percent(group, stage, over, values))
+                 tuple(values.tolist()), share, _field_percent(group, stage, over, values),
+                 _slow_noise(group, name, series, plain.noise[name], full.noise[name]))
+
+
+def _slow_noise(group: Group, name: str, series: npt.NDArray[np.float64], before: Noise, after: Noise) -> bool:
+    """Whether a structure lives where the slow noise does and the slow noise is there with it as without it.
+
+    Drift is a few slow waves over the length of a log, and four smooth shapes of anything that itself changes slowly
+    follow some of them; a dependence that is really there leaves no drift behind.
+    """
+    channel = next(c for c in group.channels if c.name == name)
+    slow = slow_share(series, channel, before) > SLOW_ENERGY
+    return slow and after.slow_sd ** 2 > DRIFT_LEFT * before.slow_sd ** 2
 
 
 def _field_percent(group: Group, stage: str, over: Span, values: npt.NDArray[np.float64]) -> float:

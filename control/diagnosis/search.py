@@ -22,6 +22,7 @@ from .sensitivities import (
     PROBES,
     THRESHOLDS,
     Candidate,
+    Nuisance,
     candidates,
     nuisances,
 )
@@ -38,6 +39,7 @@ TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case t
 REFILL_SD_KG = 0.5          # of what the operator wrote down
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 OUTLIER = 4.5
+DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
 
 
@@ -131,6 +133,7 @@ class Group:
 
         The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned.
         """
+        self._try_dead_times(parts)
         best = self._at_rest(parts)
         for _ in range(SETTLE_ROUNDS):
             before = dict(self._off)
@@ -156,6 +159,41 @@ class Group:
             if gained < 0.5:
                 break
         return parts
+
+    def _try_dead_times(self, parts: Parts) -> None:
+        """Dead times moved to the best of a grid: rows see only the end of a short move, so slopes lead nowhere.
+
+        A move shorter than a row is over before it is read, or has not begun: the likelihood has kinks there.
+        """
+        for channel in self.channels:
+            for n in nuisances(channel.name, self.machine):
+                if n.field == "dead_time_s":
+                    self._move_dead_time(parts, channel, n)
+
+    def _move_dead_time(self, parts: Parts, channel: Channel, n: Nuisance) -> None:
+        kept = [c for c in self._fixed if c.key != n.key and channel.name in c.coefficients]
+        nominal = getattr(getattr(self.machine, n.stage), n.field)
+        places = np.arange(len(kept))
+
+        def value(off: float) -> float:
+            plan = schedule(self.base.put(n.stage, **{n.field: float(nominal + off)}), parts)
+            left = channel.measured - self._excess[channel.name] - channel.predict(plan, MOST_STEP_S)
+            p = problem([channel], {channel.name: coefficients(left, channel.cut)}, kept)
+            return fitted(p, places, self.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
+        now = self._off.get(n.key, 0.0)
+        tried = {now: value(now)}
+        step = n.sd
+        for off in now + step * np.arange(-2.0, 3.0):
+            if abs(off) <= 3.0 * n.sd:
+                tried[float(off)] = value(float(off))
+        for _ in range(2):
+            step *= 0.5
+            middle = max(tried, key=lambda off: tried[off])
+            for off in (middle - step, middle + step):
+                tried.setdefault(off, value(off))
+        best = max(tried, key=lambda off: tried[off])
+        if tried[best] > tried[now] + 2.0:
+            self._move({**self._off, n.key: best})
 
     def unsettle(self) -> None:
         """Nominal values back to the machine file's: what they took upon themselves may be an effect's."""
@@ -310,10 +348,19 @@ class Group:
         left = self.residual(parts)
         return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
 
+    def base_columns(self, parts: Parts) -> list[Column]:
+        """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
+        slope = self.slopes(parts)
+        return [*self._fixed, *slope, *self.form_columns(parts, slope)]
+
+    def trace(self, parts: Parts, k: int) -> Column:
+        """What the whole of part k does, the others in place."""
+        others = (*parts[:k], *parts[k + 1:])
+        return self.column(f"trace {k}", self.difference(others, parts[k]))
+
     def compressed(self, parts: Parts, more: Sequence[Column] = ()) -> tuple[Problem, int]:
         """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
-        slope = self.slopes(parts)
-        base = [*self._fixed, *slope, *self.form_columns(parts, slope)]
+        base = self.base_columns(parts)
         return problem(self.channels, self.data_of(parts), [*base, *more]), len(base)
 
     def scan(self, parts: Parts, noise: dict[str, Noise], only: Sequence[Candidate] | None = None) -> list[Found]:
@@ -416,7 +463,12 @@ class Group:
 
 
 def _excited(candidate: Candidate, data: RunData) -> bool:
-    """Whether the log moves what the effect needs to be moved."""
+    """Whether the log moves what the effect needs to be moved.
+
+    Missing pulses show as dips where the log is fine enough (`spells`); only a coarse log shows nothing but their mean.
+    """
+    if candidate.part.id == "speed.missed_pulses" and data.speed is not None:
+        return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
     least = LEAST_MOVES_MM.get(candidate.part.id)
     opening = data.variables.get("opening_mm")
     if least is None or opening is None:

@@ -26,10 +26,10 @@ class Nuisance(NamedTuple):
 # Sizes tried for effects whose influence is not a straight line in their size.
 LADDERS: dict[str, tuple[float, ...]] = {
     "shaft.slow": (0.03, 0.1, 0.3, 0.8),
-    "shaft.dead_time": (-0.1, 0.03, 0.1, 0.25, 0.6),
+    "shaft.dead_time": (0.03, 0.1, 0.25, 0.6),
     "shaft.dead_band": (11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0),
     "gate.backlash": (0.15, 0.4, 1.0, 2.5),
-    "gate.slow": (-4.0, 1.5, 5.0, 10.0, 15.0),
+    "gate.slow": (1.5, 5.0, 10.0, 15.0),
     "speed.gnss_latency": (0.1, 0.3, 0.8),
 }
 THRESHOLDS = frozenset({"shaft.dead_band"})          # no slope at all: refined on a grid

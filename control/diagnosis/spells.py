@@ -22,7 +22,8 @@ BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
 LEAST_GAIN = 40.0           # of twice the log-likelihood, of all spells together
 LEAST_DIPS = 6
-DIP_BELOW, DIP_ABOVE = 0.8, 1.25    # wheel over GNSS; missing pulses show as whole parts of the speed missing
+DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
+LEAST_DIP = 0.1
 FAST_MPS = 0.6
 
 
@@ -57,17 +58,22 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     if not moving.any():
         return s, None
     ratio = ratio / float(np.median(ratio[moving]))
-    dips = moving & (ratio < DIP_BELOW)
-    rises = int((moving & (ratio > DIP_ABOVE)).sum())
-    starts = int((dips & ~np.insert(dips[:-1], 0, False)).sum())
-    if starts < LEAST_DIPS + 3 * rises:
+    spread = 1.4826 * float(np.median(np.abs(ratio[moving] - 1.0)))
+    usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
+    deep = max(LEAST_DIP, DIP_SD * spread)
+    dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
+    starts, odd = _starts(dips), _starts(rises)
+    if starts < LEAST_DIPS + 3 * odd:
         return s, None
-    usual = float(np.median(ratio[moving & ~dips]))
-    lost = np.where(dips, usual - ratio, 0.0)[moving]
-    share = 100.0 * float(lost.mean())
+    missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
+    share = 100.0 * float(missing.mean()) / usual
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
-    sd = share / np.sqrt(starts)
+    sd = share * np.sqrt(2.0 / starts)
     return s._replace(wheel_mps=wheel), Seen(Part("speed.missed_pulses", share), float(sd), 10.0 * starts)
+
+
+def _starts(on: npt.NDArray[np.bool_]) -> int:
+    return int((on & ~np.insert(on[:-1], 0, False)).sum())
 
 
 def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:

@@ -25,11 +25,15 @@ REFILL_KG = 3.0
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
+MOST_BRIDGED_STEPS = 5.0    # a longer gap of a grid is left out
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 
 
 class Grid(NamedTuple):
-    """From a log's rows to an even grid: gaps are bridged by straight lines, in data and prediction alike."""
+    """From a log's rows to an even grid: short gaps are bridged by straight lines, in data and prediction alike.
+
+    Long ones are left out: a line over them would make a long stretch of the noise of the two readings at its ends.
+    """
 
     clock_s: Array              # of the known rows; a long log's windows follow each other without a gap
     rows: npt.NDArray[np.int64]
@@ -176,10 +180,14 @@ def _smooth(series: Array, step_s: float) -> Array:
 def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array | None = None) -> Grid:
     rows = np.flatnonzero(known)
     inner = (time if clock is None else clock)[rows]
+    spans = np.diff(inner)
+    if len(spans) and spans.max() > MOST_BRIDGED_STEPS * step_s:
+        spans = np.where(spans > MOST_BRIDGED_STEPS * step_s, step_s, spans)
+        inner = inner[0] + np.concatenate(([0.0], np.cumsum(spans)))
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
     as_is = count == len(rows) and bool(np.allclose(inner, even, atol=0.2 * step_s))
-    there = even if clock is None else np.interp(even, inner, time[rows])
+    there = np.interp(even, inner, time[rows])
     return Grid(inner, rows, even, there, step_s, as_is)
 
 

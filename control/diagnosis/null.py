@@ -1,0 +1,117 @@
+"""What a search finds where there is nothing: replicates of the log's own whitened residual, block by block.
+
+Every statistic of the search is a sum over time of (whitened residual) x (whitened trace). Cut into blocks, those sums
+are few numbers; with the sign of each block drawn anew they are what noise of this strength, this unevenness and these
+tails would have given (wild block bootstrap: Wu 1986, Annals of Statistics 14, 1261). One matrix product gives the
+maximum over everything searched, hundreds of times.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import noise as noises
+from .hypothesis import Parts
+from .likelihood import Column, solved, weighted
+from .noise import Noise, series_of
+from .residuals import Channel
+from .search import Group
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
+REPLICATES = 1000
+SEED = 20260101
+NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
+
+
+class Scores(NamedTuple):
+    """Traces against the whitened residual, block by block. Nuisances, slopes and forms are fitted first."""
+
+    score: Array                # (blocks, k): sum of residual x trace
+    energy: Array               # (blocks, k): sum of trace squared
+
+
+def scores(group: Group, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
+    """Block sums of `traces` on top of a hypothesis."""
+    base = group.base_columns(parts)
+    p, before = group.compressed(parts, traces)
+    chosen = np.arange(before)
+    amplitude, covariance = solved(p, chosen, noise)
+    normal, _ = weighted(p, noise)
+    shares = covariance @ normal[:before, before:]                    # of each base column in each trace
+    data = group.data_of(parts)
+    found: list[tuple[Array, Array]] = []
+    for channel in group.channels:
+        name = channel.name
+        strength = noises.spectrum(np.array(noise[name].theta), channel.prior, channel.cut, channel.grid.step_s)
+        scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
+        left = data[name].copy()
+        plain = np.zeros((len(traces), len(left)))
+        for k, trace in enumerate(traces):
+            if name in trace.coefficients:
+                plain[k] = trace.coefficients[name]
+        for j, column in enumerate(base):
+            if name in column.coefficients:
+                left -= amplitude[j] * column.coefficients[name]
+                plain -= shares[j][:, None] * column.coefficients[name]
+        residual = series_of(left * scale, channel.cut)
+        edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
+        sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))
+        for k in range(len(traces)):
+            trace_series = series_of(plain[k] * scale, channel.cut)
+            sums[:, k] = np.add.reduceat(residual * trace_series, edges)
+            squares[:, k] = np.add.reduceat(trace_series ** 2, edges)
+        found.append((sums, squares))
+    return Scores(np.concatenate([s for s, _ in found]), np.concatenate([e for _, e in found]))
+
+
+def slow_share(banded: Array, channel: Channel, noise: Noise) -> float:
+    """Share of the energy of `banded` coefficients (m,) in bands where the slow noise is stronger than the fast."""
+    fast = np.array([*noise.theta[:2], NO_NOISE, noise.theta[3]])
+    cut, step_s = channel.cut, channel.grid.step_s
+    slow = noises.spectrum(np.array(noise.theta), channel.prior, cut, step_s) > 2.0 * noises.spectrum(
+        fast, channel.prior, cut, step_s)
+    power = np.add.reduceat(banded ** 2, cut.starts)
+    return float(power[slow].sum() / max(float(power.sum()), 1e-300))
+
+
+def without_fit(seen: Scores) -> Array:
+    """Block scores (blocks, k) once each trace's own best amplitude is taken off: what is left is noise."""
+    amplitude = seen.score.sum(axis=0) / np.maximum(seen.energy.sum(axis=0), 1e-12)
+    return np.asarray(seen.score - seen.energy * amplitude)
+
+
+def null_of_maximum(seen: Scores) -> Array:
+    """Largest gain (twice the log-likelihood) over all traces in each replicate: (REPLICATES,), sorted."""
+    signs = np.random.default_rng(SEED).choice((-1.0, 1.0), (REPLICATES, len(seen.score)))
+    energy = np.maximum(seen.energy.sum(axis=0), 1e-12)
+    return np.sort(((signs @ without_fit(seen)) ** 2 / energy).max(axis=1))
+
+
+def chance(null: Array, gain: float) -> float:
+    """Share of replicates in which nothing gained as much."""
+    return float((1.0 + np.sum(null >= gain)) / (1.0 + len(null)))
+
+
+def spread_over(seen: Scores, k: int) -> float:
+    """How uneven trace k's evidence is: its variance between blocks over that of even noise, at least 1."""
+    left = without_fit(seen)[:, k]
+    return max(1.0, float(np.sum(left ** 2) / max(float(seen.energy[:, k].sum()), 1e-12)))
+
+
+def without_best_block(seen: Scores, k: int) -> float:
+    """Gain that trace k keeps when the block that speaks loudest for it is left out, scaled to the whole."""
+    score, energy = seen.score[:, k], seen.energy[:, k]
+    total_score, total = float(score.sum()), float(energy.sum())
+    sign = 1.0 if total_score >= 0.0 else -1.0
+    least = np.inf
+    for s, e in zip(sign * score, energy, strict=True):
+        if e > 0.9 * total or total <= 0.0:
+            continue
+        rest = max(0.0, sign * total_score - float(s))
+        least = min(least, rest ** 2 / (total - float(e)) * total / (total - float(e)))
+    return float(least)
