@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from textual.binding import Binding
 
 from console.app.action import ANYWHERE, Action
-from console.app.keys import calibrate, common, devices, diagnosis, job, map, replay, run, settings
+from console.app.keys import calibrate, common, devices, diagnosis, job, map, replay, run, settings, trends
 
 ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTIONS, *replay.ACTIONS, *diagnosis.ACTIONS,
-                               *map.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)
+                               *map.ACTIONS, *trends.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)
 _NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comma": ",", "full_stop": ".", "left": "<",
           "right": ">", "up": "Up", "down": "Down", "equals_sign": "=", "slash": "/", "semicolon": ";"}
 _shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one

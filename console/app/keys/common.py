@@ -13,6 +13,8 @@ ACTIONS = (
     Action("help", "f1", "F1", N_("help"), N_("This page."), bar=3, locked=True),
     Action("run_screen", "f2,2", "F2", N_("run"), N_("The machine at work."), locked=True),
     Action("map_screen", "f3,3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), locked=True),
+    Action("trends_screen", "f4,4", "F4", N_("trends"), N_("Any channel over any span; freeze, read at a time."),
+           locked=True),
     Action("devices_screen", "f5,5", "F5", N_("devices"), N_("Every line, what it says; test, write raw."), locked=True),
     Action("calibrate_screen", "f6,6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
            locked=True),

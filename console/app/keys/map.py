@@ -5,7 +5,8 @@ from console.app.action import MAP, Action
 from console.locale import N_
 
 ACTIONS = (
-    Action("map_layer", "l", "L", N_("colours"), N_("Applied, target, error or NDVI; also a click on its word."), MAP, 3),
+    Action("map_layer", "l", "L", N_("colours"), N_("Applied, target, error or NDVI; also a click on its word."), MAP,
+           3),
     Action("map_in", "plus,equals_sign,kp_plus", "+", N_("nearer"), N_("Nearer; also by the wheel."), MAP, 4),
     Action("map_out", "minus,kp_minus", "-", N_("farther"), N_("Farther away; also by the wheel."), MAP, 5),
     Action("map_follow", "f", "F", N_("follow"), N_("Keeps the machine in sight, or lets it go."), MAP, 6),

@@ -1,0 +1,209 @@
+"""Up to three channels, one above the other, on one time axis, in braille. A click reads the values at that time."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
+from textual import events
+from textual.message import Message
+from textual.strip import Strip
+
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.panel import fit, right
+from console.app.widgets.trend import Dots
+from console.locale import _, in_use
+
+_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+_AXIS = 9                       # cells of the axis' numbers
+LEAST_ROWS = 3                  # a title and two rows of plot
+
+
+class Piece(NamedTuple):
+    """at: place in the span, 0 ... 1; low, high: of the axis, 0 ... 1; joined: to the piece before."""
+
+    at: float
+    low: float
+    high: float
+    joined: bool
+
+
+class Plot(NamedTuple):
+    """Texts as shown. value: at the cursor, else the newest."""
+
+    label: str
+    unit: str
+    value: str
+    sums: str
+    low: str
+    high: str
+    pieces: tuple[Piece, ...]
+    fixed: bool = False
+
+
+class PlotsView(NamedTuple):
+    """begin, middle, end: times as shown; cursor: place in the span, 0 ... 1; now: where the log is played."""
+
+    plots: tuple[Plot, ...]
+    begin: str
+    middle: str
+    end: str
+    cursor: float | None = None
+    cursor_time: str = ""
+    stale: bool = False
+    language: str = ""
+
+
+def empty_plots() -> PlotsView:
+    return PlotsView((), "", "", "", language=in_use())
+
+
+def traced(pieces: tuple[Piece, ...], columns: int, rows: int) -> Dots:
+    """Braille cells of pieces: from lowest to highest at their time, held level from one to the next."""
+    wide, high = 2 * columns, 4 * rows
+    cells: Dots = {}
+
+    def level(share: float) -> int:
+        return high - 1 - round(max(0.0, min(1.0, share)) * (high - 1))
+
+    def column(x: int, top: int, bottom: int) -> None:
+        for y in range(top, bottom + 1):
+            place = (x // 2, y // 4)
+            cells[place] = cells.get(place, 0) | _BITS[y % 4][x % 2]
+
+    last: tuple[int, int, int] | None = None
+    for piece in pieces:
+        x = round(piece.at * (wide - 1))
+        top, bottom = level(piece.high), level(piece.low)
+        if not 0 <= x < wide:
+            last = None
+            continue
+        if piece.joined and last is not None:
+            held = (last[1] + last[2]) // 2
+            for between in range(last[0] + 1, x):
+                column(between, held, held)
+            top, bottom = min(top, last[2]), max(bottom, last[1])
+        column(x, top, bottom)
+        last = (x, level(piece.high), level(piece.low))
+    return cells
+
+
+class Plots(Canvas[PlotsView]):
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--applied", "trend--muted", "trend--title", "trend--stale",
+                                             "plots--cursor"}
+
+    class Pointed(Message):
+        """The plot was clicked or dragged over at this share of the span."""
+
+        def __init__(self, share: float) -> None:
+            super().__init__()
+            self.share = share
+
+    class Named(Message):
+        """A plot's title was clicked."""
+
+    class Wheeled(Message):
+        """steps > 0: a shorter span is wanted."""
+
+        def __init__(self, steps: int) -> None:
+            super().__init__()
+            self.steps = steps
+
+    @staticmethod
+    def columns(width: int) -> int:
+        """Cells of the plot itself."""
+        return max(1, width - _AXIS - 1)
+
+    def rows_of(self, height: int) -> list[int]:
+        """Rows of each plot, its title in, the time axis out."""
+        count = max(1, len(self.view.plots))
+        each, rest = divmod(max(0, height - 1), count)
+        return [each + (index < rest) for index in range(len(self.view.plots))]
+
+    def paint(self, view: PlotsView, width: int, height: int) -> list[Strip]:
+        muted = self.style("trend--muted")
+        if not view.plots:
+            return [self.text_strip(width, (f" {_('C chooses what is plotted')}", muted))]
+        if width < _AXIS + 20:
+            return []
+        rows: list[Strip] = []
+        for plot, count in zip(view.plots, self.rows_of(height), strict=True):
+            if count >= LEAST_ROWS:
+                rows.append(self._title(plot, width))
+                rows += self._plot(plot, width, count - 1)
+            else:
+                rows += [self._title(plot, width), *[Strip.blank(width, self.rich_style)] * (count - 1)][:count]
+        rows.append(self._times(view, width))
+        return rows
+
+    def _title(self, plot: Plot, width: int) -> Strip:
+        muted, value = self.style("trend--muted"), self.style("trend--stale" if self.view.stale else "trend--title")
+        unit = f" {plot.unit}" if plot.unit else ""
+        left = [(f" {plot.label}", self.style("trend--title")), (f"  {plot.value}", value), (f"{unit}   ", muted)]
+        fixed = f"  {_('fixed')} " if plot.fixed else ""
+        room = width - sum(cell_len(text) for text, _style in left) - cell_len(fixed)
+        return self.text_strip(width, *left, (fit(plot.sums, room), muted), (fixed, muted))
+
+    def _plot(self, plot: Plot, width: int, count: int) -> Iterator[Strip]:
+        muted = self.style("trend--muted")
+        columns = self.columns(width)
+        line = self.style("trend--stale" if self.view.stale else "trend--applied")
+        cursor_style = self.style("plots--cursor")
+        dots = traced(plot.pieces, columns, count)
+        cursor = None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
+        for row in range(count):
+            label = plot.high if row == 0 else plot.low if row == count - 1 else ""
+            segments = [Segment(right(label, _AXIS - 1) + " ", muted)]
+            segments += self._cells(dots, row, columns, cursor, line, cursor_style)
+            yield Strip(segments).adjust_cell_length(width, self.rich_style)
+
+    @staticmethod
+    def _cells(dots: Dots, row: int, columns: int, cursor: int | None, line: Style, cursor_style: Style
+               ) -> Iterator[Segment]:
+        for column in range(columns):
+            bits = dots.get((column, row), 0)
+            style = cursor_style if column == cursor else line
+            yield Segment(chr(0x2800 | bits) if bits else "│" if column == cursor else " ", style)
+
+    def _times(self, view: PlotsView, width: int) -> Strip:
+        columns = self.columns(width)
+        text = [" "] * columns
+        for words, at in ((view.begin, 0), (view.middle, (columns - len(view.middle)) // 2),
+                          (view.end, columns - len(view.end))):
+            text[max(0, at):max(0, at) + len(words)] = words
+        line = "".join(text)[:columns]
+        muted = self.style("trend--muted")
+        if view.cursor is None:
+            return self.text_strip(width, (" " * _AXIS + line, muted))
+        words = f" {view.cursor_time} "
+        at = max(0, min(columns - len(words), round(view.cursor * (columns - 1)) - len(words) // 2))
+        return self.text_strip(width, (" " * _AXIS + line[:at], muted), (words, self.style("plots--cursor")),
+                               (line[at + len(words):], muted))
+
+    # --- mouse --------------------------------------------------------------------------------------------------
+
+    def _titles(self) -> set[int]:
+        found, row = set(), 0
+        for count in self.rows_of(self.content_size.height):
+            found.add(row)
+            row += count
+        return found
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        if event.y in self._titles() or not self.view.plots:
+            self.post_message(self.Named())
+            return
+        columns = self.columns(self.content_size.width)
+        if _AXIS <= event.x < _AXIS + columns:
+            self.post_message(self.Pointed((2 * (event.x - _AXIS) + 0.5) / (2 * columns - 1)))
+
+    def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
+        event.stop()
+        self.post_message(self.Wheeled(1))
+
+    def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
+        event.stop()
+        self.post_message(self.Wheeled(-1))
