@@ -193,6 +193,10 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.history.add_before(earlier.track)
             self.page.hurry()
 
+    def marks(self) -> tuple[str, ...]:
+        """Words about this console itself for the status line."""
+        return ()
+
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
         self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_S

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,16 +25,14 @@ if TYPE_CHECKING:
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None) -> None:
     """The console on the worker that runs, or on one started for it."""
     from console.app.app import TopdressApp
-    from console.link import Link, WorkerFailed, find_running, start_worker
+    from console.cli.job_services import JobFiles, Launcher
+    from console.cli.settings_services import settings_store
+    from console.link import Link, WorkerFailed, find_running
     from drivers.files.setup import by_kind, setup_of
     found = by_kind(config)
     setup = setup_of(found, dt.date.today())
-    arguments = [*_pairs("--config", config), *_pairs("--effect", effects), "--seed", str(seed), "--hz", f"{hz:g}"]
-    if log is not None:
-        arguments += ["--log", log]
-
-    async def start() -> Link:
-        return Link(await asyncio.to_thread(start_worker, arguments, trouble_path()))
+    launcher = Launcher(config, effects, seed, hz, log, trouble_path())
+    job = JobFiles(launcher)
 
     async def attach() -> Link:
         where = await asyncio.to_thread(find_running)
@@ -43,16 +42,23 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
 
     try:
         running = find_running()
-        source = Link(running if running is not None else start_worker(arguments, trouble_path()))
+        source = None
+        if running is not None:
+            launcher.adopt(running.log_path)
+            source = Link(running)
+        elif job.offer() is None:           # else the console asks whether to go on with it
+            source = Link(launcher.start())
     except WorkerFailed as error:
         raise CommandError(str(error)) from None
-    TopdressApp(source, start=start, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
+    TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                 hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
-                services=run_services(setup, found, effects)).run()
+                services=replace(run_services(setup, found, effects), job=job, settings=settings_store())).run()
 
 
 def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> Services:
-    """What the screens of a run can have done; found: the configuration files by kind; effects: of the simulated machine.
+    """What the screens of a run can have done.
+
+    found: the configuration files by kind. effects: of the simulated machine.
     """
     from console.app.services import Services
     from console.cli.calibrate_services import calibrate_job
@@ -86,11 +92,9 @@ def show_replay(recorded: RunLog) -> None:
     from console.app.services import Services
     from console.cli.map_services import field_picture
     from console.cli.replay_frames import replay_job
-    TopdressApp(None, replay=replay_job(recorded), services=Services(field=field_picture)).run()
-
-
-def _pairs(option: str, values: tuple[str, ...]) -> list[str]:
-    return [word for value in values for word in (option, value)]
+    from console.cli.settings_services import settings_store
+    TopdressApp(None, replay=replay_job(recorded),
+                services=Services(field=field_picture, settings=settings_store())).run()
 
 
 def trouble_path() -> Path:

@@ -133,4 +133,5 @@ class Page(Screen[None]):
     def marks(self) -> tuple[str, ...]:
         """Words that stand in the status line until they are untrue."""
         gone = (_("WORKER GONE"),) if self.app.gone else ()
-        return (*gone, _("LOCKED")) if self.app.locked else gone
+        own = (*gone, *self.app.marks())
+        return (*own, _("LOCKED")) if self.app.locked else own
