@@ -17,13 +17,19 @@ class WhatIf(NamedTuple):
     machine: str | None = None
 
 
+Cancelled = Callable[[], bool]
+Tell = Callable[[float], None]
+ComputeAnew = Callable[[WhatIf, Cancelled, Tell], Sequence[Frame]]
+
+
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
-    """name: of the log, as shown. what_if: computes other frames, in a thread; errors are one-line ValueErrors."""
+    """name: of the log, as shown. what_if: computes other frames, in a thread; errors are one-line ValueErrors. It asks
+    `cancelled` between rows and then comes back at once with whatever it has; `tell` takes the share that is done."""
 
     source: ReplaySource
     name: str
     findings: tuple[str, ...] = ()
-    what_if: Callable[[WhatIf], Sequence[Frame]] | None = None
+    what_if: ComputeAnew | None = None
     crops: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()

@@ -3,9 +3,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app.replay_job import ReplayJob, WhatIf
+from console.app.replay_job import Cancelled, ReplayJob, Tell, WhatIf
 from console.app.replay_source import ReplaySource
 from console.frame import Frame
 from control.field.job import Ground
@@ -17,6 +18,8 @@ from control.safety import ALARMS
 if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
 
+TOLD_EVERY = 64           # rows
+
 
 def replay_job(recorded: RunLog) -> ReplayJob:
     """The log opened for the Replay screen, with its what-if."""
@@ -24,7 +27,7 @@ def replay_job(recorded: RunLog) -> ReplayJob:
     frames = list(frames_of(recorded.rows(), recorded))
     return ReplayJob(ReplaySource(frames, time.monotonic), recorded.path.name,
                      tuple(str(finding) for finding in recorded.findings),
-                     lambda options: list(_decided_anew(recorded, options)),
+                     partial(_decided_anew, recorded),
                      tuple(shipped("crops")), tuple(shipped("machines")))
 
 
@@ -72,8 +75,11 @@ def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, fl
     return float(back[0]), float(back[1])
 
 
-def _decided_anew(recorded: RunLog, options: WhatIf) -> Sequence[Frame]:
-    """Frames of the control loop run again over the log's measurements. Raises ValueError in one line."""
+def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell: Tell) -> Sequence[Frame]:
+    """Frames of the control loop run again over the log's measurements; those so far when it is cancelled.
+
+    Raises ValueError in one line.
+    """
     import dataclasses
 
     from console.cli.rerun import rerun, setup_of
@@ -85,5 +91,16 @@ def _decided_anew(recorded: RunLog, options: WhatIf) -> Sequence[Frame]:
     if options.crop:
         crop = load(options.crop, CROP).model
         setup = dataclasses.replace(setup, crop=crop, rule=prepare(crop, setup.job.days, setup.job.ndvi_nrich))
-    return list(frames_of((tick.row for tick in rerun(recorded, setup)), recorded,
+    rows = (tick.row for tick in rerun(recorded, setup))
+    return list(frames_of(_watched(rows, len(recorded), cancelled, tell), recorded,
                           setup.machine.geometry.working_width_m))
+
+
+def _watched(rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell) -> Iterator[LogRow]:
+    """The rows, up to where it is cancelled; what is done is told now and then."""
+    for number, row in enumerate(rows):
+        if cancelled():
+            return
+        if number % TOLD_EVERY == 0:
+            tell(number / max(1, count))
+        yield row

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+import time
 from dataclasses import replace
 
 import pytest
@@ -187,7 +189,7 @@ async def wait_for(pilot, true):
 async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(frames, replay_source, clock, shown):
     asked = []
 
-    def what_if(options):
+    def what_if(options, cancelled, tell):
         asked.append(options)
         return [replace(f, row=f.row._replace(target_rate_kg_ha=123.0)) for f in frames]
 
@@ -214,7 +216,7 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
 
 
 async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, shown):
-    def what_if(options):
+    def what_if(options, cancelled, tell):
         raise ValueError("crop durum: no day count in this log")
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
@@ -225,6 +227,43 @@ async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, s
         await pilot.pause()
         assert "no day count" in shown(app)[-1]
         assert app.replay_page.chosen == WhatIf() and app.replay_page.computing is None
+
+
+@pytest.mark.parametrize("how", ["key", "click", "palette"])
+async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source, clock, shown, how):
+    begun, ended, steps = threading.Event(), threading.Event(), []
+
+    def what_if(options, cancelled, tell):
+        while not cancelled() and len(steps) < 2_000:
+            steps.append(1)
+            tell(0.43)
+            begun.set()
+            time.sleep(0.002)
+        ended.set()
+        return frames
+
+    app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("i", "2", "enter")
+        await wait_for(pilot, begun.is_set)
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        assert any("computing 43 %, Esc cancels" in row for row in shown(app))
+        if how == "key":
+            await pilot.press("escape")
+        elif how == "click":
+            await pilot.click("#replay-bar", offset=(SIZE[0] - 5, 0))
+        else:
+            await app.action_do("cancel_what_if")
+        await wait_for(pilot, ended.is_set)
+        assert len(steps) < 2_000, "the thread itself ends"
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        assert app.replay_page.computing is None and app.replay_page.chosen == WhatIf()
+        assert not any("computing" in row for row in shown(app))
 
 
 async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen(frames, clock, replay_source, shown):

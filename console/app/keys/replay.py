@@ -16,6 +16,7 @@ ACTIONS = (
     Action("faster", "full_stop,right_square_bracket", ".", N_("faster"), N_("Twice as fast, up to 1000x."), REPLAY, 8),
     Action("next_alarm", "n", "N", N_("next alarm"), N_("To the next row on which a new alarm stands."), REPLAY),
     Action("what_if", "i", "I", N_("what if"), N_("The same log with another strategy, crop or machine."), REPLAY, 8),
+    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."), REPLAY),
     Action("as_recorded", "b", "B", N_("as recorded"), N_("Back to the log as it was recorded."), REPLAY),
     Action("findings", "v", "V", N_("findings"), N_("What was found in this log when it was opened."), REPLAY),
 )

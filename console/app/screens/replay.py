@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import islice
+from threading import Event
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -35,6 +36,7 @@ class ReplayScreen(PanelScreen):
         self.computing: Worker[Sequence[Frame]] | None = None
         self._wanted = WhatIf()
         self._history = LogHistory(())
+        self._stop, self._share = Event(), 0.0
         if job is not None:
             self.open(job)
 
@@ -92,7 +94,8 @@ class ReplayScreen(PanelScreen):
             return
         source = self.job.source
         share = (source.at_s - source.start_s) / max(1e-9, source.end_s - source.start_s)
-        busy = _("computing, Esc cancels") if self.computing is not None else ""
+        busy = "" if self.computing is None else _("computing {percent} %, Esc cancels").format(
+            percent=f"{100.0 * self._share:.0f}")
         self.query_one("#replay-bar", ReplayBar).show(ReplayView(
             self.job.name, source.playing and not source.at_end, f"{source.speed:g}x", duration(source.at_s),
             duration(source.end_s), round(share, 3), self.mode_words(), self.chosen != WhatIf(),
@@ -103,6 +106,9 @@ class ReplayScreen(PanelScreen):
             return _("as recorded")
         other = (words.strategy_word(self.chosen.strategy), self.chosen.crop or "", self.chosen.machine or "")
         return _("what if: {other}").format(other=", ".join(part for part in other if part))
+
+    async def on_replay_bar_cancel(self, event: ReplayBar.Cancel) -> None:
+        await self.app.action_do("cancel_what_if")
 
     def on_replay_bar_seek(self, event: ReplayBar.Seek) -> None:
         if self.job is not None:
@@ -148,10 +154,9 @@ class ReplayScreen(PanelScreen):
                 self._note_alarms()
             case "what_if":
                 self._ask_what()
+            case "cancel_what_if":
+                self._cancel()
         self.hurry()
-
-    def key_escape(self) -> None:
-        self._cancel()
 
     def _ask_what(self) -> None:
         assert self.job is not None
@@ -172,11 +177,20 @@ class ReplayScreen(PanelScreen):
         self._wanted = self.chosen._replace(**{field: value})
         compute, wanted = self.job.what_if, self._wanted
         self._cancel()
-        self.computing = self.run_worker(lambda: compute(wanted), group="what-if", thread=True, exit_on_error=False)
+        self._stop, self._share = Event(), 0.0
+        stop = self._stop
+
+        def tell(share: float) -> None:
+            if not stop.is_set():
+                self._share = share
+
+        self.computing = self.run_worker(lambda: compute(wanted, stop.is_set, tell), group="what-if", thread=True,
+                                         exit_on_error=False)
         self.hurry()
 
     def _cancel(self) -> None:
-        """The thread may run on; its result is no longer looked at."""
+        """The thread ends at its next row; its result is no longer looked at."""
+        self._stop.set()
         if self.computing is not None:
             self.computing.cancel()
             self.computing = None

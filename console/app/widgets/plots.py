@@ -169,18 +169,17 @@ class Plots(Canvas[PlotsView]):
 
     def _times(self, view: PlotsView, width: int) -> Strip:
         columns = self.columns(width)
+        read = f" {view.cursor_time} " if view.cursor is not None else ""
+        taken = max(0, min(columns - len(read), round((view.cursor or 0.0) * (columns - 1)) - len(read) // 2))
         text = [" "] * columns
         for words, at in ((view.begin, 0), (view.middle, (columns - len(view.middle)) // 2),
                           (view.end, columns - len(view.end))):
-            text[max(0, at):max(0, at) + len(words)] = words
+            if not read or at + len(words) < taken or at > taken + len(read):
+                text[max(0, at):max(0, at) + len(words)] = words
         line = "".join(text)[:columns]
         muted = self.style("trend--muted")
-        if view.cursor is None:
-            return self.text_strip(width, (" " * _AXIS + line, muted))
-        words = f" {view.cursor_time} "
-        at = max(0, min(columns - len(words), round(view.cursor * (columns - 1)) - len(words) // 2))
-        return self.text_strip(width, (" " * _AXIS + line[:at], muted), (words, self.style("plots--cursor")),
-                               (line[at + len(words):], muted))
+        return self.text_strip(width, (" " * _AXIS + line[:taken], muted), (read, self.style("plots--cursor")),
+                               (line[taken + len(read):], muted))
 
     # --- mouse --------------------------------------------------------------------------------------------------
 

@@ -36,16 +36,26 @@ class ReplayBar(Panel[ReplayView]):
             super().__init__()
             self.share = share
 
+    class Cancel(Message):
+        """The word that something is computed was clicked."""
+
     def lines(self, view: ReplayView, width: int, height: int) -> list[Content]:
         symbol, word = ("▸", _("playing")) if view.playing else ("▮▮", _("paused"))
         left: list[Part] = [(f" {symbol} {word} ", "bold"), (f" {view.speed} ", "bold $primary"),
                             (f" {view.mode} ", "bold reverse" if view.other else "$muted"), f" {view.name}"]
-        end: list[Part] = []
+        return [spread(left, self._end(view), width), self._time_line(view, width)]
+
+    @staticmethod
+    def _end(view: ReplayView) -> list[Part]:
+        """What is computed has the right end alone: a click on it cancels."""
         if view.busy:
-            end.append((f" {view.busy} ", "bold reverse"))
+            return [(f" {view.busy} ", "bold reverse")]
         if view.findings:
-            end.append((f" V: {_('findings')} {view.findings} ", "bold $on-alarm-amber on $alarm-amber"))
-        return [spread(left, end, width), self._time_line(view, width)]
+            return [(f" V: {_('findings')} {view.findings} ", "bold $on-alarm-amber on $alarm-amber")]
+        return []
+
+    def _end_cells(self, view: ReplayView) -> int:
+        return sum(cell_len(part if isinstance(part, str) else part[0]) for part in self._end(view))
 
     @staticmethod
     def _ends(view: ReplayView) -> tuple[str, str]:
@@ -67,6 +77,10 @@ class ReplayBar(Panel[ReplayView]):
         return line(*parts, (fit(last, cell_len(last)), "$muted"))
 
     def on_click(self, event: events.Click) -> None:
+        if event.y == 0 and self.view.busy and event.x >= self.content_size.width - self._end_cells(self.view):
+            event.stop()
+            self.post_message(self.Cancel())
+            return
         first, last = self._ends(self.view)
         room = self.content_size.width - cell_len(first) - cell_len(last)
         if event.y == 1 and 0 <= event.x - cell_len(first) < room:
