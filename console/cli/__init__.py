@@ -8,6 +8,7 @@ import typer
 from console.cli import calibrate, check, decode, devices, diagnose, effects, replay, run, serve_machine, simulate
 from console.cli import map as map_command
 from console.cli import reproduce as reproduce_command
+from console.cli import serve as serve_command
 from console.cli.plain_errors import guarded
 
 app = typer.Typer(name="topdress", no_args_is_help=False, add_completion=False, rich_markup_mode=None,
@@ -38,6 +39,7 @@ app.command("map")(guarded(map_command.map_files))
 app.command("reproduce")(guarded(reproduce_command.reproduce))
 app.command("check")(guarded(check.check))
 app.command("devices")(guarded(devices.devices))
+app.command("serve")(guarded(serve_command.serve))
 app.command("serve-machine")(guarded(serve_machine.serve_machine))
 
 

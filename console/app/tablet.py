@@ -1,0 +1,137 @@
+"""The console in a browser's tab: it attaches to the worker that runs and only looks, until the tablet's key is typed.
+
+Two doors: what changes something is refused here in words, and the link is opened without the worker's token, so that
+the worker refuses what slips through.
+"""
+from __future__ import annotations
+
+import hmac
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Any, ClassVar
+
+from textual.app import ComposeResult, SystemCommand
+from textual.binding import Binding
+from textual.screen import Screen
+from textual.widgets import Input, Static
+
+from console.app import actions
+from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, MAP, REPLAY, SETTINGS, TRENDS, Action
+from console.app.app import TopdressApp
+from console.app.name_dialog import NameDialog
+from console.app.source import FrameSource
+from console.locale import N_, _
+
+CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})    # pages that write files, closed while the tab only looks
+SHOWS = frozenset({MAP, TRENDS, REPLAY})                # pages whose own actions change nothing but the view
+LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list"})
+WAIT_S, MOST_WAIT_S = 1.0, 60.0                         # after a wrong key; twice as long each time
+
+LinkTo = Callable[[bool], Awaitable[FrameSource]]       # True: with the worker's token
+
+
+class Key:
+    """The tablet's key, and how often a wrong one was typed. text None: no key opens anything."""
+
+    def __init__(self, text: str | None, clock: Callable[[], float]) -> None:
+        self._text, self._clock = text, clock
+        self._wait_s, self._until_s = 0.0, float("-inf")
+
+    @property
+    def exists(self) -> bool:
+        return self._text is not None
+
+    def wrong(self, typed: str) -> str:
+        """Why this does not open the machine, in one line; empty where it does."""
+        now_s = self._clock()
+        if self._text is None:
+            return _("There is no key: this server was started to look only.")
+        if now_s < self._until_s:
+            return _("Wrong before: wait {seconds} s.").format(seconds=int(self._until_s - now_s) + 1)
+        if hmac.compare_digest(typed.strip().encode(), self._text.encode()):
+            self._wait_s = 0.0
+            return ""
+        self._wait_s = min(MOST_WAIT_S, 2.0 * self._wait_s or WAIT_S)
+        self._until_s = now_s + self._wait_s
+        return _("This is not the tablet's key.")
+
+
+class KeyDialog(NameDialog):
+    """As any line of text, but nobody reads it over a shoulder."""
+
+    def body(self) -> ComposeResult:
+        yield Input("", password=True, id="name-input", classes="name-input", compact=True)
+        yield Static("", id="name-wrong", classes="dialog-value", markup=False)
+
+
+class TabletApp(TopdressApp):
+    """link_to: a link to the worker that runs; its errors are one line (OSError, RuntimeError). key: see `Key`."""
+
+    BINDINGS: ClassVar = [Binding("asterisk", "tab_key", show=False)]
+
+    def __init__(self, source: FrameSource | None, link_to: LinkTo, key: Key, **options: Any) -> None:
+        self.looking = True
+        self.key = key
+        self._link_to = link_to
+        super().__init__(source, attach=self._attached, **options)
+
+    async def _attached(self) -> FrameSource:
+        return await self._link_to(not self.looking)
+
+    def on_mount(self) -> None:
+        super().on_mount()
+        if self.source is None:
+            self._say_gone(_("No control worker runs: start the console on the machine, then attach here."))
+
+    def marks(self) -> tuple[str, ...]:
+        return (_("LOOKS ONLY"),) if self.looking else (_("TABLET"),)
+
+    async def action_do(self, name: str) -> None:
+        if self.looking and not self.may(actions.BY_ID[name]):
+            self.refuse()
+        else:
+            await super().action_do(name)
+
+    def may(self, action: Action) -> bool:
+        """Whether a tab that only looks may do this."""
+        if action.where == ANYWHERE:
+            page = action.id.removesuffix("_screen")
+            return page not in CLOSED if page in self.pages else action.id in LOOKS
+        return action.where in SHOWS or action.id == "connect"
+
+    def turn_to(self, where: str) -> None:
+        if self.looking and where in CLOSED:
+            self.refuse()
+        else:
+            super().turn_to(where)
+
+    def refuse(self) -> None:
+        """Say that nothing is changed from here; ask for the key, where there is one."""
+        if self.key.exists:
+            self.action_tab_key()
+        else:
+            self.notice(_("this tab only looks: hold, stop and all else are at the machine's console"))
+
+    def action_tab_key(self) -> None:
+        """The key turns a tab that looks into one that operates."""
+        if not self.looking:
+            self.notice(_("this tab operates the machine"))
+        elif not self.key.exists:
+            self.refuse()
+        elif not isinstance(self.screen, KeyDialog):
+            self.push_screen(KeyDialog(_("This tab only looks"), "", _(
+                "The tablet's key lets it operate the machine. Hold and stop, too, are at the machine's console until "
+                "then. Esc: go on looking."), self.key.wrong), self._opened)
+
+    def _opened(self, typed: str | None) -> None:
+        """The dialog is only left with a key that was found right."""
+        if typed is not None:
+            self.looking = False
+            self.page.hurry()
+            self.connect(self._attached)
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        yield SystemCommand(_(KEY_LABEL), f"*  {_(KEY_HELP)}", self.action_tab_key)
+        yield from super().get_system_commands(screen)
+
+
+KEY_LABEL, KEY_HELP = N_("operate from this tab"), N_("Asks for the tablet's key.")

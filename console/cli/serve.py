@@ -1,0 +1,76 @@
+"""`topdress serve`: the console in a browser, for a tablet in the cab or a screen in the office."""
+from __future__ import annotations
+
+import ipaddress
+import os
+import secrets
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from console.cli.plain_errors import CommandError
+
+LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"      # none that look alike
+TOKEN_LETTERS = 10                                # 49 bits
+LEAST_LETTERS = 6
+
+
+def serve(
+    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for a tablet on the same network.")
+                    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
+    token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Its first line is the key that lets a tab "
+                                                    "operate the machine; made where it does not exist. None: tabs "
+                                                    "only look.")] = None,
+) -> None:
+    """Serve the console to browsers. A tab attaches to the control worker that runs; it never starts one."""
+    try:
+        from console.serve.server import TabletServer
+    except ImportError:
+        raise CommandError("serve needs textual-serve: pip install 'topdress[serve]'") from None
+    from console.link import WorkerFailed, find_running
+    command = [sys.executable, "-P", "-m", "console.cli.tablet"]
+    if token_file is not None:
+        made = prepare_token(token_file)
+        typer.echo(f"key          {'made: ' if made else ''}{token_file}")
+        command += ["--token-file", str(token_file.resolve())]
+    else:
+        typer.echo("key          none: tabs only look")
+    try:
+        running = find_running()
+    except WorkerFailed as error:
+        raise CommandError(str(error)) from None
+    typer.echo(f"worker       {f'process {running.pid}' if running else 'none runs: tabs say so until one does'}")
+    typer.echo(f"console      http://{'[' + host + ']' if ':' in host else host}:{port}  (Ctrl-C ends)")
+    if not _loopback(host):
+        typer.echo("note         everybody in this network can look; what is typed, the key too, goes over it as it is")
+    line = subprocess.list2cmdline(command) if os.name == "nt" else shlex.join(command)
+    TabletServer(line, host, port).serve()
+
+
+def prepare_token(path: Path) -> bool:
+    """Checks the token file, or makes one that only its owner can read; true where it was made.
+
+    Raises CommandError for a file that holds no key, or one too short.
+    """
+    if path.exists():
+        lines = path.read_text(encoding="utf-8").strip().splitlines()
+        if not lines or len(lines[0].strip()) < LEAST_LETTERS:
+            raise CommandError(f"{path}: its first line is no key: at least {LEAST_LETTERS} letters or digits")
+        return False
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with open(handle, "w", encoding="utf-8") as file:
+        file.write("".join(secrets.choice(LETTERS) for _letter in range(TOKEN_LETTERS)) + "\n")
+    return True
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,74 @@
+"""One tab of `topdress serve`: `python -m console.cli.tablet [--token-file F]`, started by the server."""
+from __future__ import annotations
+
+import argparse
+import asyncio
+import time
+from pathlib import Path
+from typing import Any
+
+from console.app.services import Services
+from console.app.tablet import Key, TabletApp
+from console.link import Link, Where, WorkerFailed, find_running
+
+
+class TabLink(Link):
+    """A tab never keeps the machine working: that is the part of the console on the machine. When that is gone, the
+    worker holds, whatever a tablet that may have fallen asleep still has open."""
+
+    async def _keep_alive(self) -> None:
+        """Says nothing."""
+
+
+async def link_to(operating: bool) -> Link:
+    """To the worker that runs; without its token unless the tab operates. Raises WorkerFailed."""
+    where = await asyncio.to_thread(find_running)
+    if where is None:
+        raise WorkerFailed("No control worker runs: start the console on the machine, then attach here.")
+    return TabLink(where if operating else where.looking_only())
+
+
+def token_in(path: Path | None) -> str | None:
+    """The first line of the token file; None where there is no such file or it is empty."""
+    if path is None:
+        return None
+    try:
+        lines = path.read_text(encoding="utf-8").strip().splitlines()
+    except OSError:
+        return None
+    return lines[0].strip() if lines and lines[0].strip() else None
+
+
+def options_of(where: Where | None) -> dict[str, Any]:
+    """Limits and hopper of the job at work, as its log's sidecar has them; the console's own where it has none."""
+    from drivers.files.run_meta import meta_from_yaml
+    try:
+        meta = meta_from_yaml(Path(where.log_path).with_suffix(".yaml").read_text(encoding="utf-8")) if where else None
+        crop, machine = (meta.crop or {}, meta.machine or {}) if meta else ({}, {})
+        return {"limits_kg_ha": (0.0, float(crop["max_rate_kg_ha"])), "hopper_kg": float(machine["flow"]["full_kg"])}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def tab_app(where: Where | None, token: str | None) -> TabletApp:
+    """The app of one tab, looking."""
+    from console.cli.diagnosis_services import DiagnosisFiles
+    from console.cli.map_services import field_picture
+    source = None if where is None else TabLink(where.looking_only())
+    return TabletApp(source, link_to, Key(token, time.monotonic), **options_of(where),
+                     services=Services(field=field_picture, diagnosis=DiagnosisFiles()))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="console.cli.tablet")
+    parser.add_argument("--token-file", type=Path)
+    given = parser.parse_args()
+    try:
+        where = find_running()
+    except WorkerFailed:
+        where = None
+    tab_app(where, token_in(given.token_file)).run()
+
+
+if __name__ == "__main__":
+    main()

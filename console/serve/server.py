@@ -1,0 +1,94 @@
+"""The web server of the tablet, on textual-serve: its own page without anything from the internet, bounded tabs,
+and nobody but the page's own origin on the socket."""
+from __future__ import annotations
+
+import ipaddress
+import logging
+import socket
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from aiohttp import WSCloseCode, web
+from textual_serve.app_service import AppService
+from textual_serve.server import Server
+
+TABS = 6                    # app processes at once
+HEARTBEAT_S = 3.0           # a tablet that went away is noticed in one and a half of them
+LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
+MOST_COLUMNS, MOST_ROWS = 400, 200
+_PAGE = Path(__file__).with_name("page.html")
+
+
+class TabletServer(Server):
+    """command: started once for each tab, in a shell. host, port: where it listens."""
+
+    def __init__(self, command: str, host: str, port: int) -> None:
+        super().__init__(command, host=host, port=port, title="topdress")
+        self._page = _PAGE.read_text(encoding="utf-8")
+        self.tabs = 0
+
+    def initialize_logging(self) -> None:
+        logging.basicConfig(level="WARNING", format="%(message)s")
+
+    async def on_startup(self, app: web.Application) -> None:
+        """Silent: the command says where it listens."""
+
+    async def handle_index(self, request: web.Request) -> web.Response:      # type: ignore[override]
+        if not host_allowed(request.host, self.host):
+            raise web.HTTPForbidden(text="this name is not mine")
+        scheme = "wss" if request.secure else "ws"
+        page = self._page.replace("{{ socket }}", f"{scheme}://{request.host}/ws")
+        size = number(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
+        return web.Response(text=page.replace("{{ font_size }}", str(size)), content_type="text/html",
+                            headers={"X-Frame-Options": "DENY"})
+
+    async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
+        """One tab: its app process lives as long as its socket."""
+        origin = request.headers.get("Origin")
+        if not host_allowed(request.host, self.host) or (origin and urlsplit(origin).netloc != request.host):
+            raise web.HTTPForbidden(text="another page may not open this console")
+        if self.tabs >= TABS:
+            raise web.HTTPServiceUnavailable(text=f"{TABS} tabs are open already")
+        tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S)
+        self.tabs += 1
+        try:
+            await tab.prepare(request)
+            await self._serve_tab(tab, number(request.query.get("width"), 80, 1, MOST_COLUMNS),
+                                  number(request.query.get("height"), 24, 1, MOST_ROWS))
+        finally:
+            self.tabs -= 1
+        return tab
+
+    async def _serve_tab(self, tab: web.WebSocketResponse, width: int, height: int) -> None:
+        service = AppService(self.command, write_bytes=tab.send_bytes, write_str=tab.send_str, close=tab.close,
+                             download_manager=self.download_manager)
+        try:
+            await service.start(width, height)
+            await self._process_messages(tab, service)
+        except (ValueError, KeyError, IndexError, TypeError, AssertionError):
+            await tab.close(code=WSCloseCode.POLICY_VIOLATION, message=b"not a message of the page")
+        finally:
+            await service.stop()
+
+
+def host_allowed(asked: str, listening: str) -> bool:
+    """Whether a request means this server: an address, localhost, or a name of this machine. Any other name that leads
+    here was made to lead here by somebody else's page."""
+    name = (urlsplit(f"//{asked}").hostname or "").lower()
+    own = socket.gethostname().lower()
+    if name in {"localhost", listening.lower(), own, own.split(".")[0], f"{own.split('.')[0]}.local"}:
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def number(text: Any, usual: int, least: int, most: int) -> int:
+    """A whole number out of a query, held in its range."""
+    try:
+        return max(least, min(most, int(text)))
+    except (TypeError, ValueError):
+        return usual
