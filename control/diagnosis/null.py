@@ -25,14 +25,18 @@ Array = npt.NDArray[np.float64]
 BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
 REPLICATES = 1000
 SEED = 20260101
+LEAST_DRIFT = 0.12          # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
 
 
 class Scores(NamedTuple):
-    """Traces against the whitened residual, block by block. Nuisances, slopes and forms are fitted first."""
+    """Traces against the whitened residual, block by block. Nuisances, slopes and forms are fitted first.
 
-    score: Array                # (blocks, k): sum of residual x trace
-    energy: Array               # (blocks, k): sum of trace squared
+    The last row is that of the tolerances: each is one more reading, of 0 with the tolerance as its noise.
+    """
+
+    score: Array                # (blocks + 1, k): sum of residual x trace
+    energy: Array               # (blocks + 1, k): sum of trace squared
 
 
 def scores(group: Group, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
@@ -66,11 +70,19 @@ def scores(group: Group, parts: Parts, noise: dict[str, Noise], traces: Sequence
             sums[:, k] = np.add.reduceat(residual * trace_series, edges)
             squares[:, k] = np.add.reduceat(trace_series ** 2, edges)
         found.append((sums, squares))
+    told = (p.mean[:before] - amplitude) / p.sd[:before]
+    tolerated = -shares / p.sd[:before, None]
+    found.append(((told @ tolerated)[None], (tolerated ** 2).sum(axis=0)[None]))
     return Scores(np.concatenate([s for s, _ in found]), np.concatenate([e for _, e in found]))
 
 
 def slow_share(banded: Array, channel: Channel, noise: Noise) -> float:
-    """Share of the energy of `banded` coefficients (m,) in bands where the slow noise is stronger than the fast."""
+    """Share of the energy of `banded` coefficients (m,) in bands where the slow noise is stronger than the fast.
+
+    0 where there is no slow noise worth the name: its prior never lets it vanish altogether.
+    """
+    if noise.slow_sd < LEAST_DRIFT * noise.fast_sd:
+        return 0.0
     fast = np.array([*noise.theta[:2], NO_NOISE, noise.theta[3]])
     cut, step_s = channel.cut, channel.grid.step_s
     slow = noises.spectrum(np.array(noise.theta), channel.prior, cut, step_s) > 2.0 * noises.spectrum(
@@ -109,7 +121,7 @@ def without_best_block(seen: Scores, k: int) -> float:
     total_score, total = float(score.sum()), float(energy.sum())
     sign = 1.0 if total_score >= 0.0 else -1.0
     least = np.inf
-    for s, e in zip(sign * score, energy, strict=True):
+    for s, e in zip(sign * score[:-1], energy[:-1], strict=True):
         if e > 0.9 * total or total <= 0.0:
             continue
         rest = max(0.0, sign * total_score - float(s))

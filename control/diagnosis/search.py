@@ -25,6 +25,7 @@ from .sensitivities import (
     Nuisance,
     candidates,
     nuisances,
+    stamp_sd_s,
 )
 from .smooth import TABLES, series, span
 from .stages_data import RunData
@@ -243,6 +244,10 @@ class Group:
                     after = channel.grid.of((np.arange(len(self.data.hopper.reading_kg)) >= jump).astype(np.float64))
                     sd = REFILL_SD_KG if self.data.hopper.told[k] else 20.0
                     found.append(self.column(f"refill {k}", {"scale": after}, sd))
+            if channel.name == "speed":
+                late = self.difference((), Part("speed.gnss_latency", 2.0 * FINE_S))
+                change = {name: one / (2.0 * FINE_S) for name, one in late.items()}
+                found.append(self.column("gnss stamp", change, stamp_sd_s(self.machine, channel.grid.step_s)))
             if channel.name == "heads":
                 for k in range(self._heads):
                     one = self.difference((), Part("canopy.head_fouled", 1.0, None, k + 1))

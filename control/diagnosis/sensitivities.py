@@ -58,6 +58,14 @@ GROUPS: dict[str, tuple[str, ...]] = {       # channels that share an effect are
 }
 
 
+GNSS_STAMP_SHARE = 0.25     # of a row: the speed in a row was read at some time within it
+
+
+def stamp_sd_s(machine: Machine, step_s: float) -> float:
+    """How well the time of a GNSS reading is known (1 s.d.), in a log with rows of `step_s`."""
+    return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
+
+
 def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
     """Tolerances of the machine file that bear on a channel."""
     t = machine.tolerance
