@@ -58,7 +58,7 @@ def _devices(frame: Frame | None, age_s: float) -> Check:
         drive = any(one.name in ("board", "rate_module") for one in silent)
         names = ", ".join(_device(one) for one in silent)
         return Check(label, STOP if drive else LOOK, _("silent: {names}").format(names=names) + simulated, lines)
-    heads = [one for one in frame.devices if one.name.startswith("head")]
+    heads = [one for one in frame.devices if one.name.startswith("head_")]
     others = ", ".join(_device(one) for one in frame.devices if one not in heads)
     text = f"{others}, {_('{count} heads').format(count=len(heads))}" if heads else others
     return Check(label, OK, text + simulated, lines)
@@ -146,15 +146,14 @@ def totals(frame: Frame | None, age_s: float, units: Units) -> tuple[Item, ...]:
     if frame is None or t is None:
         return tuple(Item(label, Shown("--", True)) for label in (_("area"), _("applied"), _("mean rate")))
     cv, cuc = ("--" if value is None else f"{value:.1f} %" for value in (t.cv_percent, t.cuc_percent))
-    error = ""
-    if t.error_percent is not None:
-        error = "  " + _("{error} % against the target").format(error=f"{t.error_percent:+.1f}")
+    error = "--" if t.error_percent is None else f"{t.error_percent:+.1f} %"
     held_s = 0.0 if tally is None else tally.held_s
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
     filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
     items = [
         Item(_("area"), Shown(units.area.full(t.area_ha), old)),
-        Item(_("applied"), Shown(f"{units.mass.full(t.applied_kg)}{error}", old)),
+        Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
+        Item(_("against target"), Shown(error, old)),
         Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
         Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
         Item(_("CV"), Shown(cv, old)),

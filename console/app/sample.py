@@ -9,14 +9,17 @@ import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned
 from console.app.sample_diagnosis import MadeUpDiagnosis
+from console.app.sample_job import SampleDesk
 from console.app.services import Services
 from console.app.settings import SettingsStore
-from console.frame import DeviceView, Frame
+from console.frame import DeviceView, Frame, Tally
+from control.field.totals import Totaliser
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
 from drivers.files.settings import Settings
 
 _BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)
+REFILLS = (("2026-03-18T06:13:05Z", 250.0), ("2026-03-18T06:16:40Z", 275.0))
 _PASS_M = 70.0
 _WIDTH_M = 2.4
 _SPEED_MPS = 1.9
@@ -47,6 +50,7 @@ def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
     applied = 0.0
     kg = 0.0
     area_ha = 0.0
+    worked = Totaliser(_WIDTH_M, 0.45)
     for index in range(int(seconds / step_s)):
         time_s = index * step_s
         east, north, heading = _place(_SPEED_MPS * time_s)
@@ -69,13 +73,15 @@ def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
             opening_mm=opening + random.gauss(0, 0.05), hopper_kg=300.0 - kg, flow_trim=1.012, supply_v=13.4,
             applied_rate_kg_ha=shown, lag_s=1.648, lag_m=1.648 * _SPEED_MPS, state="working",
             strategy="opening_first", target_source="canopy", alarms=";".join(alarm.id for alarm in alarms))
+        worked.add(step_s, _SPEED_MPS, applied, target)
         used_kg_m = max(1e-6, applied * _WIDTH_M / 10_000)
         frames.append(Frame(
             seq=index, at_s=time_s, row=row, alarms=alarms, metres_left_m=round((300.0 - kg) / used_kg_m, -1),
             area_ha=area_ha, applied_kg=kg, gnss_age_s=0.08, gnss_hz=10.0, job="demonstration",
             machine="huanghai", crop="winter wheat", log_path="run.csv", simulated=True, place_m=(east, north),
             devices=tuple(DeviceView(name, f"sim://{name}", name, True, 0.05, 10.0, index, 0)
-                          for name in ("gnss", "heads", "board"))))
+                          for name in ("gnss", "heads", "board")),
+            totals=worked.snapshot(), tally=Tally(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z")))
     return frames
 
 
@@ -106,4 +112,5 @@ def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: fl
 def sample_services() -> Services:
     """What the screens' pictures are given: made-up answers, the same every time."""
     return Services(diagnosis=MadeUpDiagnosis(), field=lambda _frame: sample_field(), settings=SettingsStore(
-        Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None, "~/.config/topdress/settings.yaml"))
+        Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None, "~/.config/topdress/settings.yaml"),
+        job=SampleDesk())

@@ -97,17 +97,21 @@ def finish(path: Path) -> None:
 
 
 def newest(folder: Path) -> tuple[Path, Snapshot] | None:
-    """The last job in a folder, if it can go on: later parts hide earlier ones. Files that cannot be read are none."""
-    found = []
-    for path in folder.glob(f"*{ENDING}"):
+    """The job that was saved last in a folder, if it can go on. Files that cannot be read are passed over."""
+    for path in sorted(folder.glob(f"*{ENDING}"), key=_saved_ns, reverse=True):
         try:
-            found.append((path, read(path)))
+            snapshot = read(path)
         except (ValueError, OSError):
             continue
-    if not found:
-        return None
-    path, snapshot = max(found, key=lambda pair: pair[1].saved_utc)
-    return (path, snapshot) if snapshot.worth_going_on else None
+        return (path, snapshot) if snapshot.worth_going_on else None
+    return None
+
+
+def _saved_ns(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _snapshot(data: Mapping[str, Any]) -> Snapshot:

@@ -11,7 +11,7 @@ ACTIONS = (
            4),
     Action("job_crop", "c", "C", N_("crop"), N_("Takes another crop: a new job file names it."), JOB, 5),
     Action("job_machine", "m", "M", N_("machine"), N_("Takes another machine file."), JOB, 6),
-    Action("job_strip", "n", "N", N_("N-rich strip"),
+    Action("job_strip", "n", "N", N_("N strip"),
            N_("Begins at the strip's start, ends at its end: the mean NDVI between is stored to the job."), JOB, 7),
     Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
            JOB, 8),

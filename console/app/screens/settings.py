@@ -23,7 +23,7 @@ from drivers.files.settings import MOST_RATE_KG_HA, ManualRate, Rates, Settings
 UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
 LANGUAGE_WORDS = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
 THEME_WORDS = {"day": N_("day"), "night": N_("night"), "contrast": N_("high contrast")}
-SOUND_WORDS = {"on": N_("on"), "off": N_("off")}
+SOUND_WORDS = {"on": N_("sound on"), "off": N_("sound off")}
 WHERE_WORDS = {ANYWHERE: N_("keys of every screen"), "run": N_("keys: run"), "map": N_("keys: map"),
                "trends": N_("keys: trends"), "devices": N_("keys: devices"), "calibrate": N_("keys: calibrate"),
                "replay": N_("keys: replay"), "diagnosis": N_("keys: diagnosis"), "job": N_("keys: job"),

@@ -1,0 +1,15 @@
+"""The user's settings for the console: read once, written when the Settings screen changes them."""
+from __future__ import annotations
+
+from console.app.settings import SettingsStore
+from drivers.files.settings import read_settings, settings_path, write_settings
+from drivers.files.settings_theme import read_themes
+
+
+def settings_store() -> SettingsStore:
+    """Never raises: a broken file is told by the store, and left as it is."""
+    path = settings_path()
+    read = read_settings(path)
+    themes, wrong = read_themes(path.parent / "themes")
+    return SettingsStore(read.settings, lambda settings: write_settings(path, settings), str(path),
+                         read.trouble or (wrong[0] if wrong else ""), themes)
