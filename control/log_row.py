@@ -4,6 +4,7 @@ Row k holds the measurements as sampled at `time_s`, and the commands computed f
 """
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import NamedTuple
 
 
@@ -49,5 +50,11 @@ class LogRow(NamedTuple):
 
 
 COLUMNS: tuple[str, ...] = LogRow._fields
+HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
+# How long a row goes on holding a value that no longer comes, s; then the cell is empty.
+HOLDS_S = MappingProxyType({
+    "wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0, "pitch_deg": 1.0,
+    "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS, 1.25)})
+GNSS_HOLDS_S = 1.0                      # all that an epoch told
 TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})

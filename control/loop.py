@@ -11,7 +11,7 @@ from control.field.coverage import Coverage
 from control.field.job import Job
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
-from control.log_row import LogRow
+from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
 from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.machine.fall import drop_s
 from control.machine.gate import GateInput, gate_start, gate_step
@@ -49,7 +49,7 @@ from control.targets.profile import Change, Everywhere, Profile, Stretches, Targ
 from control.targets.unspread import Unspread
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
-HEAD_SILENT_S = 1.25            # a reading that is older stands in no log and on no screen
+HEAD_SILENT_S = HOLDS_S["ndvi_1"]
 HEAD_LATENCY_S = 0.5            # a head's reading may be one period old
 NUDGE_PERCENT = 30.0
 FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
@@ -557,7 +557,7 @@ class ControlLoop:
 
     def _row(self, m: Measurements, sensed: Sensed, holding: Target, rate: float, command: DriveCommand,
              applied: float | None, lag: Lag, trim: float, state: State, alarms: tuple[Alarm, ...]) -> LogRow:
-        fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= 1.0 else None
+        fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
         ndvi = [_fresh(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi] + [None] * 6
         events, self._events = self._events, []
         speed = sensed.speed_mps
@@ -566,15 +566,15 @@ class ControlLoop:
             utc=fix.utc if fix else None, lat_deg=fix.lat_deg if fix else None, lon_deg=fix.lon_deg if fix else None,
             fix_quality=fix.fix_quality if fix else None, satellites=fix.satellites if fix else None,
             hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,
-            pitch_deg=_fresh(m.pitch_deg, m.time_s, 1.0), roll_deg=_fresh(m.roll_deg, m.time_s, 1.0),
-            speed_mps=fix.speed_mps if fix else None, wheel_speed_mps=_fresh(m.wheel_speed_mps, m.time_s, 1.0),
+            pitch_deg=_held(m, "pitch_deg"), roll_deg=_held(m, "roll_deg"),
+            speed_mps=fix.speed_mps if fix else None, wheel_speed_mps=_held(m, "wheel_speed_mps"),
             speed_used_mps=speed,
             ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5],
             ndvi=self._canopy.ndvi if self._source is TargetSource.CANOPY else None,
             target_rate_kg_ha=None if holding.source is TargetSource.POINT else rate, nudge_percent=self._nudge,
-            shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_fresh(m.shaft_rpm, m.time_s, 0.5),
-            opening_mm_cmd=command.opening_mm, opening_mm=_fresh(m.opening_mm, m.time_s, 0.5),
-            hopper_kg=_fresh(m.hopper_kg, m.time_s, 2.0), flow_trim=trim, supply_v=_fresh(m.supply_v, m.time_s, 2.0),
+            shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_held(m, "shaft_rpm"),
+            opening_mm_cmd=command.opening_mm, opening_mm=_held(m, "opening_mm"),
+            hopper_kg=_held(m, "hopper_kg"), flow_trim=trim, supply_v=_held(m, "supply_v"),
             applied_rate_kg_ha=applied, lag_s=lag.total_s, lag_m=None if speed is None else speed * lag.total_s,
             state=state.value, strategy=self._setting.strategy.value, target_source=holding.source.value,
             work_switch=None if m.work_switch is None else int(m.work_switch),
@@ -620,6 +620,11 @@ def _rate(flow_kg_s: float | None, speed_mps: float, machine: Machine) -> float 
     if speed_mps < 0.3:
         return 0.0 if flow_kg_s <= 0.0 else None
     return flow_kg_s * 10_000.0 / (machine.geometry.working_width_m * speed_mps)
+
+
+def _held(m: Measurements, column: str) -> float | None:
+    """What the row holds of a sensor."""
+    return _fresh(getattr(m, column), m.time_s, HOLDS_S[column])
 
 
 def _fresh(reading: Reading | None, now_s: float, most_s: float) -> float | None:

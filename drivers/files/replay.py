@@ -6,7 +6,7 @@ A log row holds values, not the times at which they were sampled. These are foun
 - A value that repeats is taken as sampled again every period of its sensor (the tenth part of the intervals between
   changes is shorter than this; never more than half the time for which the loop holds a value): a sensor that had
   fallen silent would have an empty cell.
-- Where cells become empty, the loop had held the last value for `HOLD_S`: it was sampled that long before, or at its
+- Where cells become empty, the loop had held the last value for `HOLDS_S`: it was sampled that long before, or at its
   last change if that was later. From then on it stays the newest known one and grows old.
 """
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from drivers.files.findings import Finding
 from drivers.files.read_log import RunLog
@@ -24,14 +25,7 @@ from drivers.files.read_log import RunLog
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-HEADS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
-
-# How long the control loop goes on writing a value that no longer comes (the row of `control.loop`).
-HOLD_S = {"wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0,
-          "pitch_deg": 1.0, "roll_deg": 1.0, **dict.fromkeys(HEADS, 1.25)}
-GNSS_HOLD_S = 0.5
-GNSS_HOLD_PERIODS = 2.5
 
 _GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
@@ -52,7 +46,7 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         return
     time_s = log.time_s.tolist()
     fixes = _fixes(log)
-    heads = [_readings(log, name, name) for name in HEADS if log.has(name)] or [_readings(log, "ndvi", "ndvi_1")]
+    heads = [_readings(log, name, name) for name in HEAD_COLUMNS if log.has(name)] or [_readings(log, "ndvi", "ndvi_1")]
     wheel = "speed_mps" if _speed_stands_for_wheel(log) else "wheel_speed_mps"
     sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
     switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
@@ -78,7 +72,7 @@ def replay_findings(log: RunLog) -> tuple[Finding, ...]:
     if _speed_stands_for_wheel(log):
         findings.append(Finding("speed_as_wheel", "ground speed without places: replayed as the wheel's speed",
                                 "speed_mps"))
-    if log.has("ndvi") and not any(log.has(name) for name in HEADS):
+    if log.has("ndvi") and not any(log.has(name) for name in HEAD_COLUMNS):
         findings.append(Finding("one_head", "no single heads: column ndvi is replayed as one head", "ndvi"))
     if log.has("lat_deg") and not log.has("utc"):
         findings.append(Finding("no_epochs", "no utc: a place counts as new when it changes", "utc"))
@@ -91,7 +85,7 @@ def _speed_stands_for_wheel(log: RunLog) -> bool:
 
 def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
     values = log.numbers(column)
-    held = _held(log.time_s, np.isfinite(values), _changes(values), HOLD_S[sensor])
+    held = _held(log.time_s, np.isfinite(values), _changes(values), HOLDS_S[sensor])
     readings: list[Reading | None] = []
     plain = values.tolist()
     for row, time_s in zip(held.row.tolist(), held.time_s.tolist(), strict=True):
@@ -108,8 +102,7 @@ def _fixes(log: RunLog) -> list[GnssFix | None]:
         held = _held(log.time_s, known, fresh, np.inf, repeats=False)
     else:
         fresh = _changes(lat_deg) | _changes(lon_deg) | _changes(log.numbers("speed_mps"))
-        period_s = _period_s(log.time_s, known & fresh)
-        held = _held(log.time_s, known, fresh, max(GNSS_HOLD_S, GNSS_HOLD_PERIODS * period_s))
+        held = _held(log.time_s, known, fresh, GNSS_HOLDS_S)
     columns = [log.numbers(name).tolist() for name in _GNSS]
     lats, lons, utcs = lat_deg.tolist(), lon_deg.tolist(), utc.tolist()
     fixes: list[GnssFix | None] = []
