@@ -58,7 +58,7 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
     """What is known of the picked device."""
     symbol, word, level = state_of(device)
     kinds = ", ".join(f"{_(REJECTED.get(kind, kind))} {count}" for kind, count in device.rejected_kinds)
-    connects = _("opened {count} times").format(count=device.connects)
+    connects = _("times opened {count}").format(count=device.connects)
     rows = [
         Row(_("state"), f"{symbol} {word}", "stale" if frame_age_s > STALE_S else level),
         Row(_("port"), device.port or "--"),

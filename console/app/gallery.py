@@ -9,8 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from console.app.action import DIAGNOSIS
+from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
+from console.app.calibration.poses import pose
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
@@ -90,6 +91,18 @@ PICTURES = (
     Picture("diagnosis-80x24-day", (80, 24), screen="diagnosis"),
     Picture("diagnosis-120x40-zh", (120, 40), language="zh", screen="diagnosis"),
     Picture("diagnosis-list-80x24-night", (80, 24), "night", screen="diagnosis-list"),
+    Picture("devices-120x40-day", (120, 40), screen="devices"),
+    Picture("devices-120x40-night", (120, 40), "night", screen="devices"),
+    Picture("devices-80x24-day", (80, 24), screen="devices", alarms=True),
+    Picture("devices-120x40-zh", (120, 40), language="zh", screen="devices"),
+    Picture("calibrate-120x40-day", (120, 40), screen="calibrate"),
+    Picture("calibrate-120x40-night", (120, 40), "night", screen="calibrate"),
+    Picture("calibrate-running-120x40", (120, 40), screen="calibrate-running"),
+    Picture("calibrate-80x24-day", (80, 24), screen="calibrate-running"),
+    Picture("calibrate-120x40-zh", (120, 40), language="zh", screen="calibrate"),
+    Picture("calibrate-lag-100x30", (100, 30), screen="calibrate-lag"),
+    Picture("calibrate-heads-100x30", (100, 30), screen="calibrate-heads"),
+    Picture("calibrate-wheel-80x24-night", (80, 24), "night", screen="calibrate-wheel"),
     Picture("help-100x30", (100, 30), screen="help"),
     Picture("gone-100x30", (100, 30), screen="gone"),
 )
@@ -139,6 +152,9 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         app.tick()
     if where == DIAGNOSIS:
         await prepare_diagnosis(app, picture.screen, wait)
+    if where in (DEVICES, CALIBRATE) and isinstance(app.source, StillSource) and app.source.newest is not None:
+        app.source.newest = pose(app, picture.screen, app.source.newest)
+        app.tick()
     if picture.screen == "help":
         await app.action_do("help")
     if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:

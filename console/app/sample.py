@@ -7,6 +7,7 @@ from random import Random
 
 import numpy as np
 
+from console.app.calibration.sample import sample_calibrate_job
 from console.app.field_picture import FieldPicture, Planned
 from console.app.sample_diagnosis import MadeUpDiagnosis
 from console.app.sample_job import SampleDesk
@@ -111,6 +112,7 @@ def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: fl
 
 def sample_services() -> Services:
     """What the screens' pictures are given: made-up answers, the same every time."""
-    return Services(diagnosis=MadeUpDiagnosis(), field=lambda _frame: sample_field(), settings=SettingsStore(
-        Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None, "~/.config/topdress/settings.yaml"),
-        job=SampleDesk())
+    settings = SettingsStore(Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None,
+                             "~/.config/topdress/settings.yaml")
+    return Services(calibrate=sample_calibrate_job(), diagnosis=MadeUpDiagnosis(), field=lambda _frame: sample_field(),
+                    settings=settings, job=SampleDesk())

@@ -9,7 +9,7 @@ from collections import deque
 from statistics import fmean
 from typing import Literal, NamedTuple
 
-TURNING_RPM = 0.5             # below, the shaft stands
+TURNING_RPM = 2.0             # below, the shaft stands: what the lag paper starts its clock at
 SETTLE_S = 5.0                # flutes and tubes are full and the gate stands still after that
 WEIGH_S = 30.0                # advised
 LEAST_REVOLUTIONS = 3.0       # fewer make no point
@@ -21,8 +21,8 @@ Phase = Literal["settle", "weigh"]
 
 
 class CatchPoint(NamedTuple):
-    """One weighed catch, all outlets together. shaft_rpm: mean while it turned, so that shaft_rpm x duration_s are the
-    revolutions; opening_mm: mean over the same time."""
+    """One weighed catch, all outlets together. shaft_rpm, opening_mm: means over the revolutions, so that ramps hardly
+    count; duration_s: such that shaft_rpm x duration_s are the revolutions."""
 
     shaft_rpm: float
     opening_mm: float
@@ -43,12 +43,14 @@ class Turned(NamedTuple):
 
     seconds: float = 0.0
     revolutions: float = 0.0
-    opening_mm_s: float = 0.0             # opening, integrated
+    shaft_rpm_rev: float = 0.0            # shaft speed and opening, summed over revolutions
+    opening_mm_rev: float = 0.0
 
     def after(self, dt_s: float, shaft_rpm: float, opening_mm: float) -> Turned:
-        """shaft_rpm: the mean over dt_s."""
-        return Turned(self.seconds + dt_s, self.revolutions + shaft_rpm * dt_s / 60.0,
-                      self.opening_mm_s + opening_mm * dt_s)
+        """shaft_rpm, opening_mm: means over dt_s."""
+        turned = shaft_rpm * dt_s / 60.0
+        return Turned(self.seconds + dt_s, self.revolutions + turned, self.shaft_rpm_rev + shaft_rpm * turned,
+                      self.opening_mm_rev + opening_mm * turned)
 
 
 class _Sample(NamedTuple):
@@ -95,8 +97,9 @@ class CatchTest:
     def weighed(self, mass_kg: float) -> None:
         """The caught mass makes a point; the same setting may be caught again without settling."""
         turned = self.turned
-        self.points.append(CatchPoint(60.0 * turned.revolutions / turned.seconds, turned.opening_mm_s / turned.seconds,
-                                      turned.seconds, mass_kg))
+        shaft_rpm = turned.shaft_rpm_rev / turned.revolutions
+        self.points.append(CatchPoint(shaft_rpm, turned.opening_mm_rev / turned.revolutions,
+                                      60.0 * turned.revolutions / shaft_rpm, mass_kg))
         self.turned, self._before_kg = Turned(), None
 
     def undo(self) -> None:
@@ -124,4 +127,4 @@ class CatchTest:
             mean_mm = 0.5 * (now.opening_mm + last.opening_mm)
             self.turned = self.turned.after(now.time_s - last.time_s, mean_rpm, mean_mm)
         elif not running and self.phase == "settle" and self.turned.seconds >= SETTLE_S:
-            self.phase, self.turned = "weigh", Turned()
+            self.phase, self.turned, self._before_kg = "weigh", Turned(), None

@@ -55,9 +55,11 @@ class CatchDesk(Desk):
         rest = max(0, LEAST_POINTS - len(self.test.points))
         texts = (
             (_("make ready"), _("The tractor stands still. Y makes the machine ready; nothing turns yet.")),
-            (_("settle"), _("A vessel under the outlets. Hold R until the bar is full; what fell is put back.")),
-            (_("catch"), _("Empty vessels of known weight under all outlets. Hold R for about {seconds} s, then let "
-                           "go.").format(seconds=f"{WEIGH_S:.0f}")),
+            (_("settle"), _("Enough: let go of R.") if self.test.turned.seconds >= SETTLE_S else
+             _("A vessel under the outlets. Hold R until the bar is full; what fell is put back.")),
+            (_("catch"), _("Enough: let go of R.") if self.test.turned.seconds >= WEIGH_S else
+             _("Empty vessels of known weight under all outlets. Hold R for about {seconds} s, then let go.").format(
+                 seconds=f"{WEIGH_S:.0f}")),
             (_("weigh"), _("W: type what all outlets together gave. Not sure of it: Z settles again.")),
             (_("fit and save"), _("F fits. More settings make it better: S and O change them.") if not rest else
              _("{rest} more catches: change the setting with S or O, for a wide range.").format(rest=rest)),
@@ -88,10 +90,10 @@ class CatchDesk(Desk):
         bars.append(Line(_("hopper scale"), "--" if says is None else
                          _("about {mass} less").format(mass=mass.full(says))))
         kilograms = self.bench.units.mass._replace(decimals=3)
-        bars.append(Cells(("#", "r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True))
-        bars += [Cells((str(number), f"{one.shaft_rpm:.1f}", f"{one.opening_mm:.1f}", f"{one.duration_s:.1f}",
+        bars.append(Cells(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True))
+        bars += [Cells((f"{one.shaft_rpm:.1f}", f"{one.opening_mm:.1f}", f"{one.duration_s:.1f}",
                         f"{one.revolutions:.1f}", kilograms.text(one.mass_kg), f"{one.grams_per_revolution:.1f}"))
-                 for number, one in enumerate(test.points, 1)]
+                 for one in test.points]
         return tuple(bars)
 
     def curve(self) -> CurveView:

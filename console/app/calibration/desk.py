@@ -1,6 +1,7 @@
 """What the Calibrate screen needs of each calibration."""
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -117,8 +118,8 @@ class Desk:
             low, high = self.fitted.range
             rows.append(_("holds from {low} to {high} r/min").format(low=f"{low:g}", high=f"{high:g}"))
         if self.saved:
-            rows.append(_("saved: {path}").format(path=self.saved))
-            rows.append(_("used after: topdress run --config (this file)"))
+            rows.append(_("saved: {path}").format(path=short_path(self.saved)))
+            rows.append(_("in use after: topdress run --config FILE"))
         return tuple(rows)
 
     def save_chip(self) -> Chip:
@@ -140,6 +141,12 @@ class Desk:
         if seen.state == "ready" and frame.why_state == "calibration_time":
             return _("The run reached its time limit: let go, then press again.")
         return ""
+
+
+def short_path(path: str) -> str:
+    """The home folder as ~."""
+    home = os.path.expanduser("~")
+    return "~" + path.removeprefix(home) if path.startswith(home + os.sep) else path
 
 
 def mark(index: int, now: int) -> Mark:

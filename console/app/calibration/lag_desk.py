@@ -15,7 +15,7 @@ from console.frame import LagTestView
 from console.locale import N_, _
 
 RIG = "lag_rig"
-OTHER = ""
+OTHER = "other file"
 MOST_TABLES = 7
 PHASES = {"settling": N_("waiting until all is still"), "arming": N_("arming the rig"),
           "running": N_("measuring"), "done": N_("all measured")}
@@ -78,7 +78,7 @@ class LagDesk(Desk):
         if test is not None:
             rows += [Bar(_("measured"), round(test.progress, 2), f"{100 * test.progress:3.0f} %"),
                      Line(_("rig"), _(PHASES.get(test.phase, test.phase)), "lead" if test.phase == "running" else ""),
-                     Line(_("run"), f"{test.shaft_rpm:g} r/min  #{test.replicate}   "
+                     Line(_("this run"), f"{test.shaft_rpm:g} r/min  #{test.replicate}   "
                                     f"{_('left out: {count}').format(count=test.left_out)}")]
             if test.said:
                 rows.append(Line(_("trouble"), test.said, "amber"))
@@ -144,7 +144,10 @@ class LagDesk(Desk):
             elif path is not None:
                 self._take_table(next(table for table in tables if table.path == path))
 
-        self.bench.ask(ChoiceDialog(_("Which bench table?"), choices, ""), chosen)
+        if tables:
+            self.bench.ask(ChoiceDialog(_("Which bench table?"), choices, ""), chosen)
+        else:
+            chosen(OTHER)
 
     def _open(self, path: str | None) -> None:
         job = self.bench.job

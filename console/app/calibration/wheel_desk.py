@@ -54,6 +54,10 @@ class WheelDesk(Desk):
                          trouble or ("" if seen.frame is not None else _("No control worker is connected.")),
                          self.found())
 
+    def found(self) -> tuple[str, ...]:
+        rows = super().found()
+        return (*rows, _("a cab file has it too: board, wheel_circumference_m")) if self.saved else rows
+
     def sheet(self, seen: Seen) -> tuple[Row, ...]:
         drive, distance = self.run.drive, self.bench.units.fine_distance
         rows: list[Row] = [

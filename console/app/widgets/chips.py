@@ -35,8 +35,9 @@ def placed(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, i
 
 
 def text_of(chip: Chip) -> str:
-    mark = ">" if chip.lead else " "
-    return f"{mark}{chip.key} {chip.label} "
+    """` Y make ready `, `>Y make ready ` where it is next, `(Y make ready)` where it is not possible now."""
+    first, last = ("(", ")") if not chip.on else (">", " ") if chip.lead else (" ", " ")
+    return f"{first}{chip.key} {chip.label}{last}"
 
 
 class Chips(Panel[tuple[Chip, ...]]):
