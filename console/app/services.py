@@ -8,6 +8,7 @@ from console.app.calibration.job import CalibrateJob
 from console.app.diagnosis_data import DiagnosisService
 from console.app.field_picture import FieldPicture
 from console.app.job_desk import JobDesk
+from console.app.log_files import LogFiles
 from console.app.settings import SettingsStore
 from console.frame import Frame
 
@@ -26,3 +27,5 @@ class Services:
     field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job
 
     diagnosis: DiagnosisService | None = None
+
+    logs: LogFiles | None = None

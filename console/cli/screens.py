@@ -64,12 +64,14 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     from console.cli.calibrate_services import calibrate_job
     from console.cli.diagnosis_services import diagnosis_files
     from console.cli.map_services import field_picture
+    from console.cli.replay_services import RunLogs
     from drivers.files.kinds import CAB
     cab = found.get(CAB.format)
     board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
     return Services(
         diagnosis=diagnosis_files(found, effects),
         field=field_picture,
+        logs=RunLogs(),
         calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None,
                                 board.wheel_pulses_per_turn if board else None),
     )
@@ -92,9 +94,10 @@ def show_replay(recorded: RunLog) -> None:
     from console.app.services import Services
     from console.cli.map_services import field_picture
     from console.cli.replay_frames import replay_job
+    from console.cli.replay_services import RunLogs
     from console.cli.settings_services import settings_store
     TopdressApp(None, replay=replay_job(recorded),
-                services=Services(field=field_picture, settings=settings_store())).run()
+                services=Services(field=field_picture, logs=RunLogs(), settings=settings_store())).run()
 
 
 def trouble_path() -> Path:

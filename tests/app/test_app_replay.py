@@ -289,7 +289,7 @@ async def test_without_a_log_the_screen_says_how_to_open_one(app, shown):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f7")
         await pilot.pause()
-        assert any("topdress replay LOG.csv" in row for row in shown(app))
+        assert any("O opens one" in row for row in shown(app))
         await pilot.press("p")
         await pilot.pause()
         await pilot.press("f2")

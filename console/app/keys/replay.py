@@ -5,6 +5,7 @@ from console.app.action import REPLAY, Action
 from console.locale import N_
 
 ACTIONS = (
+    Action("open_log", "o", "O", N_("open"), N_("Another log, the newest first."), REPLAY, 3),
     Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), REPLAY, 3),
     Action("step_back", "left", "<", N_("back"), N_("One row back."), REPLAY, 4),
     Action("step_on", "right", ">", N_("on"), N_("One row on."), REPLAY, 5),

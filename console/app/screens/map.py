@@ -145,7 +145,7 @@ class MapScreen(LogPage):
 
     def _toggle_log(self) -> None:
         if self.app.replay_page.job is None:
-            self.app.notice(_("no log is open: topdress replay LOG.csv"))
+            self.app.notice(_("no log is open: F7, O opens one"))
         elif self.app.source is None:
             self.app.notice(_("no machine is connected"))
         else:

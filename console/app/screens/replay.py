@@ -34,6 +34,7 @@ class ReplayScreen(PanelScreen):
         self.job: ReplayJob | None = None
         self.chosen = WhatIf()
         self.computing: Worker[Sequence[Frame]] | None = None
+        self.opening: Worker[ReplayJob] | None = None
         self._wanted = WhatIf()
         self._history = LogHistory(())
         self._stop, self._share = Event(), 0.0
@@ -69,7 +70,7 @@ class ReplayScreen(PanelScreen):
         return book.records
 
     def extra(self) -> ComposeResult:
-        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: topdress replay LOG.csv")), id="replay-bar")
+        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: O opens one")), id="replay-bar")
 
     def replayed(self) -> ReplayJob | None:
         return self.job
@@ -118,8 +119,11 @@ class ReplayScreen(PanelScreen):
 
     def command(self, action: str) -> None:
         """One of the replay's own actions; nothing where no log is open."""
+        if action == "open_log":
+            self._ask_log()
+            return
         if self.job is None:
-            self.app.notice(_("no log is open: topdress replay LOG.csv"))
+            self.app.notice(_("no log is open: O opens one"))
             return
         source = self.job.source
         match action:
@@ -157,6 +161,30 @@ class ReplayScreen(PanelScreen):
             case "cancel_what_if":
                 self._cancel()
         self.hurry()
+
+    def _ask_log(self) -> None:
+        files = self.app.services.logs
+        listed = files.logs() if files is not None else ()
+        if files is None or not listed:
+            self.app.notice(_("there is no log yet"))
+            return
+        choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
+        read = files.open
+
+        def answer(path: str | None) -> None:
+            if path is not None:
+                self.app.notice(_("reading the log"))
+                self.opening = self.run_worker(lambda: read(path), group="open-log", thread=True, exclusive=True,
+                                               exit_on_error=False)
+
+        self.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)
+
+    def _opened(self, event: Worker.StateChanged) -> None:
+        if event.state is WorkerState.SUCCESS and event.worker.result is not None:
+            self._cancel()
+            self.open(event.worker.result)
+        elif event.state is WorkerState.ERROR:
+            self.app.notice(str(event.worker.error))
 
     def _ask_what(self) -> None:
         assert self.job is not None
@@ -197,6 +225,9 @@ class ReplayScreen(PanelScreen):
             self.hurry()
 
     def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        if event.worker is self.opening:
+            self._opened(event)
+            return
         if event.worker is not self.computing or self.job is None:
             return
         if event.state is WorkerState.SUCCESS:
