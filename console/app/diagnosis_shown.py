@@ -12,6 +12,7 @@ from console.app.widgets.verdict import Said
 from console.locale import _, in_use
 
 MOST_GAIN_LINES = 3
+LEAST_SHARE = 0.01              # of a channel's error beyond its noise: less is there, and is worth no mark
 
 
 def said(found: Found, lead: str) -> Said:
@@ -51,9 +52,10 @@ def channels(found: Found) -> ChannelsView:
 
 def _channel(one: ChannelShown) -> ChannelLine:
     after = "" if one.after is None else words.number(one.after)
-    beyond = words.percent(words.beyond_noise(one.error, one.noise)) if one.structure else "-"
+    share = words.beyond_noise(one.error, one.noise) if one.structure else 0.0
+    wrong = share >= LEAST_SHARE
     return ChannelLine(words.channel_word(one.channel), one.unit, words.number(one.error), after,
-                       words.number(one.noise), beyond, one.structure)
+                       words.number(one.noise), words.percent(share) if wrong else "-", wrong)
 
 
 def plan(found: Found) -> PlanView:

@@ -171,13 +171,15 @@ class DiagnosisFiles:
 
 def _source(path: Path) -> Source:
     """Raises OSError, and ValueError for a file that is neither a run log nor a bench table."""
-    from control.calibration.bench_table import recognise
     status = path.stat()
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES).decode("utf-8-sig", errors="replace")
     lines = [line for line in header.splitlines() if line.strip() and not line.startswith("#")]
     names = tuple(name.strip().strip('"') for name in (lines[0] if lines else "").replace(";", ",").split(","))
-    kind = "run" if "time_s" in names else recognise(names)
+    kind: str | None = "run"
+    if "time_s" not in names:
+        from control.calibration.bench_table import recognise       # takes a second: only where there is such a file
+        kind = recognise(names)
     if kind is None:
         raise ValueError(f"{path}: neither a run log (column time_s) nor a bench table")
     changed = dt.datetime.fromtimestamp(status.st_mtime).strftime("%Y-%m-%d %H:%M")
