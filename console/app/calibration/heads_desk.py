@@ -9,8 +9,10 @@ from console.app.widgets.sheet import Bar, Level, Line, Middle, Row
 from console.locale import N_, _
 
 FULL_NDVI = 0.10              # the bars' ends
-VERDICTS = {"": "", "good": N_("good"), "fouled": N_("! FOULED: clean it"),
-            "unsteady": N_("! UNSTEADY: mount, cable"), "silent": N_("✖ SILENT: plug, power")}
+VERDICTS = {"": "", "good": N_("good"), "fouled": N_("! FOULED"), "unsteady": N_("! UNSTEADY"),
+            "silent": N_("✖ SILENT")}
+ADVICE = {"fouled": N_("head {head}: clean it"), "unsteady": N_("head {head}: look at its mount and cable"),
+          "silent": N_("head {head}: look at its plug and power")}
 LEVELS: dict[str, Level] = {"": "", "good": "", "fouled": "amber", "unsteady": "amber", "silent": "red"}
 
 
@@ -45,16 +47,16 @@ class HeadsDesk(Desk):
     def _found(self) -> tuple[str, ...]:
         if not self.check.done:
             return ()
-        bad = [str(one.number) for one in self.check.found() if one.verdict != "good"]
-        return ((_("all heads agree"),) if not bad else
-                (_("look at head {heads}").format(heads=", ".join(bad)),))
+        advice = tuple(_(ADVICE[one.verdict]).format(head=one.number) for one in self.check.found()
+                       if one.verdict in ADVICE)
+        return advice or (_("all heads agree"),)
 
     def sheet(self, seen: Seen) -> tuple[Row, ...]:
         check = self.check
         seconds = min(check.seconds, CHECK_S)
         rows: list[Row] = [Bar(_("time"), round(seconds / CHECK_S, 2), f"{seconds:4.1f} s",
                                "lead" if check.running else ""),
-                           Line("", _("offset from the median of all, NDVI; spread; verdict"), "stale")]
+                           Line(_("head"), _("NDVI against the median of all: offset, spread"))]
         for one in check.found():
             offset = "--" if one.offset is None else f"{one.offset:+.3f}"
             spread = "--" if one.spread is None else f"{one.spread:.3f}"

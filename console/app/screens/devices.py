@@ -68,7 +68,9 @@ class DevicesScreen(Page):
             self.query_one("#device-details", Rows).show(empty)
             self.query_one("#device-raw", Rows).show(empty)
         else:
-            self.query_one("#device-details", Rows).show(details(device, age_s))
+            about = details(device, age_s)
+            self.query_one("#device-details", Rows).show(about)
+            self.query_one("#device-details").styles.height = len(about.rows) + 1
             raw = self.query_one("#device-raw", Rows)
             lines = list(self._raw.get(device.name, ()))[-max(1, raw.size.height - 1):]
             raw.show(raw_rows(lines))

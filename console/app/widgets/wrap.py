@@ -13,12 +13,13 @@ def wrapped(text: str, width: int) -> list[str]:
     """Rows of `text`, each at most `width` cells; a word that is longer is cut. No row begins with a full stop."""
     if width < 2:
         return []
-    rows, row = [], ""
+    rows: list[list[str]] = [[]]
     for piece in _PIECES.findall(text):
-        if cell_len(row + piece.rstrip()) <= width or (piece in _NOT_FIRST and row):
-            row += piece
+        row = rows[-1]
+        if cell_len("".join(row) + piece.rstrip()) <= width:
+            row.append(piece)
             continue
-        rows.append(row.rstrip())
-        *whole, row = chop_cells(piece.strip(), width) or [""]
-        rows += whole
-    return [one for one in [*rows, row.rstrip()] if one]
+        carried = [row.pop()] if piece in _NOT_FIRST and len(row) > 1 else []
+        *whole, rest = chop_cells("".join(carried) + piece.strip(), width) or [""]
+        rows += [*([one] for one in whole), [rest]]
+    return [line for line in ("".join(row).strip() for row in rows) if line]
