@@ -1,4 +1,4 @@
-"""`topdress calibrate`: bench tables to a new machine file; the old one stays as it is."""
+"""`topdress calibrate`: bench tables and run logs to a new machine file; the old one stays as it is."""
 from __future__ import annotations
 
 import datetime as dt
@@ -12,18 +12,25 @@ from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
     from control.calibration.flow_fit import FlowFit
+    from control.calibration.heads_check import HeadsFit
     from control.calibration.lag_fit import LagFit
     from control.calibration.least_squares import Interval
+    from control.calibration.wheel_fit import WheelFit
+    from control.machine.machine import Machine
 
 
 class What(StrEnum):
     CATCH = "catch"
     LAG = "lag"
+    WHEEL = "wheel"
+    HEADS = "heads"
 
 
 def calibrate(
-    what: Annotated[What, typer.Argument(help="catch: flow model; lag: drop times.")],
-    data: Annotated[Path | None, typer.Argument(metavar="[DATA.csv]", help="The bench table.")] = None,
+    what: Annotated[What, typer.Argument(help="catch: flow model; lag: drop times; wheel: circumference by GNSS; "
+                                         "heads: each canopy head against the others.")],
+    data: Annotated[Path | None, typer.Argument(metavar="[DATA.csv]", help="The bench table; for wheel and heads a run "
+                                               "log.")] = None,
     *,
     out: Annotated[Path, typer.Option(metavar="NEW.yaml|TABLE.csv", help="The new machine file; with --rig the new "
                                       "bench table.")],
@@ -41,7 +48,7 @@ def calibrate(
     no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
                                          "hard-wired stop.")] = False,
 ) -> None:
-    """Fit the flow or the lag model to a bench table, with intervals and the range in which it holds.
+    """Fit flow or lag to a bench table, or wheel or heads to a run log, with intervals and range.
 
     With lag --rig URL --board URL: measure a lag bench table.
     """
@@ -50,7 +57,7 @@ def calibrate(
         measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
         return
     if data is None or rig is not None:
-        raise CommandError("calibrate: allowed is a bench table, or lag with --rig URL and no table")
+        raise CommandError("calibrate: allowed is a bench table or run log, or lag with --rig URL and no table")
     from control.calibration.flow_fit import fit_flow
     from control.calibration.lag_fit import fit_lag
     from drivers.files.bench_table import read_bench_table
@@ -59,16 +66,65 @@ def calibrate(
     if out.exists():
         raise CommandError(f"{out}: exists already: nothing is overwritten")
     loaded = load(machine, MACHINE).model
-    table = read_bench_table(data, what.value)
     today = dt.date.today().isoformat()
+    if what in (What.WHEEL, What.HEADS):
+        save(out, _signed(_from_log(what, data, loaded, today), data), MACHINE)
+        typer.echo(f"machine file: {out}")
+        return
+    table = read_bench_table(data, what.value)
     if what is What.CATCH:
         fitted, flow = fit_flow(table, loaded, date=today)
         _tell_flow(flow)
     else:
         fitted, line = fit_lag(table, loaded, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=today)
         _tell_lag(line)
-    save(out, fitted, MACHINE)
+    save(out, _signed(fitted, data), MACHINE)
     typer.echo(f"machine file: {out}")
+
+
+def _signed(machine: Machine, data: Path) -> Machine:
+    """The records of this calibration with the checksum of the file that they come from."""
+    from drivers.files.config import sha256_of
+    checksum = sha256_of(data)
+    return machine.model_copy(update={"adopted": tuple(
+        record.model_copy(update={"sha256": checksum}) if record.data == str(data) else record
+        for record in machine.adopted)})
+
+
+def _from_log(what: What, data: Path, machine: Machine, today: str) -> Machine:
+    """The machine as a run log makes it; what was found is told."""
+    from control.calibration.heads_check import check_heads
+    from control.calibration.wheel_fit import fit_wheel
+    from drivers.files.calibration_log import counted_by, heads_columns, wheel_columns
+    from drivers.files.read_log import LogError, read_log
+    try:
+        log = read_log(data)
+    except LogError as error:
+        raise CommandError(str(error)) from None
+    if what is What.WHEEL:
+        fitted, wheel = fit_wheel(wheel_columns(log), machine, counted_by(log, machine), str(data), date=today)
+        _tell_wheel(wheel)
+    else:
+        fitted, heads = check_heads(log.time_s, heads_columns(log), machine, str(data), date=today)
+        _tell_heads(heads)
+    return fitted
+
+
+def _tell_wheel(fit: WheelFit) -> None:
+    typer.echo(f"{fit.stretches} straight stretches, {fit.way_m:.0f} m {'at work' if fit.at_work else 'without flow'}")
+    typer.echo(f"wheel circumference, m  {_span(fit.circumference_m)}")
+    if fit.slip_percent is not None:
+        typer.echo(f"slip at work, %  {_span(fit.slip_percent)}")
+    for note in fit.notes:
+        typer.echo(f"note: {note}")
+
+
+def _tell_heads(fit: HeadsFit) -> None:
+    for head in fit.heads:
+        line = "" if head.slope is None else f", line {head.slope:.3f} x others {head.offset:+.3f}"
+        typer.echo(f"head {head.number}  off by {_span(head.gain_percent)} %{line}{'  FOULED' if head.fouled else ''}")
+    for note in fit.notes:
+        typer.echo(f"note: {note}")
 
 
 def _tell_flow(fit: FlowFit) -> None:

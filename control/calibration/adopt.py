@@ -5,15 +5,14 @@ from collections.abc import Collection, Mapping
 
 from control.machine.machine import Adopted, Machine
 
-from .bench_table import BenchTable
 from .least_squares import Interval
 
 
-def record(id_: str, size: Interval, unit: str, table: BenchTable, date: str,
-           valid: Mapping[str, tuple[float, float]]) -> Adopted:
-    """Where a calibrated parameter comes from and where it holds."""
-    return Adopted(id=id_, size=size.value, low=size.low, high=size.high, unit=unit, data=table.path, date=date,
-                   valid=dict(valid))
+def record(id_: str, size: Interval, unit: str, data: str, date: str, valid: Mapping[str, tuple[float, float]],
+           member: int | None = None) -> Adopted:
+    """Where a calibrated parameter comes from (`data`: path of the table or log) and where it holds."""
+    return Adopted(id=id_, size=size.value, low=size.low, high=size.high, unit=unit, data=data, date=date,
+                   valid=dict(valid), member=member)
 
 
 def with_records(machine: Machine, records: tuple[Adopted, ...], replaced: Collection[str]) -> tuple[Adopted, ...]:
@@ -22,8 +21,8 @@ def with_records(machine: Machine, records: tuple[Adopted, ...], replaced: Colle
     return (*(r for r in machine.adopted if r.id not in gone), *records)
 
 
-def retitled(machine: Machine, what: str, table: BenchTable, date: str) -> str:
+def retitled(machine: Machine, what: str, data: str, date: str) -> str:
     """The machine's title with the calibration behind it."""
-    source = table.path.replace("\\", "/").rsplit("/", 1)[-1] or "a bench table"
+    source = data.replace("\\", "/").rsplit("/", 1)[-1] or "a bench table"
     note = f"{what} from {source}" + (f", {date}" if date else "")
     return f"{machine.title}; {note}" if machine.title else note

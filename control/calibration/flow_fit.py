@@ -136,12 +136,13 @@ def _of(terms: tuple[str, ...], fit: Fit, name: str, times: float = 1.0) -> Inte
 
 def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -> Machine:
     valid = {"shaft_rpm": flow.shaft_rpm, "opening_mm": flow.opening_mm}
-    records = [record("flow.grams_per_rev_mm", flow.grams_per_rev_mm, "g per revolution and mm", table, date, valid)]
+    records = [record("flow.grams_per_rev_mm", flow.grams_per_rev_mm, "g per revolution and mm", table.path, date,
+                      valid)]
     if flow.zero_offset_g_rev is not None:
-        records.append(record("flow.zero_offset", flow.zero_offset_g_rev, "g per revolution", table, date, valid))
+        records.append(record("flow.zero_offset", flow.zero_offset_g_rev, "g per revolution", table.path, date, valid))
     if flow.fill_falloff_percent is not None:
         records.append(
-            record("flow.fill_falloff", flow.fill_falloff_percent, "% lost at 100 r/min", table, date, valid))
+            record("flow.fill_falloff", flow.fill_falloff_percent, "% lost at 100 r/min", table.path, date, valid))
     stage = machine.flow._replace(
         grams_per_rev_mm=flow.grams_per_rev_mm.value, gain_percent=0.0,
         zero_offset_g_rev=flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0,
@@ -149,4 +150,4 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
     checked = Machine.model_validate({**dict(machine), "flow": stage})
     return checked.model_copy(update={
         "adopted": with_records(machine, tuple(records), ("flow.gain", "flow.zero_offset", "flow.fill_falloff")),
-        "title": retitled(machine, "flow", table, date)})
+        "title": retitled(machine, "flow", table.path, date)})

@@ -1,0 +1,135 @@
+"""The wheel's circumference from a run log: the way by GNSS against the way by its pulses, on straight stretches."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from control.geodesy import TangentPlane
+from control.machine.machine import Machine
+
+from .adopt import record, retitled, with_records
+from .bench_table import Array
+from .least_squares import Interval
+
+STRETCH_M = 10.0            # straight from fix to fix; the noise of both ends is part of the scatter
+ASIDE_M = 0.10              # a fix farther aside from the chord: no straight stretch
+GAP_S = 1.5                 # between fixes
+SLOWEST_MPS = 0.5
+LEAST_M, LEAST_STRETCHES = 100.0, 5
+NEEDED_QUALITY = 4          # RTK fixed; anything else only where nothing better is there, and said
+
+
+class WheelLog(NamedTuple):
+    """Columns (n,) of a run log; NaN: not known. `flowing`: the machine is under load."""
+
+    time_s: Array
+    lat_deg: Array
+    lon_deg: Array
+    fix_quality: Array
+    wheel_speed_mps: Array
+    flowing: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class WheelFit:
+    """`slip_percent`: at work against out of work; None where the log has not both."""
+
+    circumference_m: Interval
+    way_m: float
+    stretches: int
+    at_work: bool               # no way out of work: slip is in the circumference
+    slip_percent: Interval | None
+    notes: tuple[str, ...]
+
+
+def fit_wheel(log: WheelLog, machine: Machine, counted_m: float, data: str, *,
+              date: str = "") -> tuple[Machine, WheelFit]:
+    """Puts the circumference by GNSS into a copy of the machine. `counted_m`: the one by which the log's wheel speed
+    was counted. Way without flow counts, for a wheel slips under load; where there is not enough of it, all.
+
+    Raises ValueError with one line where the log cannot give a circumference.
+    """
+    stretches = _stretches(log, data)
+    idle, loaded = stretches[stretches[:, 2] == 0.0], stretches[stretches[:, 2] > 0.0]
+    at_work = not _enough(idle)
+    used = loaded if at_work else idle
+    if not _enough(used):
+        raise ValueError(f"{data}: {len(used)} straight stretches of {STRETCH_M:g} m, {used[:, 0].sum():.0f} m, with "
+                         f"wheel and places: at least {LEAST_STRETCHES} and {LEAST_M:g} m are needed")
+    share = _ratio(used)
+    circumference = Interval(*(counted_m * value for value in share))
+    notes = []
+    if at_work:
+        notes.append("the log has too little way without flow: the wheel's slip under load is in the circumference")
+    worst = int(np.nanmin(log.fix_quality)) if np.isfinite(log.fix_quality).any() else 0
+    if worst != NEEDED_QUALITY:
+        notes.append(f"fix quality down to {worst}: places may drift; {NEEDED_QUALITY} (RTK fixed) is better")
+    slip = None
+    if not at_work and _enough(loaded):
+        work = _ratio(loaded)
+        half = 100.0 * np.hypot(work.high - work.value, share.high - share.value)
+        percent = 100.0 * (share.value / work.value - 1.0)
+        slip = Interval(percent, percent - float(half), percent + float(half))
+    fit = WheelFit(circumference, float(used[:, 0].sum()), len(used), at_work, slip, tuple(notes))
+    speed = machine.speed._replace(wheel_circumference_m=circumference.value, radius_percent=0.0)
+    checked = Machine.model_validate({**dict(machine), "speed": speed})
+    found = record("speed.wheel_circumference_m", circumference, "m", data, date, {})
+    return checked.model_copy(update={
+        "adopted": with_records(machine, (found,), ("speed.wheel_radius",)),
+        "title": retitled(machine, "wheel", data, date)}), fit
+
+
+def _enough(stretches: Array) -> bool:
+    return len(stretches) >= LEAST_STRETCHES and float(stretches[:, 0].sum()) >= LEAST_M
+
+
+def _ratio(stretches: Array) -> Interval:
+    """Way by GNSS over way by the wheel, with the 90 % interval from the scatter of the stretches."""
+    gnss, wheel = stretches[:, 0], stretches[:, 1]
+    ratio = float(gnss.sum() / wheel.sum())
+    off = (gnss - ratio * wheel) / wheel.mean()
+    half = float(student.ppf(0.95, len(off) - 1) * off.std(ddof=1) / np.sqrt(len(off)))
+    return Interval(ratio, ratio - half, ratio + half)
+
+
+def _stretches(log: WheelLog, data: str) -> Array:
+    """(k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and wholly in or out of work."""
+    known = np.isfinite(log.lat_deg) & np.isfinite(log.lon_deg)
+    moved = known & np.concatenate(([True], (np.diff(log.lat_deg) != 0.0) | (np.diff(log.lon_deg) != 0.0)))
+    rows = np.flatnonzero(moved & np.isfinite(log.wheel_speed_mps))
+    if len(rows) < 2:
+        raise ValueError(f"{data}: no rows with wheel_speed_mps and places (lat_deg, lon_deg): both are needed")
+    plane = TangentPlane(float(log.lat_deg[rows[0]]), float(log.lon_deg[rows[0]]))
+    places = plane.many_to_m(log.lat_deg[rows], log.lon_deg[rows])
+    speed = np.where(np.isfinite(log.wheel_speed_mps), log.wheel_speed_mps, 0.0)
+    steps = np.diff(log.time_s, append=log.time_s[-1:])
+    way = np.concatenate(([0.0], np.cumsum(0.5 * (speed[:-1] + speed[1:]) * steps[:-1])))
+    bad = (speed < SLOWEST_MPS).astype(np.int64).cumsum()
+    loaded = log.flowing.astype(np.int64)
+    changes = np.concatenate(([0], np.cumsum(np.abs(np.diff(loaded)))))
+    found, begin = [], 0
+    for k in range(1, len(rows)):
+        a, b = rows[begin], rows[k]
+        if (log.time_s[b] - log.time_s[rows[k - 1]] > GAP_S or bad[b] != bad[a] or changes[b] != changes[a]
+                or _aside_m(places[begin:k + 1]) > ASIDE_M):
+            begin = k
+            continue
+        chord = float(np.hypot(*(places[k] - places[begin])))
+        if chord >= STRETCH_M:
+            found.append((chord, float(way[b] - way[a]), float(loaded[a])))
+            begin = k
+    return np.array(found).reshape(-1, 3)
+
+
+def _aside_m(places: Array) -> float:
+    """Farthest from the chord between the ends, m."""
+    along = places[-1] - places[0]
+    length = float(np.hypot(*along))
+    if length < 1.0 or len(places) < 3:
+        return 0.0
+    off = places[1:-1] - places[0]
+    return float(np.abs(off[:, 0] * along[1] - off[:, 1] * along[0]).max()) / length
