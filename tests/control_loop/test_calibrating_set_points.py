@@ -5,10 +5,12 @@ import datetime as dt
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from control.field.job import Simulated
 from control.orders import Do, Order, State
-from control.readings import DriveCommand
+from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.measuring import Measuring
 from drivers.files.setup import load_setup
@@ -62,7 +64,8 @@ def bench() -> Any:
 
 def test_set_points_reach_the_drives_and_nothing_trims_them(bench: Any) -> None:
     assert bench.press().accepted
-    assert bench.run(0.5).bench[:2] == pytest.approx((0.0, 25.0), abs=0.2), "a run begins with a standing shaft, the gate where it is"
+    begins = bench.run(0.5).bench
+    assert begins[:2] == pytest.approx((0.0, 25.0), abs=0.2), "a standing shaft, the gate where it is"
     assert bench.order(Do.CALIBRATE_SHAFT, 50.04).accepted
     assert bench.order(Do.CALIBRATE_OPENING, 18.0).accepted
     tick = bench.run(8.0)
@@ -144,3 +147,66 @@ def test_work_after_calibrating_is_as_without(bench: Any) -> None:
     bench.order(Do.CALIBRATE_SHAFT, 33.0)
     bench.run(10.0)
     assert bench.loop._drive_trim.shaft_share == bench.loop._drive_trim.gate_mm == 0.0
+
+
+SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+STEPS = st.lists(st.one_of(
+    st.tuples(st.just(Do.CALIBRATE), st.sampled_from([None, 1.0, 120.0, 500.0])),
+    st.tuples(st.sampled_from([Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING]),
+              st.sampled_from([0.0, 3.0, 7.0, 40.0, 99.0, 1e9, -1.0, float("nan"), "40", None])),
+    st.tuples(st.sampled_from([Do.RELEASE, Do.HOLD, Do.READY, Do.START, Do.STOP, Do.ACKNOWLEDGE]), st.none()),
+    st.tuples(st.just("wait"), st.sampled_from([1, 4, 8, 12])),
+    st.tuples(st.just("speed"), st.sampled_from([0.0, 0.0, 0.15, 0.3, 1.5])),
+    st.tuples(st.just("drives"), st.booleans())), min_size=5, max_size=40)
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@given(STEPS)
+def test_whatever_is_ordered_the_shaft_turns_on_the_bench_only_while_the_button_is_down(steps: list[Any]) -> None:
+    """Orders, movement and silent drives in any sequence, against the published rules."""
+    setup = SETUP
+    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
+    limits, now, speed, heard = setup.machine.limits, 100.0, 0.0, True
+    drives = (Reading(0.0, now), Reading(25.0, now))
+    confirmed_s = begun_s = -1e9
+    asked_rpm, before = 0.0, State.OFF
+
+    def tick() -> None:
+        nonlocal now, before, drives, asked_rpm
+        now += 0.05
+        if heard:
+            drives = (Reading(0.0, now), Reading(25.0, now))
+        fix = GnssFix(now, 34.28, 119.88, 4, speed_mps=speed, heading_deg=10.0)
+        said = loop.tick(Measurements(now, gnss=fix, wheel_speed_mps=Reading(speed, now),
+                                      ndvi=(Reading(0.5, now),) * 6, shaft_rpm=drives[0], opening_mm=drives[1]))
+        rpm, mm = said.command.shaft_rpm, said.command.opening_mm
+        assert rpm == 0.0 or limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm
+        assert limits.opening_low_mm <= mm <= limits.opening_high_mm
+        if said.row.state == State.CALIBRATING:
+            assert now - confirmed_s < 0.5 and now - begun_s <= 120.05 and speed <= 0.2
+            assert rpm <= max(asked_rpm, limits.shaft_low_rpm if asked_rpm >= limits.shaft_low_rpm / 2 else 0.0)
+            assert rpm == 0.0 or now - drives[0].time_s <= 0.5
+        elif said.row.state != State.WORKING:
+            assert rpm == 0.0 and said.bench is None
+        before = State(said.row.state)
+
+    tick()
+    for do, value in steps:
+        if do == "wait":
+            for _ in range(value):
+                tick()
+        elif do == "speed":
+            speed = value
+        elif do == "drives":
+            heard = value
+        else:
+            answer = loop.order(Order(do, value))
+            if do is Do.CALIBRATE and answer.accepted:
+                if before is not State.CALIBRATING:
+                    begun_s, asked_rpm = now, 0.0
+                confirmed_s, before = now, State.CALIBRATING
+            elif do is Do.CALIBRATE_SHAFT and answer.accepted:
+                asked_rpm = value
+            elif answer.accepted and do is not Do.CALIBRATE_OPENING:
+                before = loop.safety.state
+    tick()
