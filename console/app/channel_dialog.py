@@ -23,6 +23,7 @@ class ChannelDialog(Dialog[None]):
     place of the first."""
 
     AUTO_FOCUS = "#channel-list"
+    VERTICAL_BREAKPOINTS = [(0, "-low"), (30, "-tall")]
     BINDINGS: ClassVar = [Binding("c", "cancel", show=False)]
 
     def __init__(self, chosen: tuple[str, ...], units: Units, tell: Callable[[tuple[str, ...]], None]) -> None:

@@ -108,4 +108,6 @@ def value_of(row: LogRow, channel: str) -> float:
 
 def values_of(row: LogRow) -> list[float]:
     """All channels of a row, in the order of CHANNELS."""
-    return [value_of(row, channel.id) for channel in CHANNELS]
+    values = [NAN if at < 0 or (value := row[at]) is None else value for at in _AT]
+    values[COLUMN[ERROR]] = value_of(row, ERROR)
+    return values

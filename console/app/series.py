@@ -59,39 +59,42 @@ def sums(stretch: Stretch) -> Sums:
                 float(stretch.high[known].max()))
 
 
+class _Row(NamedTuple):
+    """Of all channels, made once for all levels: (value, minus value) and (value or 0, 1 where known)."""
+
+    extremes: Floats
+    totals: Floats
+
+
 class _Level:
-    """Buckets of one width for all channels; the oldest are dropped when twice KEPT are there."""
+    """Buckets of one width for all channels; the oldest are dropped when twice `kept` are there.
+
+    extremes[bucket]: lowest value and lowest negated value; totals[bucket]: sum and count.
+    """
 
     def __init__(self, width_s: float, kept: int) -> None:
         self.width_s, self.kept = width_s, kept
-        channels = len(CHANNELS)
-        self.size = 0
+        self.size, self.number = 0, -1
         self.time_s: Floats = np.zeros(2 * kept)
-        self.number = -1
-        self.low: Floats = np.zeros((2 * kept, channels))
-        self.high: Floats = np.zeros((2 * kept, channels))
-        self.total: Floats = np.zeros((2 * kept, channels))
-        self.count: Floats = np.zeros((2 * kept, channels))
+        self.extremes: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
+        self.totals: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
 
-    def add(self, time_s: float, values: Floats, known: npt.NDArray[np.bool_]) -> None:
+    def add(self, time_s: float, row: _Row) -> None:
         number = int(time_s / self.width_s + 1e-6)
         if number != self.number or self.size == 0:
             self._begin(number, time_s)
-        k = self.size - 1
-        np.fmin(self.low[k], values, out=self.low[k])
-        np.fmax(self.high[k], values, out=self.high[k])
-        np.add(self.total[k], values, out=self.total[k], where=known)
-        self.count[k] += known
+            self.extremes[self.size - 1], self.totals[self.size - 1] = row
+            return
+        extremes, totals = self.extremes[self.size - 1], self.totals[self.size - 1]
+        np.fmin(extremes, row.extremes, out=extremes)
+        np.add(totals, row.totals, out=totals)
 
     def _begin(self, number: int, time_s: float) -> None:
         if self.size == 2 * self.kept:
-            for array in (self.time_s, self.low, self.high, self.total, self.count):
+            for array in (self.time_s, self.extremes, self.totals):
                 array[:self.kept] = array[self.kept:]
             self.size = self.kept
-        k = self.size
-        self.time_s[k], self.number = time_s, number
-        self.low[k] = self.high[k] = np.nan
-        self.total[k] = self.count[k] = 0.0
+        self.time_s[self.size], self.number = time_s, number
         self.size += 1
 
     @property
@@ -102,11 +105,10 @@ class _Level:
         times = self.time_s[:self.size]
         begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
         end = int(np.searchsorted(times, to_s, side="right"))
-        count = self.count[begin:end, column]
+        total, count = self.totals[begin:end, :, column].T.copy()
+        low, high = self.extremes[begin:end, :, column].T.copy()
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = self.total[begin:end, column] / count
-        return Stretch(times[begin:end].copy(), self.low[begin:end, column].copy(),
-                       self.high[begin:end, column].copy(), mean, count.copy())
+            return Stretch(times[begin:end].copy(), low, -high, total / count, count)
 
 
 class Pyramid:
@@ -132,15 +134,16 @@ class Pyramid:
     @property
     def bytes(self) -> int:
         return sum(array.nbytes for level in self._levels
-                   for array in (level.time_s, level.low, level.high, level.total, level.count))
+                   for array in (level.time_s, level.extremes, level.totals))
 
     def add(self, frame: Frame) -> None:
         """One more row; rows come in order of time."""
         values = np.array(values_of(frame.row))
         known = np.isfinite(values)
         time_s = frame.row.time_s
+        row = _Row(np.array((values, -values)), np.array((np.where(known, values, 0.0), known)))
         for level in self._levels:
-            level.add(time_s, values, known)
+            level.add(time_s, row)
         self._end_s = time_s
         if self._started_s is None:
             self._started_s = time_s

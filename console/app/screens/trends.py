@@ -121,7 +121,8 @@ class TrendsScreen(LogPage):
             low=unit.text(all_of_it.low), mean=unit.text(all_of_it.mean), high=unit.text(all_of_it.high))
         gap_s = max(GAP_S, 3.0 * window.length_s / buckets)
         return Plot(_(channel.label), unit.name, self._value(stretch, unit, gap_s), words,
-                    _plain(low, unit), _plain(high, unit), _pieces(stretch, window, gap_s, unit, low, high),
+                    _plain(low, unit), _plain(0.5 * (low + high), unit), _plain(high, unit),
+                    _pieces(stretch, window, gap_s, unit, low, high),
                     self.fixed is not None and channel.id in self.fixed)
 
     def _value(self, stretch: Stretch, unit: Unit, gap_s: float) -> str:
@@ -225,7 +226,7 @@ class TrendsScreen(LogPage):
 
     def _toggle_log(self) -> None:
         if self.app.replay_page.job is None:
-            self.app.notice(_("no log is open: topdress replay LOG.csv"))
+            self.app.notice(_("no log is open: F7, O opens one"))
         elif self.app.source is None:
             self.app.notice(_("no machine is connected"))
         else:
@@ -256,7 +257,7 @@ class TrendsScreen(LogPage):
 
 def _plain(shown: float, unit: Unit) -> str:
     """An end of an axis, with no more decimals than it has."""
-    text = f"{shown + 0.0:.{unit.decimals}f}"
+    text = f"{shown + 0.0:.{unit.decimals + 1}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 

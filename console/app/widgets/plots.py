@@ -19,6 +19,7 @@ from console.locale import _, in_use
 _BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 _AXIS = 9                       # cells of the axis' numbers
 LEAST_ROWS = 3                  # a title and two rows of plot
+LEAST_LABELLED = 5              # rows of a plot whose middle is labelled too
 
 
 class Piece(NamedTuple):
@@ -38,6 +39,7 @@ class Plot(NamedTuple):
     value: str
     sums: str
     low: str
+    middle: str
     high: str
     pieces: tuple[Piece, ...]
     fixed: bool = False
@@ -153,8 +155,10 @@ class Plots(Canvas[PlotsView]):
         cursor_style = self.style("plots--cursor")
         dots = traced(plot.pieces, columns, count)
         cursor = None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
+        labels = {(count - 1) // 2: plot.middle} if count >= LEAST_LABELLED else {}
+        labels |= {0: plot.high, count - 1: plot.low}
         for row in range(count):
-            label = plot.high if row == 0 else plot.low if row == count - 1 else ""
+            label = labels.get(row, "")
             segments = [Segment(right(label, _AXIS - 1) + " ", muted)]
             segments += self._cells(dots, row, columns, cursor, line, cursor_style)
             yield Strip(segments).adjust_cell_length(width, self.rich_style)
@@ -162,10 +166,14 @@ class Plots(Canvas[PlotsView]):
     @staticmethod
     def _cells(dots: Dots, row: int, columns: int, cursor: int | None, line: Style, cursor_style: Style
                ) -> Iterator[Segment]:
-        for column in range(columns):
-            bits = dots.get((column, row), 0)
-            style = cursor_style if column == cursor else line
-            yield Segment(chr(0x2800 | bits) if bits else "│" if column == cursor else " ", style)
+        """Cells before the cursor, its own, and those after it."""
+        row_of = [chr(0x2800 | bits) if (bits := dots.get((column, row), 0)) else " " for column in range(columns)]
+        if cursor is None or not 0 <= cursor < columns:
+            yield Segment("".join(row_of), line)
+            return
+        yield Segment("".join(row_of[:cursor]), line)
+        yield Segment("│" if row_of[cursor] == " " else row_of[cursor], cursor_style)
+        yield Segment("".join(row_of[cursor + 1:]), line)
 
     def _times(self, view: PlotsView, width: int) -> Strip:
         columns = self.columns(width)

@@ -1,0 +1,222 @@
+"""The raster of the worked ground: where what lies, what a pixel says, bounded memory, and the image made of it."""
+from __future__ import annotations
+
+from dataclasses import replace
+from math import isnan, nan
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from console.app.camera import Camera, Pixels, fit
+from console.app.field_picture import FieldPicture, Planned
+from console.app.history import History, LogHistory
+from console.app.layers import Layer, scale_of
+from console.app.map_image import DONE, EMPTY, OUTLINE, PASSAGE, PLAN, ground, image
+from console.app.sample import run_frames
+from console.app.scale import STEPS
+from console.app.units import IMPERIAL, METRIC
+from console.app.worked import KINDS, Box, Spot, Worked, spot_of
+
+
+def straight(length_m: float, step_m: float = 0.8, applied: float = 300.0, east_m: float = 0.5) -> list[Spot]:
+    """A way due north from 0."""
+    return [Spot(east_m, north, 0.0, applied, 320.0, 0.5) for north in np.arange(0.0, length_m, step_m).tolist()]
+
+
+def test_a_swath_is_as_wide_as_the_outlets_and_nothing_beside_it():
+    worked = Worked(width_m=3.0)
+    worked.add(straight(20.0, east_m=5.5))
+    seen = ground(worked, Pixels(12, 22, 1.0, 0.0, 21.0))
+    done = ~np.isnan(seen.applied_kg_ha)
+    assert done[5:20].sum(axis=1).tolist() == [3] * 15
+    assert np.flatnonzero(done[10]).tolist() == [4, 5, 6]
+    assert not done[0].any() and not done[21].any(), "nothing ahead of it, nothing behind"
+    assert np.flatnonzero(seen.passed[10]).tolist() == [5]
+
+
+def test_heading_east_the_swath_lies_north_and_south():
+    worked = Worked(width_m=3.0)
+    worked.add([Spot(east, 5.5, 90.0, 300.0, 320.0, 0.5) for east in np.arange(0.0, 10.0, 0.8).tolist()])
+    seen = ground(worked, Pixels(10, 10, 1.0, 0.0, 10.0))
+    assert np.flatnonzero(~np.isnan(seen.applied_kg_ha[:, 4])).tolist() == [3, 4, 5]
+
+
+def test_a_gap_between_frames_is_filled_but_a_jump_is_not():
+    worked = Worked(width_m=1.0)
+    worked.add([Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5), Spot(0.5, 8.5, 0.0, 300.0, 300.0, 0.5),
+                Spot(0.5, 40.5, 0.0, 300.0, 300.0, 0.5)])
+    seen = ground(worked, Pixels(1, 45, 1.0, 0.0, 45.0)).applied_kg_ha[::-1, 0]
+    assert np.flatnonzero(~np.isnan(seen)).tolist() == [*range(9), 40]
+
+
+def test_standing_still_weighs_nothing():
+    worked = Worked()
+    worked.add([Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5)])
+    version = worked.version
+    worked.add([Spot(0.5, 0.6, 0.0, 0.0, 300.0, 0.5)] * 1000)
+    assert worked.version == version
+    assert ground(worked, Pixels(1, 1, 1.0, 0.0, 1.0)).applied_kg_ha[0, 0] == 300.0
+
+
+def test_what_is_not_known_does_not_count_as_zero():
+    worked = Worked(width_m=1.0)
+    worked.add([Spot(0.5, 0.0, 0.0, nan, 300.0, nan), Spot(0.5, 0.5, 0.0, 200.0, 300.0, nan)])
+    seen = ground(worked, Pixels(1, 1, 1.0, 0.0, 1.0))
+    assert (seen.applied_kg_ha[0, 0], seen.target_kg_ha[0, 0]) == (200.0, 300.0)
+    assert isnan(seen.ndvi[0, 0])
+
+
+def test_a_held_machine_leaves_a_passage_only():
+    frame = run_frames(seconds=1.0)[-1]
+    held = replace(frame, row=frame.row._replace(state="held"))
+    assert isnan(spot_of(held).applied_kg_ha) and isnan(spot_of(held).target_kg_ha)
+    assert spot_of(frame).applied_kg_ha == frame.row.applied_rate_kg_ha
+    assert spot_of(replace(frame, place_m=None)) is None
+
+
+@pytest.mark.parametrize("metres", [0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 20.0, 100.0])
+def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
+    """The sums over all pixels are those over all finest cells, however coarse the pixels are."""
+    worked = Worked()
+    rng = np.random.default_rng(5)
+    spots = [Spot(2.4 * (k // 80), float(k % 80), 0.0 if k // 80 % 2 == 0 else 180.0, float(rng.uniform(200, 400)),
+                  300.0, 0.5) for k in range(800)]
+    worked.add(spots)
+    size = int(130 / metres) + 2
+    pixels = Pixels(size, size, metres, -20.0 // metres * metres, 105.0 // metres * metres + metres)
+    if metres < 1.0:
+        seen = ground(worked, pixels)
+        assert set(np.unique(seen.applied_kg_ha[~np.isnan(seen.applied_kg_ha)])) == {
+            value for value in np.unique(ground(worked, Pixels(130, 130, 1.0, -20.0, 106.0)).applied_kg_ha)
+            if value == value}
+        return
+    from console.app.map_image import _under
+    planes, finest = _under(worked, pixels), worked.window(1.0, -20, -24, 130, 130)
+    assert planes.sum(axis=(1, 2)) == pytest.approx(finest.sum(axis=(1, 2)), rel=1e-5)
+    assert planes[KINDS].sum() > 0
+
+
+def test_the_memory_is_bounded_however_far_is_driven():
+    worked = Worked(most_tiles=20)
+    for k in range(400):
+        worked.add([Spot(40.0 * k, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(40.0 * k + 5.0, 0.0, 90.0, 300.0, 300.0, 0.5)])
+    assert worked.cells_m[0] > 1.0, "the finest cells were given up"
+    assert worked.tiles <= 20 * len(worked.cells_m)
+    assert (worked.box.west_m, worked.box.east_m) == (0.0, 40.0 * 399 + 5.0)
+    far = ground(worked, Pixels(1, 1, 32.0, 8000.0, 32.0))
+    assert far.applied_kg_ha[0, 0] == pytest.approx(300.0), "what was entered first is still there"
+
+
+def test_added_one_by_one_or_all_at_once_is_the_same():
+    spots = straight(60.0)
+    one, other = Worked(), Worked()
+    other.add(spots)
+    for spot in spots:
+        one.add([spot])
+    for cell in (1.0, 4.0, 16.0):
+        assert one.window(cell, -5, -5, 40, 90) == pytest.approx(other.window(cell, -5, -5, 40, 90), abs=1e-2)
+
+
+# --- the image -----------------------------------------------------------------------------------------------------
+
+PLANNED = Planned(0.0, 0.0, 5.0, np.array([[100.0, 200.0], [300.0, np.nan]], dtype=np.float32))
+PICTURE = FieldPicture("f", (((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)),), 0.01, 1.0, PLANNED)
+
+
+def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
+    worked = Worked(width_m=1.0)
+    worked.add([Spot(2.5, north, 0.0, 300.0, 300.0, 0.5) for north in (1.5, 2.5, 3.5)])
+    scale = scale_of(Layer.APPLIED, worked, PICTURE, METRIC)
+    assert (scale.low, scale.high) == (100.0, 300.0)
+    seen = image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0))
+    assert seen[11 - 2, 2 + 2] == DONE + STEPS - 1
+    assert seen[11 - 2, 1 + 2] == PLAN, "100 kg/ha, the lowest"
+    assert seen[11 - 2, 7 + 2] == PLAN + round(0.5 * (STEPS - 1))
+    assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
+    assert seen[12, 5 + 2] == seen[11 - 5, 0 + 2] == OUTLINE
+    assert image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0), plan=False)[9, 3] == EMPTY
+    error = image(worked, PICTURE, scale_of(Layer.ERROR, worked, PICTURE, METRIC), Pixels(14, 14, 1.0, -2.0, 12.0))
+    assert error[9, 4] == DONE + round(0.5 * (STEPS - 1)) and error[9, 3] == EMPTY
+
+
+def test_error_goes_from_too_little_to_too_much_against_50_at_least():
+    worked = Worked(width_m=1.0)
+    for north, applied, target in ((0.5, 210.0, 300.0), (10.5, 390.0, 300.0), (20.5, 20.0, 10.0)):
+        worked.add([Spot(0.5, north, 0.0, applied, target, 0.5)])
+        worked.add([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
+    seen = ground(worked, Pixels(1, 21, 1.0, 0.0, 21.0)).layer(Layer.ERROR)[::-1, 0]
+    assert seen[[0, 10, 20]].tolist() == pytest.approx([-0.3, 0.3, 0.2])
+
+
+def test_where_nothing_was_spread_only_the_passage_is_seen():
+    worked = Worked(width_m=1.0)
+    worked.add([Spot(0.5, north, 0.0, 0.0, 0.0, 0.5) for north in (0.5, 1.5, 2.5)])
+    scale = scale_of(Layer.APPLIED, worked, None, METRIC)
+    assert image(worked, None, scale, Pixels(1, 3, 1.0, 0.0, 3.0)).ravel().tolist() == [PASSAGE] * 3
+
+
+def test_scales_are_round_in_the_shown_unit():
+    worked = Worked()
+    worked.add([Spot(0.0, 0.0, 0.0, 260.0, 390.0, 0.41), Spot(0.0, 2.0, 0.0, 300.0, 300.0, 0.63)])
+    metric, imperial = (scale_of(Layer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL))
+    assert (metric.text(metric.low), metric.text(metric.high)) == ("250", "400")
+    assert (imperial.text(imperial.low), imperial.text(imperial.high), imperial.unit) == ("200", "350", "lb/ac")
+    ndvi = scale_of(Layer.NDVI, worked, None, METRIC)
+    assert (ndvi.text(ndvi.low), ndvi.text(ndvi.high)) == ("0.40", "0.65")
+
+
+def test_the_plan_s_mass_and_the_rate_at_a_place():
+    assert PLANNED.mass_kg == pytest.approx(600.0 * 25.0 / 10_000.0)
+    assert PLANNED.at(6.0, 1.0) == 200.0 and PLANNED.at(1.0, 6.0) == 300.0
+    assert PLANNED.at(6.0, 6.0) is None and PLANNED.at(-0.1, 1.0) is None and PLANNED.at(10.1, 1.0) is None
+
+
+# --- cameras -------------------------------------------------------------------------------------------------------
+
+@settings(max_examples=80, deadline=None)
+@given(st.floats(-2000, 2000), st.floats(-2000, 2000), st.integers(20, 240), st.integers(12, 120), st.integers(0, 16))
+def test_a_place_and_its_pixel_are_inverse(east, north, columns, rows, scale):
+    from console.app.camera import SCALES_M
+    pixels = Camera(east, north, SCALES_M[scale]).pixels(columns, rows)
+    column, row = pixels.at(east, north)
+    assert 0 <= column < columns and 0 <= row < rows
+    assert pixels.at(*pixels.place(column, row)) == (column, row)
+
+
+def test_following_stands_while_the_machine_is_well_inside():
+    camera = Camera(0.0, 0.0, 1.0)
+    assert camera.following((10.0, 5.0), 60, 40) is camera
+    assert camera.following((29.0, 5.0), 60, 40) == Camera(29.0, 5.0, 1.0)
+
+
+def test_zoom_goes_along_round_scales_and_stops_at_the_ends():
+    assert Camera(0, 0, 1.0).zoomed(1).metres == 0.5 and Camera(0, 0, 1.0).zoomed(-1).metres == 1.5
+    assert Camera(0, 0, 0.25).zoomed(3).metres == 0.25 and Camera(0, 0, 200.0).zoomed(-3).metres == 200.0
+
+
+def test_a_field_is_seen_whole():
+    pixels = fit(Box(0.0, 0.0, 400.0, 100.0), 100, 60).pixels(100, 60)
+    for corner in ((0.0, 0.0), (400.0, 100.0)):
+        column, row = pixels.at(*corner)
+        assert 0 <= column < 100 and 0 <= row < 60
+
+
+# --- history -------------------------------------------------------------------------------------------------------
+
+def test_a_log_s_ground_grows_in_slices_and_goes_back():
+    frames = run_frames(seconds=60.0)
+    history, live = LogHistory(frames), History()
+    for frame in frames:
+        live.add(frame)
+    looks = 1
+    while not history.work_up_to(len(frames) - 1, most=70):
+        looks += 1
+    assert looks == 5
+    box = live.worked.box
+    assert history.worked.box == box
+    west, south = int(box.west_m) - 3, int(box.south_m) - 3
+    assert history.worked.window(2.0, west, south, 60, 60) == pytest.approx(
+        live.worked.window(2.0, west, south, 60, 60), abs=1e-2)
+    assert history.work_up_to(20) and history.worked.box.north_m == pytest.approx(frames[20].place_m[1], abs=0.4)
