@@ -7,7 +7,7 @@ from typing import ClassVar, Generic, NamedTuple, TypeVar
 from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding
-from textual.containers import Horizontal, Vertical
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
 
@@ -219,10 +219,16 @@ class NumberDialog(Dialog[float | None]):
 
 
 class TextDialog(Dialog[bool | None]):
-    """Reads only: lines of text, Escape or Enter closes."""
+    """Reads only: lines of text, scrolled where they are many; Escape, Enter or a click on the last line closes."""
 
-    def buttons(self) -> ComposeResult:
-        yield Button(f"Esc  {_('close')}", id="cancel", classes="dialog-button")
+    AUTO_FOCUS = "#text-scroll"
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(id="text-scroll", classes="dialog wide"):
+            yield Static(self.heading, classes="dialog-title", markup=False)
+            yield Static(self.text, classes="dialog-text", markup=False)
+            with Horizontal(classes="dialog-buttons"):
+                yield Button(f"Esc  {_('close')}", id="cancel", classes="dialog-button")
 
     def action_yes(self) -> None:
         self.dismiss(None)

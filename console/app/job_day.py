@@ -40,6 +40,11 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     return tuple(found)
 
 
+def file_name(path: str) -> str:
+    """The last part of a path of either kind of system."""
+    return path.replace("\\", "/").rpartition("/")[2]
+
+
 def worst(found: tuple[Check, ...]) -> str:
     levels = {check.level for check in found}
     return next((level for level in (STOP, LOOK) if level in levels), OK)
@@ -135,7 +140,7 @@ def _log(frame: Frame | None, free_bytes: int | None) -> Check:
     gigabytes = free_bytes / 1e9
     text = _("{free} GB free").format(free=f"{gigabytes:.1f}")
     level = STOP if free_bytes < LEAST_FREE_BYTES else LOOK if free_bytes < LOW_FREE_BYTES else OK
-    return Check(label, level, f"{text}  {frame.log_path}", (frame.log_path,))
+    return Check(label, level, f"{text}  {file_name(frame.log_path)}", (frame.log_path,))
 
 
 def totals(frame: Frame | None, age_s: float, units: Units) -> tuple[Item, ...]:

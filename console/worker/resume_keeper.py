@@ -21,7 +21,6 @@ from control.orders import Alarm, State
 
 SAVE_S = 5.0                # the snapshot is this old at most, and the disk's own time
 SUMS_S = 1.0                # the loop's sums are taken over this often: some 50 us
-MOVED_MM = 0.05             # a smaller change of the opening's set-point is no move
 FINISHED = "mark job finished"      # the event by which the operator ends a job
 
 
@@ -164,6 +163,7 @@ class Keeper:
 
 
 def _moved(before: LogRow, row: LogRow) -> bool:
+    """Another set-point on the wire, as in `control.simulation.figures`."""
     if before.opening_mm_cmd is None or row.opening_mm_cmd is None:
         return False
-    return abs(row.opening_mm_cmd - before.opening_mm_cmd) > MOVED_MM
+    return row.opening_mm_cmd != before.opening_mm_cmd

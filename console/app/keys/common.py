@@ -25,7 +25,7 @@ ACTIONS = (
            locked=True),
     Action("settings_screen", "f11", "F11", N_("settings"), N_("Units, language, look, sound, limits, keys."),
            locked=True),
-    Action("alarm_list", "z", "Z", N_("alarms"), N_("All alarms of the run or log, with what to do."), locked=True),
+    Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."), locked=True),
     Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), bar=11,
            locked=True),
     Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), bar=12, locked=True),

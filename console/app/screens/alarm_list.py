@@ -18,7 +18,7 @@ from control.orders import Severity
 
 class AlarmList(ModalScreen[None]):
     AUTO_FOCUS = "#alarm-scroll"
-    BINDINGS: ClassVar = [Binding("escape,z,enter", "close", show=False)]
+    BINDINGS: ClassVar = [Binding("escape,exclamation_mark,enter", "close", show=False)]
 
     def __init__(self, title: str, entries: tuple[AlarmEntry, ...]) -> None:
         super().__init__()

@@ -10,7 +10,7 @@ from textual.worker import Worker, WorkerState, get_current_worker
 
 from console.app.action import JOB
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog, TextDialog
-from console.app.job_day import checks, refills, totals
+from console.app.job_day import checks, file_name, refills, totals
 from console.app.job_desk import Cancelled, Facts, File, JobDesk, Progress
 from console.app.nrich import LEAST_M, StripRun
 from console.app.refill import RefillWatch
@@ -115,7 +115,7 @@ class JobScreen(Page):
             notes.append(JobNote(f"{self.progress}   {_('Esc cancels')}", True))
         tally = frame.tally if frame is not None else None
         if tally is not None and tally.log_before:
-            notes.append(JobNote(_("goes on from {log}").format(log=tally.log_before)))
+            notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
         if tally is not None and tally.finished:
             notes.append(JobNote(_("this job is ended; more work still counts to it")))
         return (*notes, *(JobNote(text) for text in self.said[-NOTES_KEPT:]))
