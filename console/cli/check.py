@@ -57,8 +57,10 @@ def write_all(folder: Path) -> None:
 
 def _check(files: list[str]) -> None:
     from drivers.files.config import ConfigError, load_any
-    from drivers.files.kinds import KINDS
+    from drivers.files.kinds import CAB, KINDS, MACHINE
+    from drivers.files.setup import wheel_disagreements
     wrong: list[str] = []
+    read: list[tuple[Any, Any]] = []
     for file in files:
         try:
             kind, loaded = load_any(file, KINDS)
@@ -66,7 +68,12 @@ def _check(files: list[str]) -> None:
             wrong += error.lines
             continue
         typer.echo(f"{loaded.path}: ok ({kind.format})")
+        read.append((kind, loaded))
         for warning in getattr(loaded.model, "warnings", ()):
             typer.echo(f"{loaded.path}: note: {warning}")
+    for kind, machine in read:
+        if kind is MACHINE:
+            wrong += [line for other, cab in read if other is CAB
+                      for line in wheel_disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)

@@ -19,11 +19,11 @@ from control.orders import TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import BoardConfig, Cab, CabConfig
 from drivers.files.config import ConfigError
-from drivers.files.kinds import CAB
+from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import by_kind, setup_of
+from drivers.files.setup import by_kind, setup_of, wheel_disagreements
 from drivers.virtual.machine import virtual_cab
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
@@ -38,6 +38,10 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         found = by_kind(options.config)
         cab = found.get(CAB.format)
         setup = setup_of(found, dt.date.today())
+        if cab is not None:
+            named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
+            if lines := wheel_disagreements(cab, setup.machine, str(named)):
+                raise ConfigError(lines)
     except ConfigError as error:
         raise ValueError(str(error)) from error
     if cab is not None and options.effects:

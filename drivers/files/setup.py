@@ -12,9 +12,12 @@ from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule, prepare
 from control.field.job import Job
 from control.machine.machine import Machine
+from drivers.cab_config import CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.weather import WeatherError, growing_days
+
+SAME_SHARE = 1e-4           # two figures for one wheel that differ by less are the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,19 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
     folder = got_job.path.parent
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop)}
     return Setup(got_machine.model, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder)
+
+
+def wheel_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
+    """The wheel stands in the cab file, by which its pulses are counted, and in the machine file, by which all else is
+    judged: one line for each figure that is not the same in both."""
+    board = cab.model.board if isinstance(cab.model, CabConfig) else None
+    if board is None:
+        return []
+    pairs = (("wheel_circumference_m", board.wheel_circumference_m, machine.speed.wheel_circumference_m),
+             ("wheel_pulses_per_turn", board.wheel_pulses_per_turn, machine.speed.pulses_per_turn))
+    return [f"{cab.path}: key board.{key}: value {ours:g}: allowed {theirs:g}, as {machine_path} has it (key "
+            f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
+            for key, ours, theirs in pairs if abs(ours / theirs - 1.0) > SAME_SHARE]
 
 
 def _sums_beside(job: Job, folder: Path) -> dict[str, str]:

@@ -107,3 +107,28 @@ def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strat
                 errors.append(row.applied_rate_kg_ha / row.target_rate_kg_ha - 1.0)
     assert openings and min(openings) >= 29.7 and max(openings) <= 30.3, "30 mm and the trim of a tenth"
     assert abs(sum(errors) / len(errors)) < 0.05
+
+
+def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_path):
+    from typer.testing import CliRunner
+
+    from console.cli import app
+    from console.worker.assemble import assemble
+    from console.worker.program import Options
+    from drivers.files.config import save
+    from drivers.files.kinds import MACHINE
+    cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"
+    cab.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', wheel_circumference_m: 2.45}\n")
+    nominal = load("huanghai", MACHINE).model
+    said = "key board.wheel_circumference_m: value 2.45: allowed 2.5, as"
+    for circumference, wrong in ((2.5, True), (2.45, False)):
+        machine.unlink(missing_ok=True)
+        save(machine, nominal.model_copy(update={"speed": nominal.speed._replace(
+            wheel_circumference_m=circumference)}), MACHINE)
+        result = CliRunner().invoke(app, ["check", str(cab), str(machine)])
+        assert (result.exit_code == 2) == wrong and (said in result.output) == wrong
+    with pytest.raises(ValueError, match="as the shipped machine huanghai has it"):
+        assemble(Options((str(cab),), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0)
+    parts = assemble(Options((str(cab), str(machine)), tmp_path / "w.json", log=str(tmp_path / "b.csv")), lambda: 0.0)
+    parts.bench.close()
+    parts.writer.close()
