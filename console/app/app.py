@@ -174,7 +174,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             if self.tour.over:
                 self.tour = None
                 self.notice(_("That was the tour. Ctrl+T shows it again."))
-        self.page.tick(now_s)
+        if self.page.is_mounted:            # not between its being turned to and its being composed
+            self.page.tick(now_s)
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of and self.services.job is not None:
@@ -200,7 +201,8 @@ class TopdressApp(App[None], inherit_bindings=False):
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
         self.notice_text, self._notice_until_s = text, self.clock() + NOTICE_S
-        self.page.show_keys()
+        if self.page.is_mounted:
+            self.page.show_keys()
 
     # --- the other end ------------------------------------------------------------------------------------------
 
