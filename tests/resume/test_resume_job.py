@@ -1,0 +1,193 @@
+"""A job that is cut off and goes on: totals, ground, what is not done a second time, and that it is off."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from console.worker import resume
+from console.worker.assemble import assemble
+from console.worker.host import Host
+from console.worker.program import Options, options_from
+from console.worker.resume import Snapshot
+from console.worker.resume_tail import with_tail
+from control.field.totals import Sums, Totaliser
+from control.machine.machine import Machine
+from control.orders import Do, Order
+from drivers.files.read_log import read_log
+from drivers.files.run_meta import meta_from_yaml
+
+
+class PowerCut(BaseException):
+    """Nothing of the worker runs after it."""
+
+
+@pytest.fixture(scope="module")
+def morning(tmp_path_factory):
+    """Work for 90 s of run time, then the power is gone: no end is written."""
+    folder = tmp_path_factory.mktemp("morning")
+    return run(folder / "a.csv", 90.0, cut=True)
+
+
+def run(log: Path, until_s: float, resumed: Path | None = None, cut: bool = False,
+        orders: dict[float, Order] | None = None, work: bool = True):
+    """On an injected clock, faster than real."""
+    now_s, given = 0.0, dict(orders or {})
+    frames = []
+
+    def sleep(seconds: float) -> None:
+        nonlocal now_s
+        now_s += max(seconds, 1e-9)
+        host.console_heard()
+        if host.newest is not None:
+            frames.append(host.newest)
+            state = host.newest.row.state
+            if work and now_s > 3.0 and state in ("off", "ready"):
+                host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: None)
+        for at_s in [at_s for at_s in given if at_s <= now_s]:
+            host.ask(given.pop(at_s), lambda answer, _: None)
+        if now_s > until_s:
+            if cut:
+                raise PowerCut
+            host.stop("enough")
+
+    parts = assemble(Options((), log.parent / "w.json", log=str(log), resume=resumed), lambda: now_s)
+    host = Host(parts, lambda: now_s, sleep)
+    real_work = parts.writer.beside
+    if cut:
+        host.close = lambda why: None           # the process is gone: nobody closes anything
+    try:
+        host.run()
+    except PowerCut:
+        parts.writer.beside = None
+        parts.writer.close()
+        real_work(False)
+    return frames, parts
+
+
+def test_what_is_kept_of_a_morning(morning):
+    frames, parts = morning
+    kept = resume.read(resume.beside(parts.writer.path))
+    last = frames[-1]
+    assert kept.worth_going_on and kept.logs_before == () and kept.strategy == "opening_first" and kept.simulated
+    assert kept.area_ha == pytest.approx(last.area_ha, rel=0.1)
+    area = kept.ground.done.sum() * kept.ground.cell_m ** 2 / 10_000
+    assert area == pytest.approx(kept.area_ha, rel=0.08)
+    assert kept.moves > 10 and last.tally.moves >= kept.moves - 60
+    assert kept.origin_deg == pytest.approx((34.28, 119.88))
+
+
+def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
+    before, parts = morning
+    snapshot = resume.beside(parts.writer.path)
+    frames, later = run(tmp_path / "b.csv", 40.0, resumed=snapshot)
+    assert frames[0].row.state == "off", "all else is the operator's act"
+    assert frames[0].area_ha == pytest.approx(before[-1].area_ha, rel=0.01)
+    assert frames[-1].area_ha > before[-1].area_ha + 0.005 and frames[-1].totals.worked_s > before[-1].totals.worked_s
+    assert frames[-1].totals.cuc_percent is not None
+    log = later.writer.path
+    assert log.name == "b.csv" and meta_from_yaml(log.with_suffix(".yaml").read_text()).extra["resumes"] == str(
+        parts.writer.path)
+    kept = resume.read(resume.beside(log))
+    assert kept.logs_before == (str(parts.writer.path),) and kept.area_ha > before[-1].area_ha
+    assert kept.began_utc == resume.read(snapshot).began_utc and frames[-1].tally.log_before == str(parts.writer.path)
+    north = [frame.place_m[1] for frame in frames if frame.place_m is not None]
+    assert abs(north[0] - before[-1].place_m[1]) < 3.0, "the simulated tractor stands where it stopped"
+
+
+def test_what_is_done_gets_nothing_a_second_time(morning, tmp_path):
+    """The machine stands 30 m before the place where it stopped, and works."""
+    before, parts = morning
+    kept = resume.read(resume.beside(parts.writer.path))
+    stopped = before[-1].place_m[1]
+    data = json.loads(resume.beside(parts.writer.path).read_text())
+    data["place_m"] = [kept.place_m[0], stopped - 30.0]
+    data["time_s"] = data["sums_s"] = 1e9            # the tail is in it
+    moved = tmp_path / "moved.resume.json"
+    moved.write_text(json.dumps(data))
+    _frames, later = run(tmp_path / "c.csv", 45.0, resumed=moved)
+    plane_rows = [row for row in read_log(later.writer.path).rows() if row.state == "working" and row.lat_deg]
+    north = [(row.lat_deg - 34.28) * 110_920.0 - 2.0 for row in plane_rows]           # of the outlets
+    given = [(n, row.shaft_rpm or 0.0) for n, row in zip(north, plane_rows, strict=True)]
+    done_to = stopped - 8.0                          # the last 5 s are not in this snapshot
+    assert max(rpm for n, rpm in given if n < done_to - 3.0) < 5.0
+    assert max(rpm for n, rpm in given if n > stopped + 3.0) > 20.0
+
+
+def test_the_tail_of_the_log_closes_the_gap(morning):
+    frames, parts = morning
+    kept = resume.read(resume.beside(parts.writer.path))
+    whole = with_tail(kept, Machine(), 0.45)
+    assert whole.time_s > kept.time_s - 1e-9
+    assert whole.area_ha == pytest.approx(frames[-1].area_ha, rel=0.01)
+    assert whole.place_m == pytest.approx(frames[-1].place_m, abs=1.0)
+    assert whole.ground.done.sum() >= kept.ground.done.sum()
+    assert with_tail(Snapshot("nowhere.csv"), Machine(), 0.45).log_path == "nowhere.csv"
+
+
+def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
+    orders = {12.0: Order(Do.HOLD), 20.0: Order(Do.REFILL, 250.0), 21.0: Order(Do.MARK, "job finished")}
+    frames, parts = run(tmp_path / "a.csv", 30.0, orders=orders)
+    kept = resume.read(resume.beside(parts.writer.path))
+    assert [kg for _utc, kg in kept.refills] == [250.0] and frames[-1].tally.refills == kept.refills
+    assert 5.0 < kept.held_s < 25.0 and kept.finished and frames[-1].tally.finished
+    assert resume.newest(tmp_path) is None, "a job that was ended is not offered"
+
+
+def test_a_machine_that_only_stood_there_leaves_nothing(tmp_path):
+    _frames, parts = run(tmp_path / "a.csv", 12.0, work=False)
+    assert not resume.beside(parts.writer.path).exists()
+
+
+def test_a_snapshot_survives_its_file(tmp_path):
+    written = Snapshot("a.csv", began_utc="2026-03-18T06:00:00+00:00", saved_utc="2026-03-18T07:00:00+00:00",
+                       config=("x.yaml",), sums=Sums(1.0, 0.5, 150.0, 3.0, 4.0, 5.0, ((3, 0.5, 150.0),)),
+                       refills=(("t", 250.0),), place_m=(1.0, 2.0), track=((1.0, 2.0, 0.0, 300.0),))
+    resume.write(tmp_path / "a.resume.json", written)
+    again = resume.read(tmp_path / "a.resume.json")
+    for name in Snapshot.__dataclass_fields__:
+        if name != "ground":
+            assert getattr(again, name) == getattr(written, name), name
+    resume.finish(tmp_path / "a.resume.json")
+    assert resume.read(tmp_path / "a.resume.json").finished
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "topdress-resume/1"}', '{"format": "other/2"}'])
+def test_what_is_no_snapshot_is_named_in_one_line(tmp_path, text):
+    path = tmp_path / "a.resume.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"a\.resume\.json: not a job that can go on: ") as caught:
+        resume.read(path)
+    assert "\n" not in str(caught.value)
+    assert resume.newest(tmp_path) is None
+
+
+def test_the_newest_job_hides_those_before(tmp_path):
+    import os
+    for number, (name, ha, finished) in enumerate((("a", 1.0, False), ("b", 2.0, False), ("c", 0.0, False))):
+        kept = Snapshot(f"{name}.csv", sums=Sums(area_ha=ha), finished=finished)
+        resume.write(tmp_path / f"{name}.resume.json", kept)
+        os.utime(tmp_path / f"{name}.resume.json", (number, number))
+    assert resume.newest(tmp_path) is None, "the newest has nothing to go on with"
+    os.utime(tmp_path / "b.resume.json", (9, 9))
+    path, kept = resume.newest(tmp_path)
+    assert path.name == "b.resume.json" and kept.area_ha == 2.0
+
+
+def test_totals_that_go_on_are_those_of_one_run():
+    def add(totals: Totaliser, rates: list[float]) -> None:
+        for rate in rates:
+            totals.add(0.1, 2.0, rate, 300.0)
+
+    rates = [250.0 + 5.0 * (k % 23) for k in range(500)]
+    one, first = Totaliser(2.4, 0.46), Totaliser(2.4, 0.46)
+    add(one, rates)
+    add(first, rates[:200])
+    later = Totaliser(2.4, 0.46, first.sums)
+    add(later, rates[200:])
+    assert later.snapshot() == pytest.approx(one.snapshot(), rel=1e-9)
+
+
+def test_the_workers_option():
+    assert options_from(["--run-file", "w.json", "--resume", "a.resume.json"]).resume == Path("a.resume.json")
