@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,18 +18,17 @@ from console.app.diagnosis_data import (
 )
 from console.cli.separating_run import minutes_of, run_id
 from console.reports.binned import Array, Axis, Binned
-from console.reports.numbers import number
 from console.reports.run_views import View, parts_of, run_views
 from console.reports.table_views import TableView, table_views
 from console.reports.verdict import others, title_of
 from control.diagnosis.extend import adoptable
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.result import Cause, Diagnosis
+from control.diagnosis.tables.sentences import held_in_part
 from control.machine.machine import CATALOGUE, Machine
 
 TIME_BINS, RATE_BINS, ROWS_IN_BIN = 40, 16, 6
 STRUCTURE_P = 0.01                  # below it a channel has more than noise
-SCOPED = re.compile(r"^(?P<id>\S+) \S+ holds in the rows of (?P<rows>.+) only$")
 _NO_PLACE = 0.005                   # m, less is not said
 
 
@@ -56,7 +54,7 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids that a machine file may take up, and a line for each cause that it may not."""
-    scoped = {match["id"]: match["rows"] for note in found.findings if (match := SCOPED.match(note))}
+    scoped = held_in_part(found.findings)
     able = [cause.id for cause in adoptable(found)]
     kept, refused = [], []
     for cause in found.causes:
@@ -200,8 +198,3 @@ def mean_target(columns: Mapping[str, Any]) -> float | None:
     wanted = np.asarray(wanted, np.float64)
     wanted = wanted[np.isfinite(wanted) & (wanted > 0.0)]
     return float(wanted.mean()) if len(wanted) else None
-
-
-def size_words(cause: CauseShown) -> str:
-    """For a file's comment: the size with its unit."""
-    return "size not known" if cause.value is None else f"{number(cause.value)} {cause.unit}"

@@ -1,0 +1,380 @@
+"""The Diagnosis page: what is asked of its service, what is shown, what it refuses."""
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from console.app import actions, diagnosis_shown, diagnosis_words
+from console.app.action import DIAGNOSIS
+from console.app.app import TopdressApp
+from console.app.diagnosis_data import Curve, Stopped, found_from, to_plain
+from console.app.dialogs import Confirm, TextDialog
+from console.app.name_dialog import NameDialog
+from console.app.sample_diagnosis import SOURCES, MadeUpDiagnosis, sample_found
+from console.app.services import Services
+from console.app.units import IMPERIAL, METRIC
+from console.app.widgets.causes import Causes, interval_bar
+from console.app.widgets.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
+from console.app.widgets.source_list import SourceList, SourcesView
+from console.locale import catalogue, use
+from control.machine.machine import CATALOGUE
+from control.orders import Do
+
+
+@pytest.fixture
+def service():
+    return MadeUpDiagnosis()
+
+
+@pytest.fixture
+def desk(source, clock, service):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+
+
+async def opened(app, pilot):
+    await pilot.pause()
+    await pilot.press("f9")
+    await settled(app, pilot)
+    return app.pages[DIAGNOSIS]
+
+
+async def settled(app, pilot):
+    await pilot.pause()
+    app.tick()
+    for worker in [worker for worker in app.workers if worker.group in ("list", "work")]:
+        await worker.wait()
+    await pilot.pause()
+    app.page.hurry()
+    app.tick()
+    await pilot.pause()
+
+
+async def found_shown(app, pilot):
+    page = await opened(app, pilot)
+    await pilot.press("enter")
+    await settled(app, pilot)
+    return page
+
+
+async def test_newest_files_are_listed_and_the_chosen_one_is_diagnosed(desk, service, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await opened(desk, pilot)
+        text = "\n".join(shown(desk))
+        assert all(source.name in text for source in SOURCES) and "< now" in text
+        await pilot.press("down", "down", "up", "enter")
+        await settled(desk, pilot)
+        assert service.asked == ["diagnose 20260317-134500.csv None"]
+        assert page.shown is not None and page.shown.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize("size", [(80, 24), (100, 30), (120, 40)])
+async def test_the_verdict_the_size_and_the_cost_are_seen_at_every_size(desk, shown, size):
+    async with desk.run_test(size=size) as pilot:
+        await found_shown(desk, pilot)
+        text = "\n".join(shown(desk))
+        assert "NOT TOLD APART" in text and "Flutes fill less at high shaft speed" in text
+        assert "12.4 % lost at 100 r/min  (9.9 to 15)" in text
+        assert "-6.1 % = -20 kg/ha" in text
+        assert "A separating run of 10 minutes tells" in text.replace("\n", " ")
+
+
+async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_beside(desk):
+    async with desk.run_test(size=(80, 24)) as pilot:
+        page = await found_shown(desk, pilot)
+        seen = []
+        for _view in range(6):
+            visible = [widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area]
+            seen.append((page.see, visible))
+            await pilot.press("v")
+            await pilot.pause()
+        assert seen == [("causes", ["dia-causes"]), ("channels", ["dia-channels"]), ("over", ["dia-over"]),
+                        ("time", ["dia-time"]), ("run", ["dia-run"]), ("causes", ["dia-causes"])]
+        await pilot.resize_terminal(120, 40)
+        await pilot.pause()
+        visible = {widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area}
+        assert visible == {"dia-causes", "dia-channels", "dia-over", "dia-time"}
+
+
+async def test_the_plots_follow_the_chosen_cause(desk):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await found_shown(desk, pilot)
+        assert page.query_one("#dia-over", ResidualPlot).view.title == "error of flow, g/s"
+        await pilot.press("down")
+        await settled(desk, pilot)
+        plot = page.query_one("#dia-over", ResidualPlot)
+        assert plot.view.title == "error of shaft, r/min" and plot.view.label == "supply, V"
+        redraws = plot.redraws
+        await settled(desk, pilot)
+        assert plot.redraws == redraws
+
+
+async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        await pilot.press("k")
+        await pilot.pause()
+        assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
+        text = "\n".join(shown(desk))
+        assert "flow.fill_falloff, shaft.voltage_sag" in text and "does not tell the rivals apart" in text
+        assert "The running job keeps its machine file" in text
+        await pilot.press("escape", "k", "enter")
+        await pilot.pause()
+        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag"]
+        assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in "\n".join(shown(desk))
+
+
+async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, shown):
+    service.found = sample_found("named")._replace(
+        adoptable=(), refused=("flow.gain: holds in the rows of before.csv only",))
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        await pilot.press("k")
+        await pilot.pause()
+        assert isinstance(desk.screen, TextDialog)
+        assert "holds in the rows of before.csv only" in "\n".join(shown(desk))
+        await pilot.press("enter")
+        assert not any(asked.startswith("adopt") for asked in service.asked)
+
+
+async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(desk, service, source, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await found_shown(desk, pilot)
+        await pilot.press("w")
+        await pilot.pause()
+        await pilot.press("escape", "i")
+        await pilot.pause()
+        assert isinstance(desk.screen, Confirm) and service.asked[1:] == ["write_run"]
+        await pilot.press("enter")
+        await settled(desk, pilot)
+        assert service.asked[-1] == "drive stairs" and page.which == 1
+        text = "\n".join(shown(desk))
+        assert "log: 20260317-134500.csv" in text and "separating run: separating.csv" in text
+        assert "NOT TOLD APART" in text and "CAUSE NAMED" in text
+        await pilot.press("b")
+        assert page.which == 0
+        assert source.orders == []                       # nothing of all this orders the machine
+
+
+async def test_report_data_and_type_a_path(desk, service, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await opened(desk, pilot)
+        await pilot.press("t")
+        await pilot.pause()
+        assert isinstance(desk.screen, NameDialog)
+        await pilot.press(*"no", "enter")
+        await pilot.pause()
+        assert "neither a run log" in "\n".join(shown(desk))
+        await pilot.press("backspace", "backspace", *"/a.csv", "enter")
+        await settled(desk, pilot)
+        assert service.asked == ["diagnose a.csv None"]
+        await pilot.press("e", "escape", "j", "escape")
+        await pilot.pause()
+        assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
+
+
+async def test_another_machine_file_may_be_held_against(desk, service):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await opened(desk, pilot)
+        await pilot.press("m", "2", "enter", "enter")
+        await settled(desk, pilot)
+        assert service.asked == ["diagnose 20260318-061200.csv bench"]
+
+
+class Slow(MadeUpDiagnosis):
+    """Works until it is cancelled."""
+
+    def __init__(self):
+        super().__init__()
+        self.ended = threading.Event()
+
+    def _work(self, tell, stop):
+        tell(0.25, "metering")
+        until = time.monotonic() + 5.0
+        while not stop.is_set() and time.monotonic() < until:
+            time.sleep(0.005)
+        self.ended.set()
+        raise Stopped
+
+
+async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source, clock, shown):
+    service = Slow()
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    async with app.run_test(size=(80, 24)) as pilot:
+        page = await opened(app, pilot)
+        await pilot.press("enter")
+        for _try in range(100):
+            await pilot.pause(0.01)
+            if page._share == 0.25:
+                break
+        clock.now_s += 10.0
+        app.page.hurry()
+        app.tick()
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "25 %" in text and "shaft, gate, flow, scale" in text and "00:30 left" in text
+        await pilot.press("k", "space")                 # all else waits, hold does not
+        await pilot.pause()
+        assert [order.do for order in source.orders] == [Do.HOLD]
+        await pilot.press("escape")
+        await pilot.pause()
+        assert service.ended.wait(2.0) and not page.busy and page.shown is None
+        assert "cancelled" in "\n".join(shown(app))
+
+
+async def test_an_error_is_said_in_one_line_and_stays(desk, service, shown):
+    service.refuse = "run.csv: no usable time column\nand a trace"
+    async with desk.run_test(size=(80, 24)) as pilot:
+        page = await found_shown(desk, pilot)
+        assert page.shown is None and page.said == "run.csv: no usable time column"
+        assert any("! run.csv: no usable time column" in row for row in shown(desk))
+
+
+async def test_the_mouse_chooses_and_begins(desk, service):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await opened(desk, pilot)
+        await pilot.click("#dia-sources", offset=(10, 4))
+        assert page.at == 2 and service.asked == []
+        await pilot.click("#dia-sources", offset=(10, 4))
+        await settled(desk, pilot)
+        assert service.asked == ["diagnose 20260317-070100.csv None"]
+        causes = page.query_one("#dia-causes", Causes)
+        row = next(k for k, index in enumerate(causes._row_of) if index == 1)
+        await pilot.click("#dia-causes", offset=(5, row))
+        assert page.cause == 1
+        await pilot.click("#dia-chips", offset=(20, 0))
+        await pilot.pause()
+        assert isinstance(desk.screen, Confirm)
+
+
+async def test_locked_nothing_begins(desk, service):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await opened(desk, pilot)
+        await pilot.press("f8", "enter", "down")
+        await pilot.click("#dia-sources", offset=(10, 2))
+        await settled(desk, pilot)
+        assert service.asked == []
+
+
+async def test_without_a_service_the_page_says_so(app):
+    async with app.run_test(size=(80, 24)) as pilot:
+        await opened(app, pilot)
+        await pilot.press("enter")
+        assert app.notice_text == "diagnosis is not offered here"
+
+
+async def test_every_action_is_in_the_palette(desk):
+    async with desk.run_test(size=(80, 24)) as pilot:
+        await opened(desk, pilot)
+        titles = {command.title for command in desk.get_system_commands(desk.screen)}
+        wanted = {action.label for action in actions.ACTIONS if action.where == DIAGNOSIS}
+        assert len(wanted) == 13 and wanted <= titles
+
+
+# --- words and views -------------------------------------------------------------------------------------------------
+
+def test_a_found_goes_through_json_and_comes_back():
+    found = sample_found()._replace(left=(("flow", "supply_v", 0.4),), left_curve=sample_found().causes[0].over,
+                                    notes=("a note",), refused=("x: y",))
+    assert found_from(to_plain(found)) == found
+
+
+def test_verdicts_in_one_line():
+    assert "Everything is as the machine file says" in diagnosis_words.sentence(sample_found("none"))
+    assert diagnosis_words.todo(sample_found("none")) == "Nothing to do."
+    named = sample_found("named")
+    assert diagnosis_words.sentence(named) == "Flutes fill less at high shaft speed."
+    assert diagnosis_words.todo(named) == "Work at a larger opening and a lower shaft speed."
+    one = named.causes[0]
+    two = named._replace(verdict="ambiguous", causes=(one._replace(rivals=sample_found().causes[0].rivals[:1]),))
+    assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
+                                             "by a factor. This data cannot tell.")
+    left = sample_found("none")._replace(verdict="unexplained", left=(("flow", "supply_v", 0.4),))
+    assert diagnosis_words.sentence(left) == "flow follows supply, and no known cause explains it."
+
+
+def test_cost_in_both_units_and_where_nothing_is_known():
+    cause = sample_found().causes[0]._replace(place_m=0.5)
+    assert diagnosis_words.cost(cause, METRIC) == "-6.1 % = -20 kg/ha   +0.50 m"
+    assert diagnosis_words.cost(cause, IMPERIAL) == "-6.1 % = -18 lb/ac   +1.64 ft"
+    assert diagnosis_words.cost(cause._replace(rate_percent=None, place_m=None), METRIC) == "not known"
+    assert diagnosis_words.cost(cause._replace(rate_percent=0.0, place_m=None), METRIC) == "no dose, no metres"
+
+
+def test_steps_of_a_counted_plan():
+    found = sample_found()
+    found = found._replace(next_run=found.next_run._replace(id="", plan="1. stop the shaft; 2. weigh; then 3. wait."))
+    assert diagnosis_words.plan_steps(found) == ("Stop the shaft", "Weigh", "Wait")
+
+
+def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():
+    lines = {one.name: one for one in diagnosis_shown.channels(sample_found()).channels}
+    assert lines["shaft"].wrong and lines["shaft"].beyond == "98 %" and lines["scale"].beyond == ">99 %"
+    assert not lines["gate"].wrong and lines["gate"].beyond == "-" and lines["flow"].after == ""
+
+
+def test_the_interval_bar_has_zero_in_its_middle():
+    bar = interval_bar((0.6, 0.8, 1.0))
+    assert len(bar) == 24 and bar[12] == "|" and bar.count("#") == 1 and bar.index("#") > 12
+    assert interval_bar((-1.0, -0.8, -0.6)).index("#") < 12
+
+
+def test_plot_ends_hold_zero_and_lines_have_no_gaps():
+    low, high = nice_ends([-3.0, -1.0])
+    assert low <= -3.0 and high >= 0.0
+    dots = dots_between([(0, 0), (10, 3)])
+    assert {x for x, _y in dots} == set(range(11))
+    assert len(dots_between([(0, 0), (30, 0)], 3)) == 11
+
+
+async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, shown):
+    plot = ResidualPlot(PlotView("error", "time, min", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (), 5.0,
+                                 False, "en"))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.screen.mount(plot)
+        plot.styles.height = 10
+        await pilot.pause()
+        strips = [strip.text for strip in plot.paint(plot.view, 60, 10)]
+        assert sum(row.count("o") for row in strips[1:-2]) == 3 - 1      # the first two marks share a cell
+        assert sum(row.count("+") for row in strips[1:-2]) == 3
+        assert any(":" in row for row in strips[1:-2]) and "begins here" in strips[-2]
+
+
+def test_long_lists_keep_the_chosen_row_in_sight():
+    many = tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(50))
+    rows = SourceList(SourcesView((), 0, False, "en")).lines(SourcesView(many, 40, False, "en"), 80, 12)
+    assert len(rows) == 12 and any("40.csv" in row.plain and row.plain.startswith(">") for row in rows)
+
+
+def test_every_effect_of_the_catalogue_is_known_in_chinese():
+    known = catalogue("zh").texts
+    for entry in CATALOGUE.values():
+        for text in (entry.effect.title, entry.effect.advice):
+            assert known.get(text), text
+
+
+def test_the_plans_of_all_manoeuvres_are_known():
+    from control.diagnosis.next_run import manoeuvres
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    plans = {one.id: one.plan for one in manoeuvres(load("huanghai", MACHINE).model)}
+    assert plans == diagnosis_words.RUNS
+
+
+async def test_a_chinese_page_has_no_english_sentence(source, clock, service, shown):
+    app = TopdressApp(source, clock, live=False, language="zh", services=Services(diagnosis=service))
+    async with app.run_test(size=(120, 40)) as pilot:
+        await found_shown(app, pilot)
+        text = "\n".join(shown(app))
+        assert "无法区分" in text and "转速高时槽轮充满度下降" in text
+        assert not [word for word in ("causes", "channel", "before", "advice", "Flutes", "noise") if word in text]
+    use("en")
+
+
+def test_a_curve_with_names_is_drawn_by_places():
+    curve = Curve("heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2"))
+    found = sample_found()
+    found = found._replace(causes=(found.causes[0]._replace(over=curve),))
+    assert diagnosis_shown.over(found, 0).names == ("1", "2")
