@@ -1,0 +1,223 @@
+"""A day at the console, key by key, in a pseudo-terminal: `python benchmarks/scripted_day.py --out day/`
+
+The real program on the simulated machine, in real time, some seven minutes. The hopper is nearly empty, so that it
+must be refilled; 15 % of the flow is missing, so that there is something to diagnose. Writes `keys.log` (time, keys,
+what was waited for) and the screens as they stood, as text. POSIX only.
+"""
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import yaml
+from console_deaths import SIZE, Console, Terminal, Watcher, wait
+
+from console.frame import Frame
+from drivers.files.read_log import read_log
+
+HIDDEN = "flow.gain=-15"
+KEYS = {"F2": "\x1bOQ", "F3": "\x1bOR", "F5": "\x1b[15~", "F7": "\x1b[18~", "F9": "\x1b[20~", "F10": "\x1b[21~",
+        "Enter": "\r", "Space": " ", "Down": "\x1b[B", "Ctrl+Q": "\x11"}
+
+
+class DayConsole(Console):
+    """With a hopper that will be empty soon, and a machine that is not what its file says."""
+
+    def open(self) -> Terminal:
+        job = yaml.safe_load(self.job.read_text(encoding="utf-8"))
+        job["simulated"] |= {"hopper_kg": 30.0, "refill_at_kg": 22.0, "refill_stop_s": 12.0}
+        self.job.write_text(yaml.safe_dump(job), encoding="utf-8")
+        program = Path(sys.executable).parent / "topdress"
+        return Terminal([str(program), "run", "--config", str(self.job), "--effect", HIDDEN], self.environment)
+
+
+class Day:
+    def __init__(self, folder: Path, out: Path) -> None:
+        out.mkdir(parents=True, exist_ok=True)
+        self.out, self.console = out, DayConsole(folder)
+        self.begun_s = time.monotonic()
+        self.lines: list[str] = []
+        self.pictures = 0
+        self.watcher: Watcher | None = None
+
+    @property
+    def frame(self) -> Frame:
+        assert self.watcher is not None
+        return self.watcher.frames[-1][1]
+
+    def say(self, text: str) -> None:
+        self.lines.append(f"{time.monotonic() - self.begun_s:7.1f} s  {text}")
+        print(self.lines[-1], flush=True)
+        (self.out / "keys.log").write_text("\n".join(self.lines) + "\n", encoding="utf-8")
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.console.terminal.type(KEYS.get(key, key))
+            time.sleep(0.25)
+        self.say("press  " + " ".join(keys))
+
+    def answer(self, question: str, *keys: str) -> None:
+        """Keys for a dialog, once it stands there."""
+        wait(lambda: self.console.terminal.shows(question), 20.0, question, self.console.terminal)
+        time.sleep(0.3)
+        self.press(*keys)
+
+    def until(self, what: str, true: Callable[[], bool], most_s: float = 30.0) -> None:
+        took_s = wait(true, most_s, what, self.console.terminal)
+        self.say(f"       {what}: after {took_s:.1f} s")
+
+    def shows(self, words: str, most_s: float = 30.0) -> None:
+        self.until(f"the screen says {words!r}", lambda: self.console.terminal.shows(words), most_s)
+
+    def picture(self, name: str) -> None:
+        time.sleep(1.3)                       # plots are drawn twice a second, maps once
+        self.pictures += 1
+        (self.out / f"{self.pictures:02d}-{name}.txt").write_text(self.console.terminal.text() + "\n", encoding="utf-8")
+
+    def watch(self) -> None:
+        self.watcher = Watcher(self.console.where())
+        wait(lambda: bool(self.watcher and self.watcher.frames), 20.0, "frames", self.console.terminal)
+
+    def state(self, name: str, most_s: float = 15.0) -> None:
+        self.until(f"state {name}", lambda: self.frame.row.state == name, most_s)
+
+    # --- the day ----------------------------------------------------------------------------------------------------
+
+    def morning(self) -> None:
+        self.watch()
+        self.shows("NDVI", 30.0)
+        self.picture("start")
+        self.press("F10")
+        self.shows("before work")
+        self.picture("job-before-work")
+        self.press("F2", "r")
+        self.state("ready")
+        self.press("s")
+        self.state("working")
+        self.until("fertilizer flows", lambda: (self.frame.row.applied_rate_kg_ha or 0.0) > 100.0)
+        time.sleep(15.0)
+        self.picture("work")
+
+    def strategy(self) -> None:
+        self.press("t")
+        self.answer("Strategy", "2", "Enter")
+        self.until("speed first", lambda: self.frame.row.strategy == "speed_first")
+        time.sleep(20.0)
+        self.press("F3")
+        self.picture("map-speed-first")
+        self.press("F2", "t")
+        self.answer("Strategy", "1", "Enter")
+        self.until("opening first", lambda: self.frame.row.strategy == "opening_first")
+
+    def sensor_loss(self) -> None:
+        """The receiver's line is let go on the Devices page; work goes on by the wheel."""
+        self.press("F5", "c")
+        self.answer("Disconnect", "Enter")
+        self.until("an alarm for the receiver", lambda: any("gnss" in a.id for a in self.frame.alarms))
+        self.picture("receiver-gone")
+        time.sleep(3.0)
+        self.press("c")
+        self.until("no such alarm", lambda: not any("gnss" in a.id for a in self.frame.alarms))
+        self.press("a", "F2")
+
+    def refill(self) -> None:
+        self.until("the hopper is low and the machine stands", lambda: (self.frame.row.speed_used_mps or 0.0) < 0.05,
+                   240.0)
+        self.picture("hopper-low")
+        if self.frame.row.state == "working":
+            self.press("Space")
+            self.state("held")
+        full_kg = self.frame.row.hopper_kg or 0.0
+        self.until("the hopper is filled", lambda: (self.frame.row.hopper_kg or 0.0) > full_kg + 50.0, 60.0)
+        self.press("F10")
+        self.shows("filled in", 40.0)
+        self.picture("refill-seen")
+        self.press("f")
+        self.answer("Enter records it", "Enter")
+        self.until("the refill is recorded", lambda: bool(self.frame.tally and self.frame.tally.refills))
+        self.press("a", "F2", "s")
+        self.state("working")
+        time.sleep(60.0)
+
+    def power_cut(self) -> None:
+        area_ha, where = self.frame.area_ha, self.console.where()
+        self.say(f"       kill -9 of worker and console at {area_ha:.3f} ha, {self.frame.applied_kg:.2f} kg")
+        os.kill(where.pid, signal.SIGKILL)
+        os.kill(self.console.terminal.process.pid, signal.SIGKILL)
+        self.console.terminal.end()
+        rows = list(read_log(Path(where.log_path)).rows())
+        self.say(f"       the log is whole: {len(rows)} rows, last state {rows[-1].state}")
+        self.console.terminal = self.console.open()
+        self.shows("resume the job")
+        self.picture("resume")
+        self.press("Enter")
+        self.watch()
+        self.until("the area done is there again", lambda: abs(self.frame.area_ha - area_ha) < 0.005)
+        self.say(f"       {self.frame.area_ha:.3f} ha, {self.frame.applied_kg:.2f} kg, state {self.frame.row.state}")
+        self.press("r")
+        self.state("ready")
+        self.press("s")
+        self.state("working")
+        time.sleep(45.0)
+        self.picture("resumed")
+
+    def evening(self) -> None:
+        self.press("x")
+        self.state("off")
+        self.press("F10", "k")
+        self.answer("End this job?", "Enter")
+        self.shows(".html", 60.0)
+        self.picture("end-of-job")
+        self.press("F7", "o")
+        self.answer("Open a log", "Enter")
+        self.shows("as recorded", 60.0)
+        self.press("p", ".", ".", ".")
+        time.sleep(5.0)
+        self.picture("replay")
+        self.press("p")
+
+    def learn(self) -> None:
+        """The log of the morning, the second in the list: the newest is the short one after the power cut."""
+        self.press("F9")
+        self.shows("run", 20.0)
+        time.sleep(2.0)
+        self.press("Down", "Enter")
+        self.until("a verdict", lambda: any(self.console.terminal.shows(word) for word in
+                                            ("flow.gain", "fluted", "NAMED", "named", "AMBIGUOUS")), 120.0)
+        self.picture("diagnosis")
+        self.press("k")
+        self.shows("machine file")
+        self.picture("adopt-asked")
+        self.press("Enter")
+        self.shows(".yaml", 20.0)
+        self.picture("adopted")
+        self.press("Enter", "Ctrl+Q")
+        self.until("the console's end", lambda: self.console.terminal.process.poll() is not None)
+
+    def run(self) -> None:
+        try:
+            for part in (self.morning, self.strategy, self.sensor_loss, self.refill, self.power_cut, self.evening,
+                         self.learn):
+                self.say(f"-- {part.__name__}")
+                part()
+            self.say(f"-- done, terminal {SIZE[0]} x {SIZE[1]}, {self.pictures} screens")
+        except TimeoutError as error:
+            self.picture("stuck")
+            self.say(f"STUCK: {str(error).splitlines()[0]}")
+            raise SystemExit(1) from None
+        finally:
+            self.console.terminal.end()
+            self.console.end_worker()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    with tempfile.TemporaryDirectory() as own:
+        Day(Path(own), parser.parse_args().out).run()
