@@ -164,10 +164,25 @@ def test_impossible_choices_are_said_in_one_line(geojson: Path, choice: dict[str
         read_prescription(geojson, Choice(**choice))
 
 
-def test_a_projected_shapefile_is_refused(shape: Path) -> None:
-    shape.with_suffix(".prj").write_text('PROJCS["WGS_1984_UTM_Zone_50N",GEOGCS["x"]]')
-    with pytest.raises(PrescriptionError, match="coordinates in WGS_1984_UTM_Zone_50N: allowed is WGS84"):
+BEIJING = ('GEOGCS["GCS_Beijing_1954",DATUM["D_Beijing_1954",SPHEROID["Krasovsky_1940",6378245.0,298.3]],'
+           'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]')
+WGS84 = ('GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+         'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]')
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('PROJCS["Zone",GEOGCS["x"]]', "coordinates in Zone: without GEOGCS and PROJECTION"),
+    (f'PROJCS["Albers",{WGS84},PROJECTION["Albers"],UNIT["Meter",1.0]]', "Albers: projection Albers"),
+    (f'PROJCS["GK20",{BEIJING},PROJECTION["Gauss_Kruger"],PARAMETER["Central_Meridian",117.0]]',
+     "GK20: datum D_Beijing_1954 on spheroid Krasovsky_1940 may lie 100 m off WGS84"),
+    (f'PROJCS["TM",{WGS84},PROJECTION["Transverse_Mercator"]]', "TM: without a central meridian"),
+    (BEIJING, "GCS_Beijing_1954: datum D_Beijing_1954"), ("nonsense", "not well-known text"),
+    ('PROJCRS["new",BASEGEOGCRS["x"]]', "new: PROJCRS is not understood"), ("PROJCS[", "not well-known text")])
+def test_coordinates_that_cannot_be_used_are_said_in_one_line(shape: Path, text: str, words: str) -> None:
+    shape.with_suffix(".prj").write_text(text)
+    with pytest.raises(PrescriptionError, match=words) as caught:
         read_prescription(shape)
+    assert "allowed are longitude and latitude on WGS84" in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("ending", [".shp", ".dbf"])

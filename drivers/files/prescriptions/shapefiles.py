@@ -1,4 +1,4 @@
-"""Shapefiles with polygons and a rate column, in longitude and latitude."""
+"""Shapefiles with polygons and a rate column, in degrees or in metres of a transverse Mercator projection."""
 from __future__ import annotations
 
 import struct
@@ -13,13 +13,14 @@ import shapefile
 from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import Feature, imported, ring
+from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.rings import sorted_rings
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 
 
 def read_shapefile(path: Path, choice: Choice) -> Imported:
     """A prescription out of a shapefile or a zip that holds one. Raises PrescriptionError, OSError."""
-    _refuse_projected(path)
+    projection = _projection(path)
     findings: list[Finding] = []
     try:
         with (warnings.catch_warnings(action="ignore"),
@@ -36,6 +37,9 @@ def read_shapefile(path: Path, choice: Choice) -> Imported:
         raise PrescriptionError(f"{path}: damaged shapefile ({type(error).__name__})") from None
     except struct.error as error:
         raise PrescriptionError(f"{path}: cut off: {error}") from None
+    if projection is not None:
+        features = _in_degrees(features, projection)
+        findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
     if empty:
         findings.append(Finding("empty_shapes", f"{many(empty, 'row')} without a shape left out", rows=empty))
     return imported(path, "shapefile", features, choice, findings, title=path.stem)
@@ -71,17 +75,30 @@ def _clockwise(corners: Floats) -> bool:
     return bool(np.sum(lon * np.roll(lat, -1) - np.roll(lon, -1) * lat) < 0.0)
 
 
-def _refuse_projected(path: Path) -> None:
-    """Metres of some projection are refused, where the file says that it holds them."""
+def _projection(path: Path) -> TransverseMercator | None:
+    """What the `.prj` beside the file says; None for degrees, or without one. Raises PrescriptionError."""
     if path.suffix.lower() == ".zip":
         with zipfile.ZipFile(path) as archive:
             texts = [archive.read(name) for name in archive.namelist() if name.lower().endswith(".prj")]
     else:
         texts = [place.read_bytes() for place in (path.with_suffix(".prj"), path.with_suffix(".PRJ"))
                  if place.is_file()]
-    for text in texts:
-        words = text.decode("utf-8", "replace").strip()
-        if words.upper().startswith("PROJCS"):
-            name = words.split('"')[1] if '"' in words else "a projection"
-            raise PrescriptionError(f"{path}: coordinates in {name}: allowed is WGS84 (longitude, latitude); export "
-                                    "the map again in it")
+    if not texts:
+        return None
+    try:
+        return projection_of(texts[0].decode("utf-8", "replace"))
+    except ValueError as error:
+        raise PrescriptionError(f"{path}: coordinates in {error}: allowed are longitude and latitude on WGS84, or UTM "
+                                "and other transverse Mercator on it") from None
+
+
+def _in_degrees(features: list[Feature], projection: TransverseMercator) -> list[Feature]:
+    """The features with their rings, which hold north and east, in latitude and longitude: all corners at once."""
+    rings = [corners for feature in features for polygon in feature.polygons_deg for corners in polygon]
+    if not rings:
+        return features
+    flat = np.concatenate(rings)
+    lat, lon = projection.to_deg(flat[:, 1], flat[:, 0])
+    ready = iter(np.split(np.column_stack((lat, lon)), np.cumsum([len(corners) for corners in rings])[:-1]))
+    return [feature._replace(polygons_deg=[tuple(next(ready) for _ in polygon) for polygon in feature.polygons_deg])
+            for feature in features]
