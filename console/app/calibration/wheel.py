@@ -34,7 +34,7 @@ class WheelDrive(NamedTuple):
 
 
 class Circumference(NamedTuple):
-    """Metres, with the 90 % interval from the position's error at both ends and one pulse."""
+    """Metres, with the 90 % interval from the position's error at both ends and a pulse lost or gained there."""
 
     value: float
     low: float
@@ -96,7 +96,8 @@ class WheelRun:
         drive = self.drive
         value = now_m * drive.gnss_m / drive.wheel_m
         position_m = sqrt(2.0) * POSITION_SD_M.get(drive.fix_quality, PLAIN_SD_M)
-        half = NORMAL_95 * value * hypot(position_m, now_m / pulses_per_turn) / drive.gnss_m
+        pulses_m = now_m / pulses_per_turn / sqrt(6.0)          # the difference of two counts, each cut at random
+        half = NORMAL_95 * value * hypot(position_m, pulses_m) / drive.gnss_m
         return Circumference(value, value - half, value + half)
 
 

@@ -1,0 +1,421 @@
+"""The Calibrate screen: what is ordered while a key is held, what is asked, what is computed and saved."""
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.calibration.sample import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
+from console.app.dialogs import ChoiceDialog, NumberDialog
+from console.app.name_dialog import NameDialog
+from console.app.services import Services
+from console.app.widgets.chips import Chips, placed
+from console.app.widgets.guide import Guide
+from console.app.widgets.sheet import Bar, Sheet
+from console.link import WorkerGone
+from control.orders import Answer, Do, Order
+from control.safety import BenchRun
+
+SIZE = (100, 30)
+BEGIN = [Order(Do.CALIBRATE), Order(Do.CALIBRATE_OPENING, 25.0), Order(Do.CALIBRATE_SHAFT, 70.0)]
+
+
+@pytest.fixture
+def job():
+    return sample_calibrate_job()
+
+
+@pytest.fixture
+def app(source, frames, clock, job):
+    source.newest = standing(frames[-1])
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(calibrate=job))
+
+
+@pytest.fixture
+def opened(app):
+    """Opens the page at one of its calibrations."""
+
+    async def go(pilot, right: int = 0):
+        await pilot.pause()
+        await pilot.press("f6", *(["right"] * right))
+        await pilot.pause()
+        return app.page
+
+    return go
+
+
+async def settled(app, pilot):
+    for worker in list(app.workers):
+        if worker.group == "calibrate":
+            await asyncio.wait([asyncio.ensure_future(worker.wait())])
+    await pilot.pause()
+    await pilot.pause()
+
+
+def chip_of(page, action):
+    chips = page.query_one("#cal-chips", Chips)
+    return next(one for one in placed(chips.view, chips.size.width) if one[0].action == action)
+
+
+async def hold_mouse(pilot, page, action):
+    _chip, row, start, _cells = chip_of(page, action)
+    await pilot.mouse_down("#cal-chips", offset=(start + 1, row))
+    await pilot.pause()
+
+
+async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await pilot.press("r")
+        await pilot.pause()
+        assert source.orders == []
+        assert "Keep it pressed" in page.runner.said
+
+
+async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(app, source, clock, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await pilot.press("r")
+        clock.now_s += 0.5
+        for _repeat in range(10):
+            await pilot.press("r")
+            await pilot.pause()
+            clock.now_s += 0.05
+        assert source.orders[:3] == BEGIN
+        assert source.orders[3:] and set(source.orders[3:]) == {Order(Do.CALIBRATE)}
+        assert len(source.orders) <= 3 + 6, "no more than ten a second"
+        released_s = clock.now_s
+        while Order(Do.RELEASE) not in source.orders:
+            clock.now_s += 0.05
+            page.watch_hold()
+            await pilot.pause()
+        assert clock.now_s - released_s < 0.45
+
+
+async def test_the_mouse_button_runs_and_its_release_stops_at_once(app, source, clock, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await hold_mouse(pilot, page, "cal_run")
+        assert source.orders == BEGIN
+        for _tick in range(10):
+            clock.now_s += 0.2
+            app.tick()
+            await pilot.pause()
+        assert source.orders[3:] == [Order(Do.CALIBRATE)] * 10
+        await pilot.mouse_up("#cal-chips", offset=(1, 0))
+        await pilot.pause()
+        assert source.orders[-1] == Order(Do.RELEASE)
+
+
+async def test_the_button_slipping_off_stops(app, source, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await hold_mouse(pilot, page, "cal_run")
+        await pilot.hover("#cal-sheet", offset=(3, 3))
+        await pilot.pause()
+        assert source.orders[-1] == Order(Do.RELEASE)
+
+
+@pytest.mark.parametrize("how", ["page", "lock", "other calibration"])
+async def test_what_takes_the_screen_away_stops(app, source, clock, opened, how):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await hold_mouse(pilot, page, "cal_run")
+        if how == "page":
+            await pilot.press("f2")
+        elif how == "lock":
+            await pilot.press("f8")
+            page.watch_hold()
+        else:
+            await pilot.press("right")
+        await pilot.pause()
+        assert source.orders[-1] == Order(Do.RELEASE)
+        count = len(source.orders)
+        clock.now_s += 1.0
+        app.tick()
+        page.watch_hold()
+        await pilot.pause()
+        assert len(source.orders) == count
+
+
+async def test_a_refusal_is_said_in_words_and_not_asked_again_by_the_same_press(app, source, clock, opened, shown):
+    source.answer = Answer(False, "calibrate_moving;speed_mps=0.1")
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await hold_mouse(pilot, page, "cal_run")
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        text = " ".join(row.strip() for row in shown(app))
+        assert "Calibrating needs wheel and GNSS" in text
+        assert source.orders == [Order(Do.CALIBRATE), Order(Do.RELEASE)], "no shaft speed was sent"
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        assert len(source.orders) == 2
+
+
+async def test_an_answer_that_is_late_does_not_end_the_run(app, source, clock, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await hold_mouse(pilot, page, "cal_run")
+        source.answer = Answer(False, "no_answer")
+        clock.now_s += 0.2
+        app.tick()
+        await pilot.pause()
+        assert source.orders[-1] == Order(Do.CALIBRATE)
+
+
+async def test_a_worker_that_is_gone_ends_the_run(app, source, clock, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+
+        async def gone(order):
+            raise WorkerGone("gone")
+
+        source.order = gone
+        await hold_mouse(pilot, page, "cal_run")
+        assert not page.runner.held.down(clock.now_s) and app.gone
+
+
+async def test_locked_nothing_of_the_page_works(app, source, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await pilot.press("f8")
+        await pilot.press("r", "r", "r", "y", "s", "o", "w", "b", "f", "n", "right")
+        await hold_mouse(pilot, page, "cal_run")
+        await pilot.pause()
+        assert source.orders == [] and len(app.screen_stack) == 2 and page.at == 0
+        await pilot.press("space", "x")
+        await pilot.pause()
+        assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
+
+
+async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await pilot.press("s", "1", "0", "1", "enter")
+        await pilot.pause()
+        assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
+        await pilot.press("delete", "9", "0", "enter", "o", "4", "0", "enter")
+        await pilot.pause()
+        assert source.orders == []
+        await hold_mouse(pilot, page, "cal_run")
+        assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
+
+
+async def caught(app, source, clock, pilot, frame, rpm, mm, seconds):
+    """Frames of a run at these settings, five a second."""
+    time_s = source.newest.row.time_s
+    seq = source.newest.seq
+    for index in range(int((seconds + 2.0) / 0.2)):
+        time_s, seq = time_s + 0.2, seq + 1
+        running = index * 0.2 < seconds
+        row = frame.row._replace(time_s=time_s, state="calibrating" if running else "ready", opening_mm=mm,
+                                 shaft_rpm=rpm if running else 0.0)
+        source.newest = replace(frame, seq=seq, at_s=time_s, row=row, why_no_flow=(),
+                                bench=BenchRun(rpm, mm, 0.2 * index, 100.0) if running else None)
+        clock.now_s += 0.2
+        if index % 5 == 0:
+            app.tick()
+        else:
+            app.page.gather(source.newest)
+    app.tick()
+    await pilot.pause()
+
+
+async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, clock, frames, opened, shown):
+    frame = standing(frames[-1])
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        for rpm, mm, mass in ((70.0, 20.0, "3.87"), (70.0, 35.0, "6.7"), (90.0, 50.0, "12.4")):
+            for key, value in (("s", rpm), ("o", mm)):
+                await pilot.press(key, *f"{value:.0f}", "enter")
+            await pilot.press("w")
+            await pilot.pause()
+            assert len(app.screen_stack) == 2, "nothing is caught yet"
+            await caught(app, source, clock, pilot, frame, rpm, mm, 5.4)
+            assert page.desk.test.phase == "weigh"
+            await caught(app, source, clock, pilot, frame, rpm, mm, 30.0)
+            bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
+                       if isinstance(row, Bar) and row.label == "catch")
+            assert bar.share == 1.0
+            await pilot.press("w", *("full_stop" if c == "." else c for c in mass), "enter")
+            await pilot.pause()
+        points = page.desk.test.points
+        assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
+        assert points[1].mass_kg == 6.7
+        await pilot.press("f")
+        await settled(app, pilot)
+        text = "\n".join(shown(app))
+        assert "flow 5.4972 g per turn and mm" in text and "90 % lie between" in text
+        await pilot.press("n")
+        await pilot.pause()
+        assert isinstance(app.screen, NameDialog)
+        await pilot.press("-", "x", "1", "enter")
+        await settled(app, pilot)
+        assert page.desk.saved == "machines/huanghai-catch-20260318-x1.yaml"
+        assert Order(Do.STOP) not in source.orders, "an x in a name is a letter"
+
+
+async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(app, opened, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        page.desk.test.points = list(POINTS)
+        page.desk.take(page.job.fit_catch(POINTS))
+        await pilot.press("n")
+        await pilot.pause()
+        app.screen.query_one("#name-input").value = "a/b"
+        await pilot.press("enter")
+        await pilot.pause()
+        assert isinstance(app.screen, NameDialog) and any("letters, digits" in row for row in shown(app))
+        app.screen.query_one("#name-input").value = "taken"
+        await pilot.press("enter")
+        await settled(app, pilot)
+        assert "exists already" in app.notice_text and page.desk.saved == ""
+
+
+async def test_escape_forgets_a_computation(app, opened):
+    import threading
+    gate = threading.Event()
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+
+        def slow(points):
+            gate.wait(5.0)
+            return sample_calibrate_job().fit_catch(points)
+
+        page.job = replace(page.job, fit_catch=slow)
+        page.desk.test.points = list(POINTS)
+        await pilot.press("f")
+        await pilot.pause()
+        assert page.busy
+        await pilot.press("escape")
+        gate.set()
+        await pilot.pause(0.1)
+        assert not page.busy and page.desk.fitted is None
+
+
+async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        page.desk.test.points = list(POINTS[:3])
+        page.desk.take(page.job.fit_catch(POINTS[:3]))
+        await pilot.press("backspace")
+        await pilot.pause()
+        assert len(page.desk.test.points) == 2 and page.desk.fitted is None
+        await pilot.press("f", "n")
+        await pilot.pause()
+        assert page.desk.fitted is None and len(app.screen_stack) == 2
+
+
+async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, opened, shown):
+    source.newest = lag_under_way(many_devices(standing(frames[-1])))
+    source.newest = replace(source.newest, lag_test=None)
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot, right=1)
+        await pilot.press("b")
+        await pilot.pause()
+        assert source.lag_tests == [True]
+        source.newest = replace(lag_under_way(source.newest), seq=source.newest.seq + 1)
+        clock.now_s += 0.5
+        app.tick()
+        await hold_mouse(pilot, page, "cal_run")
+        assert source.orders == [Order(Do.CALIBRATE)], "the rig sets the shaft"
+        text = "\n".join(shown(app))
+        assert "nothing landed" in text and "16 %" in text
+        await pilot.press("b")
+        await pilot.pause()
+        assert source.lag_tests == [True, False]
+
+
+async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot, right=1)
+        await pilot.press("b")
+        await pilot.pause()
+        assert source.lag_tests == [] and "no lag rig" in app.notice_text
+        await pilot.press("t")
+        await settled(app, pilot)
+        assert isinstance(app.screen, ChoiceDialog)
+        await pilot.press("2", "enter")
+        await pilot.pause()
+        await pilot.press("2", "enter")
+        await settled(app, pilot)
+        assert page.desk.label == "field"
+        text = "\n".join(shown(app))
+        assert "slope -0.00830 s per r/min" in text and "holds from 10 to 70 r/min" in text and "lag_both.csv" in text
+
+
+async def test_a_fouled_head_is_named_after_thirty_seconds(app, source, clock, frames, opened, shown):
+    frame = frames[-1]
+    async with app.run_test(size=SIZE) as pilot:
+        await opened(pilot, right=2)
+        await pilot.press("b")
+        for index in range(160):
+            heads = tuple(0.5 + 0.004 * ((index + k) % 3) for k in range(6))
+            heads = (*heads[:4], heads[4] - 0.06, heads[5])
+            row = frame.row._replace(time_s=frame.row.time_s + 0.2 * index)
+            source.newest = replace(frame, seq=frame.seq + index + 1, row=row, head_ndvi=heads)
+            clock.now_s += 0.2
+            app.tick()
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "head 5: clean it" in text and text.count("good") == 5 and "FOULED" in text
+
+
+async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, source, clock, frames, opened, shown):
+    frame = frames[-1]
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot, right=3)
+        await pilot.press("b", "f2")
+        for index in range(300):
+            row = frame.row._replace(time_s=frame.row.time_s + 0.2 * index, wheel_speed_mps=2.02, fix_quality=4,
+                                     lat_deg=34.8 + index * 0.4 / 110_940.0, lon_deg=113.6)
+            source.newest = replace(frame, seq=frame.seq + index + 1, row=row)
+            clock.now_s += 0.2
+            app.tick()
+        await pilot.press("f6")
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        assert page.at == 3 and "Enough" in "\n".join(shown(app))
+        await pilot.press("b")
+        await settled(app, pilot)
+        assert page.desk.fitted.estimates[0].value == pytest.approx(2.5 * 2.0 / 2.02, rel=1e-3)
+        assert "circumference 2.47" in "\n".join(shown(app))
+
+
+async def test_every_chip_stands_whole_on_the_screen(app, opened):
+    async with app.run_test(size=(120, 40)) as pilot:
+        page = await opened(pilot)
+        for size in ((80, 24), (100, 30), (120, 40)):
+            await pilot.resize_terminal(*size)
+            for right in range(4):
+                page.turn(right)
+                page.hurry()
+                app.tick()
+                await pilot.pause()
+                chips = page.query_one("#cal-chips", Chips)
+                for chip, row, start, cells in placed(chips.view, chips.size.width):
+                    assert row < chips.size.height and start + cells <= chips.size.width, (size, chip.action)
+                assert page.query_one("#cal-guide", Guide).region.area > 0
+
+
+async def test_tabs_are_clickable(app, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        await pilot.click("#cal-tabs", offset=(30, 0))
+        await pilot.pause()
+        assert page.desk.kind == "heads"
+
+
+async def test_without_files_the_page_says_so(source, clock, frames):
+    source.newest = standing(frames[-1])
+    app = TopdressApp(source, clock, live=False)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.press("f6", "s")
+        await pilot.pause()
+        assert "not offered here" in app.notice_text and len(app.screen_stack) == 2
