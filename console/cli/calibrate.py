@@ -39,7 +39,8 @@ def calibrate(
     from_rpm: Annotated[float | None, typer.Option(help="lag: lowest shaft speed used.")] = None,
     to_rpm: Annotated[float | None, typer.Option(help="lag: highest shaft speed used.")] = None,
     rig: Annotated[str | None, typer.Option(metavar="URL", help="lag: measure, with the lag rig there.")] = None,
-    board: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the board that turns the shaft.")] = None,
+    board: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the board that turns the shaft; none: "
+                                            "turned by hand, drop times only.")] = None,
     gnss: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the GNSS receiver, where fitted.")] = None,
     rpm: Annotated[list[float] | None, typer.Option(help="--rig: a shaft speed (repeatable); default 10 to 70 in steps "
                                                     "of 10.")] = None,

@@ -43,11 +43,16 @@ class Unlogged:
 
 def measure_lag(rig: str, board: str | None, gnss: str | None, machine: str, out: Path, speeds_rpm: Sequence[float],
                 repeats: int, opening_mm: float | None, no_key: bool) -> None:
-    """Run the procedure and write `out`. Raises CommandError; interrupted, what was measured stays in the table."""
+    """Run the procedure and write `out`. Raises CommandError; interrupted, what was measured stays in the table.
+
+    Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
+    """
     if out.exists():
         raise CommandError(f"{out}: exists already: nothing is overwritten")
     if board is None:
-        raise CommandError("--board: missing: without a board nothing turns the shaft")
+        from console.cli.drop_by_hand import measure_drop
+        measure_drop(rig, out, repeats)
+        return
     if not (no_key or sys.stdin.isatty()):
         raise CommandError("lag test: the shaft turns only while the space bar is held down, and there is no keyboard "
                            "here: allowed is --no-key, with somebody beside the hard-wired stop")

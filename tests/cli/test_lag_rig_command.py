@@ -48,7 +48,6 @@ def test_one_run_on_real_bytes_gives_a_table_that_is_read(served: dict[str, str]
 
 @pytest.mark.parametrize(("options", "said"), [
     (["--board", "socket://127.0.0.1:9"], "only while the space bar is held down"),
-    (["--no-key"], "--board: missing"),
 ])
 def test_what_is_missing_is_said_in_one_line(options: list[str], said: str, tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
@@ -76,7 +75,16 @@ def test_a_silent_device_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert not table.exists()
 
 
+def test_without_a_board_a_silent_rig_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from console.cli import drop_by_hand
+    monkeypatch.setattr(drop_by_hand, "HEARD_WITHIN_S", 0.5)
+    table = tmp_path / "lag.csv"
+    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "socket://127.0.0.1:9", "--out", str(table)])
+    assert result.exit_code == 2 and "lag_rig at socket://127.0.0.1:9 is silent" in result.output
+    assert not table.exists()
+
+
 @pytest.mark.parametrize("arguments", [["lag", "t.csv", "--rig", "x"], ["catch", "--rig", "x"], ["lag"]])
 def test_either_a_table_or_a_rig(arguments: list[str], tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["calibrate", *arguments, "--out", str(tmp_path / "x")])
-    assert result.exit_code == 2 and "allowed is a bench table, or lag with --rig URL" in result.output
+    assert result.exit_code == 2 and "or lag with --rig URL" in result.output

@@ -11,6 +11,7 @@ from control.machine.machine import Machine
 from control.readings import DriveCommand, Reading
 from control.simulation.plant import Plant
 from drivers.cab import Cab, CabConfig
+from drivers.devices.drop_test import DropRun, DropTest, drop_table
 from drivers.devices.lag_rig import ARMED, LANDED, LagRig, RigReadings
 from drivers.devices.lag_test import LagRun, LagTest, Plan, bench_table
 from drivers.ports import memory_pair
@@ -181,3 +182,54 @@ def test_the_plan_is_the_papers():
 def test_the_bench_table():
     runs = [LagRun(20.0, 1, 0.3834, 1.5), LagRun(10.0, 1, 0.38, 1.7)]
     assert bench_table(runs) == "shaft_rpm,replicate,response_s,drop_s\n10,1,0.380,1.700\n20,1,0.383,1.500\n"
+
+
+def test_drop_times_of_a_shaft_that_somebody_else_turns(bench, clock):
+    """The hand starts the shaft half a second after it was asked to, at 60 r/min."""
+    cab, virtual, machine = bench
+    test, phases, asked_s = DropTest(), [], None
+    for tick in range(1500):
+        clock.now_s += 0.02
+        virtual.advance(clock.now_s)
+        cab.measure(clock.now_s)
+        wish = test.tick(clock.now_s, cab.rig)
+        cab.order_rig(wish.run, wish.arm)
+        assert not wish.said
+        phases += [wish.phase] if phases[-1:] != [wish.phase] else []
+        asked_s = None if wish.phase not in ("start", "falling") else asked_s or clock.now_s
+        turns = asked_s is not None and clock.now_s - asked_s > 0.5
+        cab.command(clock.now_s, DriveCommand(60.0 if turns else 0.0, 25.0), tick > 10)
+        if len(test.runs) == 2:
+            break
+    assert phases == ["stop", "arming", "start", "falling"] * 2 + ["stop"]
+    fall = machine.fall
+    for run in test.runs:
+        assert run.shaft_rpm == pytest.approx(60.0, abs=1.0)
+        assert run.drop_s == pytest.approx(fall.intercept_s + fall.slope_s_per_rpm * 60.0 + 58.0 / 200.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("flag", "said"), [({"turned": True}, "before the rig was ready"),
+                                            ({"plate": True}, "the plate was touched")])
+def test_a_drop_that_cannot_be_right_is_not_kept(flag, said):
+    test = DropTest(settle_s=1.0)
+    for tick in range(60):
+        wish = test.tick(tick * 0.05, rig_says(tick * 0.05))
+    assert (wish.run, wish.arm, wish.phase) == (1, True, "arming")
+    assert test.tick(3.1, rig_says(3.1, 1, ARMED)).phase == "start"
+    assert said in test.tick(5.0, rig_says(5.0, 1, LANDED, 50.0, 3.5, 1.4, **flag)).said
+    assert not test.runs and test.tick(5.1, rig_says(5.1, 1, LANDED, 50.0, 3.5, 1.4)).phase == "stop"
+
+
+def test_granules_that_never_come_are_told_after_the_longest_wait():
+    test = DropTest(settle_s=1.0, longest_s=4.0)
+    for tick in range(60):
+        test.tick(tick * 0.05, rig_says(tick * 0.05))
+    test.tick(3.1, rig_says(3.1, 1, ARMED))
+    assert test.tick(4.0, rig_says(4.0, 1, 2, 30.0, 3.9)).phase == "falling"
+    assert test.tick(7.9, rig_says(7.9, 1, 2, 30.0, 3.9)).said == ""
+    assert test.tick(8.1, rig_says(8.1, 1, 2, 30.0, 3.9)).said == "nothing landed"
+
+
+def test_the_table_of_drops():
+    assert drop_table([DropRun(59.96, 1.6304), DropRun(20.0, 1.75)]) == (
+        "shaft_rpm,replicate,drop_s\n60.0,1,1.630\n20.0,2,1.750\n")
