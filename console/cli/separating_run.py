@@ -11,7 +11,8 @@ from control.orders import Do, Order, TargetSource
 
 Orders = tuple[tuple[float, Order], ...]
 
-CONFIRM_S = 0.4             # the calibration button is told to be down this often
+CONFIRM_S = 0.2             # the calibration button is told to be down this often
+AGAIN = 10                  # times that a setting is told, so often apart
 RUN_S = 118.0               # safety ends a calibrating run at 120 s
 RATE_KG_HA = 300.0          # of the runs that are driven
 BEGIN_S = 4.0               # the tractor moves by then
@@ -76,8 +77,9 @@ def _bench(settings: list[tuple[float, float]]) -> Orders:
         ticks = [begin + CONFIRM_S * k for k in range(int(RUN_S / CONFIRM_S))]
         orders += [(at, Order(Do.CALIBRATE, 120.0)) for at in ticks]
         for k, (rpm, mm) in enumerate(settings[pair:pair + 2]):
-            at = begin + 0.1 + 59.0 * k
-            orders += [(at, Order(Do.CALIBRATE_OPENING, mm)), (at + 0.1, Order(Do.CALIBRATE_SHAFT, rpm))]
+            for again in range(AGAIN):      # the run may begin late: the noise of the speed forbids it at times
+                at = begin + 0.1 + 59.0 * k + CONFIRM_S * again
+                orders += [(at, Order(Do.CALIBRATE_OPENING, mm)), (at + 0.1, Order(Do.CALIBRATE_SHAFT, rpm))]
     return tuple(sorted(orders, key=lambda one: one[0]))
 
 
