@@ -1,7 +1,8 @@
 """What the peers are given: a run's residuals and the traces of all effects, as a small linear problem.
 
 Generous to the peers on purpose: residuals and traces come from the simulator that made the cases, with nominal
-figures, so that a peer has no modelling error of its own to fight.
+figures, so that a peer has no modelling error of its own to fight. Whitened with the noise model of the diagnosis (two
+components over a rounding floor, fitted by band in the cosine domain), or not at all: the same figure everywhere.
 """
 from __future__ import annotations
 
@@ -14,26 +15,34 @@ from hidden.nominal import IDS, Effect, Physics
 from hidden.plant import Plant
 from hidden.programmes import PROGRAMMES, Drive
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
+
+from control.diagnosis import noise as noises
 
 Floats = npt.NDArray[np.float64]
-VARIABLES = ("time_s", "pitch_deg", "roll_deg", "supply_v", "heading_deg", "speed_mps", "shaft_rpm_cmd",
-             "opening_mm_cmd")
 CHANNELS = ("shaft", "gate", "scale", "speed", "heads")
+SD = {"shaft": 0.3, "gate": 0.1, "scale": 0.15, "speed": 0.036, "heads": 0.009}
+FAST_S = {"shaft": 0.1, "gate": 0.1, "scale": 1.0, "speed": 0.2, "heads": 0.2}
+ROUNDS = 3                        # of noise and fit in turn
 
 
-class Evidence(NamedTuple):
-    """`target` (m,), `traces` (effects, m), `nuisances` (k, m): whitened and rotated to m coordinates that hold all
-    there is to know for linear fits; `rest`: squared length of the residual outside of them, `rows` behind it."""
+class Linear(NamedTuple):
+    """`target` (m,), `traces` (effects, m), `nuisances` (k, m), rotated to m coordinates that hold all there is to know
+    for linear fits; `rest`: squared length of the residual outside of them."""
 
-    effects: tuple[Effect, ...]
     target: Floats
     traces: Floats
     nuisances: Floats
-    moved: Floats                 # (k,) how far each nuisance was moved already, in prior s.d.
     rest: float
+
+
+class Evidence(NamedTuple):
+    """A run's residuals and what every effect would do to them; `white` by the noise model, `plain` without one."""
+
+    effects: tuple[Effect, ...]
+    white: Linear
+    plain: Linear
+    moved: Floats                 # (k,) how far each nuisance was moved already, in prior s.d.
     rows: int
-    features: Floats              # for the forest
 
 
 def drive_of(columns: dict[str, Any]) -> Drive:
@@ -90,14 +99,73 @@ def poured(columns: dict[str, Any]) -> npt.NDArray[np.bool_]:
     return out
 
 
-def _stack(readings: dict[str, Floats], fresh: dict[str, int], weighed: npt.NDArray[np.bool_]) -> list[Floats]:
+def _stack(readings: dict[str, Floats], fresh: dict[str, int], weighed: npt.NDArray[np.bool_]) -> dict[str, Floats]:
+    """Series by channel, (series, samples): fresh samples only, the filling of the hopper left out."""
     heads = readings["heads"][:, ::fresh["heads"]]
-    return [readings["shaft"], readings["gate"], readings["scale"][weighed],
-            (readings["wheel"] - readings["gnss"])[::fresh["gnss"]], (heads - heads.mean(axis=0)).ravel()]
+    return {"shaft": readings["shaft"][None], "gate": readings["gate"][None], "scale": readings["scale"][None, weighed],
+            "speed": (readings["wheel"] - readings["gnss"])[None, ::fresh["gnss"]], "heads": heads - heads.mean(axis=0)}
+
+
+class _Bands:
+    """One channel in the cosine domain: band products of the residual (row 0), the traces and the nuisances."""
+
+    def __init__(self, name: str, rows: list[Floats], step_s: float) -> None:
+        """`rows`: series (heads or 1, samples) each, in the order of the whole problem."""
+        self.step_s = step_s
+        self.series = len(rows[0])
+        self.cut = noises.segments(rows[0].shape[1])
+        self.prior = noises.NoisePrior(SD[name], FAST_S[name], _step(rows[0]) / 12.0**0.5)
+        self.noise = noises.start(self.prior)
+        self.gram = np.zeros((len(self.cut.starts), len(rows), len(rows)))
+        for k in range(self.series):
+            stack = np.stack([noises.coefficients(row[k], self.cut) for row in rows])
+            self.gram += noises.band_products(stack, stack, self.cut)
+
+    def normal(self, whitened: bool) -> Floats:
+        """Sums of products of all rows, in units of the noise of each band, or of the mean noise of all."""
+        strength = noises.spectrum(np.array(self.noise.theta), self.prior, self.cut, self.step_s)
+        if not whitened:
+            strength = np.full(len(strength), float(strength @ self.cut.members / self.cut.members.sum()))
+        return np.asarray(np.tensordot(1.0 / strength, self.gram, axes=1))
+
+    def refit(self, amplitudes: Floats) -> None:
+        """Noise of what the rows after the first leave of it at these amplitudes."""
+        weights = np.r_[1.0, -amplitudes]
+        power = np.einsum("bij,i,j->b", self.gram, weights, weights, optimize=True) / self.series
+        self.noise = noises.fit(np.maximum(power, 1e-300), self.noise, self.prior, self.cut, self.step_s)
+
+
+def _step(series: Floats) -> float:
+    """Resolution of the numbers: the smallest difference between two of them."""
+    kinds = np.unique(np.round(np.diff(series[0][:4000]), 6))
+    return float(np.min(np.abs(kinds[kinds != 0.0]), initial=1e-3))
+
+
+def _fitted(bands: list[_Bands], trust: Floats, towards: Floats) -> Floats:
+    """Amplitudes of all rows after the first, noise and fit in turn. `trust`, `towards`: priors' precision and mean."""
+    amplitudes = np.zeros(len(trust))
+    for _ in range(ROUNDS):
+        normal = sum(b.normal(True) for b in bands)
+        amplitudes = np.linalg.solve(normal[1:, 1:] + np.diag(trust + 1e-9 * np.diag(normal)[1:] + 1e-12),
+                                     normal[1:, 0] + trust * towards)
+        for b in bands:
+            b.refit(amplitudes)
+    return amplitudes
+
+
+def _linear(bands: list[_Bands], effects: int, whitened: bool) -> Linear:
+    """The rows rotated to as many coordinates as there are rows after the first."""
+    normal = sum(b.normal(whitened) for b in bands)
+    order = np.r_[1:len(normal), 0]
+    scale = np.sqrt(np.diag(normal)[order]) + 1e-12
+    ratio = normal[np.ix_(order, order)] / np.outer(scale, scale)
+    root = np.linalg.cholesky(ratio + 1e-10 * np.eye(len(order))).T * scale
+    rows = root[:-1].T
+    return Linear(rows[-1], rows[:effects], rows[effects:-1], float(root[-1, -1] ** 2))
 
 
 def evidence(columns: dict[str, Any]) -> Evidence:
-    """The linear problem of one run. Whitening: one AR(1) a channel, fitted to its residual."""
+    """The linear problem of one run, tolerances settled first, for they are not quite linear."""
     plant = Plant(drive_of(columns))
     seen = {"shaft": columns["shaft_rpm"], "gate": columns["opening_mm"], "scale": columns["hopper_kg"],
             "wheel": columns["wheel_speed_mps"], "gnss": columns["speed_mps"],
@@ -105,42 +173,50 @@ def evidence(columns: dict[str, Any]) -> Evidence:
     seen = {k: np.array([_filled(r) for r in v]) if v.ndim == 2 else _filled(v) for k, v in seen.items()}
     fresh = {"gnss": _held(columns["speed_mps"]), "heads": _held(columns["ndvi_1"])}
     weighed = ~poured(columns)
-    after = _after_refill(plant.drive)[weighed]
-    keys = tuple(seen)
+    row_s = plant.drive.row_s
+    steps = {"speed": row_s * fresh["gnss"], "heads": row_s * fresh["heads"]}
+
+    def changed(readings: dict[str, Floats], base: dict[str, Floats]) -> dict[str, Floats]:
+        return _stack({k: readings[k] - base[k] for k in seen}, fresh, weighed)
+
+    def banded(rows: list[dict[str, Floats]]) -> list[_Bands]:
+        return [_Bands(c, [row[c] for row in rows], steps.get(c, row_s)) for c in CHANNELS]
+
     around = Physics()
-    for _ in range(3):                                       # tolerances are not quite linear: fitted, then afresh
+    moved = np.zeros(len(nom.TOLERANCE) + nom.HEADS + 2)
+    for last in (False, True):
         base = plant.run(around)
-        target = _stack({k: seen[k] - base[k] for k in keys}, fresh, weighed)
-        models = [_model(part) for part in target]
+        nuisances = [changed(plant.run(p), base) for p in _off_nominal(around)]
+        nuisances += _levels(nuisances[0], _after_refill(plant.drive)[weighed])
+        target = changed(seen, base)
+        if not last:
+            theta = _fitted(banded([target, *nuisances]), np.ones(len(moved)), np.zeros(len(moved)))
+            around = _moved(around, theta)
+            moved[:len(nom.TOLERANCE)] = [(getattr(around, k) - getattr(Physics(), k)) / sd
+                                          for k, sd in nom.TOLERANCE.items()]
+    effects, traces = [], []
+    for effect in tried(plant.drive):
+        trace = changed(plant.run(around, (effect,)), base)
+        if any(one.any() for one in trace.values()):
+            effects.append(effect)
+            traces.append(trace)
+    bands = banded([target, *traces, *nuisances])
+    _fitted(bands, np.r_[np.zeros(len(traces)), np.ones(len(moved))], np.r_[np.zeros(len(traces)), -moved])
+    rows = sum(one.size for one in target.values())
+    return Evidence(tuple(effects), _linear(bands, len(traces), True), _linear(bands, len(traces), False), moved, rows)
 
-        def white(parts: list[Floats], models: list[tuple[float, float]] = models) -> Floats:
-            return np.concatenate([lfilter([1, -phi], [1], p) / sd for p, (phi, sd) in zip(parts, models, strict=True)])
 
-        def trace(physics: Physics, effects: tuple[Effect, ...] = (), base: dict[str, Floats] = base) -> Floats:
-            moved = plant.run(physics, effects)
-            return white(_stack({k: moved[k] - base[k] for k in keys}, fresh, weighed))
+def _off_nominal(around: Physics) -> list[Physics]:
+    """The machine one standard deviation off in each tolerance."""
+    heads = [around._replace(heads_ratio=tuple(1.0 + nom.HEAD_TOLERANCE * (h == m) for h in range(nom.HEADS)))
+             for m in range(nom.HEADS)]
+    return [*(around._replace(**{k: getattr(around, k) + sd}) for k, sd in nom.TOLERANCE.items()), *heads]
 
-        nuisances = [trace(around._replace(**{k: getattr(around, k) + sd})) for k, sd in nom.TOLERANCE.items()]
-        nuisances.extend(trace(around._replace(heads_ratio=tuple(1.0 + nom.HEAD_TOLERANCE * (h == m)
-                                                                for h in range(nom.HEADS)))) for m in range(nom.HEADS))
-        blank = [np.zeros_like(part) for part in target]
-        levels = [50.0 * np.ones(target[2].size), 50.0 * after]
-        nuisances.extend(white([*blank[:2], level, *blank[3:]]) for level in levels)
-        y, j = white(target), np.array(nuisances)
-        theta = np.linalg.solve(j @ j.T + np.eye(len(j)), j @ y)
-        last, around = around, _moved(around, theta)
-    p = last
-    effects = tried(plant.drive)
-    rows = [trace(p, (e,)) for e in effects]
-    kept = [k for k, r in enumerate(rows) if r @ r > 1e-12]
-    x = np.array([rows[k] for k in kept])
-    q, _ = np.linalg.qr(np.vstack([x, j]).T)
-    small = q.T @ y
-    moved = np.zeros(len(nuisances))
-    for k, (name, sd) in enumerate(nom.TOLERANCE.items()):
-        moved[k] = (getattr(p, name) - getattr(Physics(), name)) / sd
-    return Evidence(tuple(effects[k] for k in kept), small, x @ q, j @ q, moved, float(y @ y - small @ small), y.size,
-                    _features(target, columns, fresh, models))
+
+def _levels(like: dict[str, Floats], after: Floats) -> list[dict[str, Floats]]:
+    """The scale's unknown level, and that after a refill, per 50 kg."""
+    blank = {name: np.zeros_like(series) for name, series in like.items()}
+    return [{**blank, "scale": 50.0 * level[None]} for level in (np.ones_like(after), after)]
 
 
 def _moved(p: Physics, theta: Floats) -> Physics:
@@ -159,26 +235,3 @@ def _held(x: Floats) -> int:
 
 def _after_refill(d: Drive) -> Floats:
     return (np.arange(d.time_s.size) >= (d.refill_row if d.refill_row is not None else d.time_s.size)).astype(float)
-
-
-def _model(residual: Floats) -> tuple[float, float]:
-    d = residual - np.median(residual)
-    phi = float(np.clip(np.corrcoef(d[1:], d[:-1])[0, 1], 0.0, 0.995)) if d.std() > 0 else 0.0
-    innovation = d[1:] - phi * d[:-1]
-    return phi, max(1e-9, 1.4826 * float(np.median(np.abs(innovation))), 0.3 * float(innovation.std()))
-
-
-def _features(target: list[Floats], columns: dict[str, Any], fresh: dict[str, int],
-              models: list[tuple[float, float]]) -> Floats:
-    """Spread, persistence and correlation with every variable, channel by channel."""
-    out = []
-    steps = (1, 1, 1, fresh["gnss"])
-    for part, (phi, sd), step in zip(target[:4], models[:4], steps, strict=True):
-        y = np.diff(part[::20]) if part is target[2] else part
-        out += [phi, np.log(sd), np.log(part.std() + 1e-9), float(np.tanh(part.mean() / (part.std() + 1e-9)))]
-        for name in VARIABLES:
-            v = _filled(columns[name])[::step][:part.size]
-            v = np.interp(np.linspace(0, 1, y.size), np.linspace(0, 1, v.size), v) if part is target[2] else v
-            out.append(float(np.corrcoef(y, v)[0, 1]) if y.std() > 0 and v.std() > 1e-9 else 0.0)
-    heads = target[4].reshape(nom.HEADS, -1).mean(axis=1)
-    return np.r_[np.nan_to_num(out), np.sort(heads)[[0, -1]] / (heads.std() + 1e-9), heads.std()]
