@@ -106,8 +106,8 @@ def main() -> None:
             print(outcomes[-1], file=sys.stderr, flush=True)
     text = "\n".join([
         "# Two hidden effects, found, adopted, driven", "",
-        f"`python benchmarks/diagnosis/adopted.py --seconds {args.seconds:g}`; opening first; log of seed {LOGGED_SEED}, "
-        f"fields of seed {DRIVEN_SEED}. Control that does not know the effects -> control that reads the adopted file; "
+        f"`python benchmarks/diagnosis/adopted.py --seconds {args.seconds:g}`; opening first; log of seed "
+        f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}. Control that does not know the effects -> control that reads the adopted file; "
         "the machine has the hidden effects, not those found.", "", *table(outcomes)]) + "\n"
     if args.out is None:
         print(text)

@@ -24,10 +24,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "diagnosis"))
-sys.path.insert(0, str(ROOT))
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "diagnosis"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import peers_methods as peers
 from evidence import Evidence, evidence
@@ -38,6 +37,7 @@ from hidden.score import Mark, mark
 from peers_methods import Small, small
 from peers_spline import spline_gain
 
+ROOT = Path(__file__).resolve().parents[2]
 KEEP = ROOT / ".benchmarks" / "peers"
 NULL_SEED = 3
 SHOWN = (0, 1, 2, 6, 7, 8, 11, 12)        # of the examination's figures, those that every method can be asked
@@ -227,7 +227,7 @@ def report(found: Sequence[Peer], test: Sequence[Job], nulls: int, seed: int,
     if gains:
         low, middle, high = np.quantile(gains, (0.25, 0.5, 0.75))
         out += ["", "Spline corrector, one effect of z >= 8: it removes of the removable error on held-out rows, in "
-                    f"the median, {middle:.2f} (quartiles {low:.2f} to {high:.2f}, n = {len(gains)}); it names nothing."]
+                    f"the median, {middle:.2f} (quartiles {low:.2f} to {high:.2f}, n = {len(gains)}); it names none."]
     return "\n".join(out) + "\n"
 
 
