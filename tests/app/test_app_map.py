@@ -1,0 +1,364 @@
+"""The Map screen: what keys and mouse do to it, what it says of a place, and how little it draws again."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.field_picture import FieldPicture, Planned
+from console.app.gallery import Picture, StillSource, settle, still_app
+from console.app.layers import Layer
+from console.app.replay_job import ReplayJob
+from console.app.replay_source import ReplaySource
+from console.app.sample import run_frames, sample_field, sample_services
+from console.app.services import Services
+from console.app.widgets.field_map import FieldMap
+from console.app.widgets.map_legend import MapLegend
+from console.app.widgets.map_pane import MapPane
+from console.app.widgets.panel import Panel
+
+SIZE = (120, 40)
+ON_MAP = Picture("map", SIZE, screen="map")
+
+
+@pytest.fixture
+def still(frames, clock):
+    """A minute of a run on its field."""
+    app = TopdressApp(StillSource(frames[-1]), clock, live=False, utc_offset_s=0.0, services=sample_services())
+    for frame in frames[:-1]:
+        app.history.add(frame)
+    return app
+
+
+def reading(app) -> dict[str, str]:
+    return {part.label: part.text for part in app.page.query_one("#map-reading", Panel).view.parts}
+
+
+def states(app) -> tuple[str, ...]:
+    return app.page.query_one("#map-bar", Panel).view.states
+
+
+async def opened(app, pilot):
+    await settle(app, ON_MAP, pilot.pause)
+    return app.page.query_one("#map-pane", MapPane)
+
+
+async def test_colours_by_key_and_by_click(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        legend = still.page.query_one("#map-scale", MapLegend)
+        seen = []
+        for _press in range(4):
+            seen.append((pane.view.scale.layer, legend.view.scale.unit))
+            await pilot.press("l")
+        assert seen == [(Layer.APPLIED, "kg/ha"), (Layer.TARGET, "kg/ha"), (Layer.ERROR, "%"), (Layer.NDVI, "")]
+        assert pane.view.scale.layer is Layer.APPLIED
+        await pilot.click("#map-bar", offset=(22, 0))
+        await pilot.pause()
+        assert pane.view.scale.layer is Layer.ERROR
+
+
+async def test_nearer_farther_and_the_whole_field(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        whole = pane.view.camera
+        assert states(still) == ("whole field",)
+        box = sample_field().box
+        pixels = pane.pixels()
+        for corner in ((box.west_m, box.south_m), (box.east_m, box.north_m)):
+            column, row = pixels.at(*corner)
+            assert 0 <= column < pixels.columns and 0 <= row < pixels.rows
+        await pilot.press("plus", "plus")
+        assert pane.view.camera.metres < whole.metres and states(still) == ("following",)
+        place = pane.view.place
+        column, row = pane.pixels().at(*place)
+        assert 0 <= column < pixels.columns and 0 <= row < pixels.rows, "the machine stays in sight"
+        await pilot.press("minus")
+        assert pane.view.camera.metres == whole.zoomed(1).metres
+        await pilot.press("w")
+        assert pane.view.camera == whole and states(still) == ("whole field",)
+
+
+async def test_arrows_move_the_map_and_mark_a_place(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        before = pane.view.camera
+        await pilot.press("right")
+        assert pane.view.camera.east_m > before.east_m and pane.view.camera.north_m == before.north_m
+        await pilot.press("left", "up")
+        assert pane.view.camera.east_m == before.east_m and pane.view.camera.north_m > before.north_m
+        assert pane.view.cross == (pane.view.camera.east_m, pane.view.camera.north_m)
+        assert states(still) == ("standing",)
+        assert still.page.query_one("#map-reading", Panel).view.where == "mark +"
+        await pilot.press("f")
+        assert states(still) == ("following",) and pane.view.cross is None
+        await pilot.press("f")
+        assert states(still) == ("standing",)
+
+
+async def test_drag_and_wheel(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        before = pane.view.camera
+        under = pane.pixels().place(20, 20)
+        await pilot.mouse_down("#map-pane", offset=(20, 10))
+        await pilot.hover("#map-pane", offset=(30, 13))
+        await pilot.mouse_up("#map-pane", offset=(30, 13))
+        await pilot.pause()
+        assert pane.pixels().at(*under) == (30, 26), "the place stays under the pointer"
+        assert pane.view.camera.metres == before.metres
+        under = pane.pixels().place(40, 20)
+        pane.post_message(MapPane.Wheeled(1, under))
+        await pilot.pause()
+        assert pane.view.camera.metres < before.metres
+        column, row = pane.pixels().at(*under)
+        assert abs(column - 40) <= 1 and abs(row - 20) <= 1
+
+
+async def test_what_lies_under_the_pointer_is_told(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        worked, field = still.history.worked, sample_field()
+        at_machine = reading(still)
+        assert at_machine["applied"].endswith("kg/ha") and at_machine["applied"] != "-- kg/ha"
+        place = (50.0, 20.0)
+        column, row = pane.pixels().at(*place)
+        await pilot.hover("#map-pane", offset=(column, row // 2))
+        await pilot.pause()
+        told = reading(still)
+        assert told["applied"] == "-- kg/ha" and told["error"] == "--", "not worked there yet"
+        near = pane.pixels().place(column, 2 * (row // 2) + 0.5)
+        assert told["planned"] == f"{field.planned.at(*near):.0f} kg/ha"
+        assert told["east"] == f"{near[0]:.0f} m" and told["north"] == f"{near[1]:.0f} m"
+        assert worked.rate_ends is not None
+        await pilot.hover("#status")
+        await pilot.pause()
+        assert reading(still) == at_machine
+
+
+async def test_the_plan_can_be_hidden_and_its_legend_goes_with_it(still, shown):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        assert any("faint: planned" in row for row in shown(still))
+        with_plan = pane.rows_drawn
+        await pilot.press("p")
+        await pilot.pause()
+        assert not any("faint: planned" in row for row in shown(still))
+        assert pane.rows_drawn > with_plan
+
+
+async def test_area_and_product_done_and_left(still):
+    async with still.run_test(size=SIZE) as pilot:
+        await opened(still, pilot)
+        items = {item.label: item.value.text for item in still.page.query_one("#map-job", Panel).view}
+        frame, field = still.arrival.frame, sample_field()
+        assert items["left"] == f"{field.area_ha - frame.area_ha:.2f} ha"
+        assert items["still needed"] == f"{field.planned.mass_kg - frame.applied_kg:.0f} kg"
+        assert items["done"] == f"{frame.area_ha:.2f} ha  {100 * frame.area_ha / field.area_ha:.0f} %"
+        await pilot.press("u")
+        items = {item.label: item.value.text for item in still.page.query_one("#map-job", Panel).view}
+        assert items["left"].endswith("ac")
+
+
+async def test_only_rows_that_changed_are_drawn_again(clock):
+    frames = run_frames(seconds=40.0)
+    source = StillSource(frames[0])
+    app = TopdressApp(source, clock, live=False, services=sample_services())
+    async with app.run_test(size=SIZE) as pilot:
+        pane = await opened(app, pilot)
+        await pilot.press("plus")
+        drawn = []
+        for frame in frames[1:]:
+            source.newest = frame
+            clock.now_s += 0.2
+            before = pane.rows_drawn
+            app.tick()
+            drawn.append(pane.rows_drawn - before)
+        redrawn = [rows for rows in drawn if rows]
+        assert 35 <= len(redrawn) <= 42, "once a second"
+        assert sum(rows <= 8 for rows in redrawn) >= len(redrawn) - 5, "all else would be a new picture"
+
+
+async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
+    frames = run_frames(seconds=30.0)
+    source = StillSource(frames[0])
+    app = TopdressApp(source, clock, live=False, services=sample_services())
+    async with app.run_test(size=SIZE) as pilot:
+        pane = await opened(app, pilot)
+        for frame in frames[1:]:
+            source.newest = frame
+            clock.now_s += 0.2
+            app.tick()
+        clock.now_s += 1.0
+        app.tick()
+        await pilot.pause()
+        grown = [pane.render_line(row).text for row in range(pane.content_size.height)]
+        styles = [[segment.style for segment in pane.render_line(row)] for row in range(pane.content_size.height)]
+        pane.repaint()
+        await pilot.pause()
+        assert [pane.render_line(row).text for row in range(pane.content_size.height)] == grown
+        assert [[segment.style for segment in pane.render_line(row)]
+                for row in range(pane.content_size.height)] == styles
+
+
+async def test_locked_nothing_moves(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        await pilot.press("f8")
+        before = pane.view
+        await pilot.press("plus", "l", "left", "f", "w", "p")
+        await pilot.click("#map-bar", offset=(22, 0))
+        pane.post_message(MapPane.Wheeled(1, (0.0, 0.0)))
+        pane.post_message(MapPane.Dragged(5, 5))
+        await pilot.pause()
+        assert pane.view == before and still.source.orders == []
+        await pilot.press("space", "x")
+        await pilot.pause()
+        assert [order.do.value for order in still.source.orders] == ["hold", "stop"]
+
+
+async def test_every_action_has_its_own_key_and_can_be_found_in_the_palette(still):
+    from console.app import actions
+    async with still.run_test(size=SIZE) as pilot:
+        await opened(still, pilot)
+        for where in ("map", "trends"):
+            keys = [key for action in actions.at(where) for key in action.keys.split(",")]
+            assert len(keys) == len(set(keys))
+        found = {command.title for command in still.get_system_commands(still.screen)}
+        assert {"colours", "nearer", "farther", "follow", "whole field", "plan", "machine / log"} <= found
+
+
+async def test_no_position_and_no_field_are_said(clock, shown):
+    frame = run_frames(seconds=1.0)[-1]
+    app = TopdressApp(StillSource(replace(frame, place_m=None)), clock, live=False)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await opened(app, pilot)
+        text = "\n".join(shown(app))
+        assert text.count("no position yet") == 2
+        await pilot.press("f", "plus", "left", "w")
+        assert app.page.where == "map"
+
+
+async def test_a_field_that_cannot_be_read_is_said_in_one_line(clock, shown):
+    def load(frame):
+        raise ValueError("map_demo.geojson: no features")
+
+    app = TopdressApp(StillSource(run_frames(seconds=1.0)[-1]), clock, live=False, services=Services(field=load))
+    async with app.run_test(size=SIZE) as pilot:
+        await opened(app, pilot)
+        assert "map_demo.geojson: no features" in shown(app)[-1]
+
+
+async def test_a_field_is_loaded_once_for_each_job(clock):
+    asked = []
+
+    def load(frame):
+        asked.append(frame.job)
+        return FieldPicture("f", (((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)),), 0.01, 3.0,
+                            Planned(0.0, 0.0, 5.0, np.full((2, 2), 100.0, dtype=np.float32)))
+
+    frame = run_frames(seconds=1.0)[-1]
+    source = StillSource(frame)
+    app = TopdressApp(source, clock, live=False, services=Services(field=load))
+    async with app.run_test(size=SIZE) as pilot:
+        await opened(app, pilot)
+        for k in range(1, 8):
+            clock.now_s += 1.0
+            source.newest = replace(frame, seq=frame.seq + k, job="other" if k > 4 else frame.job)
+            app.tick()
+            await pilot.pause()
+        assert asked == [frame.job, "other"]
+        assert app.history.worked.width_m == 3.0
+
+
+async def test_old_values_are_grey(still, clock):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        assert not pane.view.stale
+        still.clock.now_s += 5.0
+        still.tick()
+        await pilot.pause()
+        assert pane.view.stale
+        assert all(item.value.stale for item in still.page.query_one("#map-job", Panel).view)
+
+
+async def test_without_colours_levels_are_characters_with_a_legend(still, shown):
+    async with still.run_test(size=SIZE) as pilot:
+        still.no_color = True
+        await opened(still, pilot)
+        still.page.redraw()
+        still.tick()
+        await pilot.pause()
+        text = "\n".join(shown(still))
+        assert "░▒▓█" in text and "1234 planned" in text
+        assert any(character in text for character in ("3333", "4444", "3434", "3343"))
+        await pilot.press("l", "l")
+        await pilot.pause()
+        assert "Ll.hH" in "\n".join(shown(still))
+
+
+async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
+    log = ReplaySource(frames, clock)
+    log.seek(20.0)
+    source = StillSource(run_frames(seconds=200.0)[-1])
+    app = TopdressApp(source, clock, live=False, replay=ReplayJob(log, "run.csv"))
+    async with app.run_test(size=SIZE) as pilot:
+        pane = await opened(app, pilot)
+        assert pane.view.place == source.newest.place_m and "REPLAY" not in shown(app)[0]
+        await pilot.press("o")
+        await pilot.pause()
+        assert pane.view.place == log.newest.place_m
+        assert pane.view.worked.box.north_m == pytest.approx(log.newest.place_m[1], abs=0.5)
+        assert "REPLAY" in shown(app)[0] and "MACHINE: WORKING" in shown(app)[0]
+        await pilot.press("space")
+        await pilot.pause()
+        assert [order.do.value for order in source.orders] == ["hold"], "hold is for the machine"
+        await pilot.press("o")
+        assert pane.view.place == source.newest.place_m
+
+
+async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, clock):
+    log = ReplaySource(frames, clock)
+    app = TopdressApp(None, clock, live=False, replay=ReplayJob(log, "run.csv"))
+    async with app.run_test(size=SIZE) as pilot:
+        pane = await opened(app, pilot)
+        await pilot.press("space")
+        assert log.playing
+        clock.now_s += 30.0
+        app.tick()
+        assert pane.view.worked.box.north_m == pytest.approx(56.7, abs=1.0)
+        log.seek(5.0)
+        clock.now_s += 1.0
+        app.tick()
+        assert pane.view.worked.box.north_m == pytest.approx(11.3, abs=1.0), "back in the log, the ground goes back"
+        await pilot.press("o")
+        assert "no machine is connected" in app.notice_text
+
+
+@pytest.mark.parametrize(("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((100, 30), "en"),
+                                                ((200, 50), "en")])
+async def test_at_every_size_the_map_its_legend_and_its_reading_are_there(shown, size, language):
+    picture = Picture("map", size, screen="map", language=language, alarms=True)
+    app, _clock = still_app(picture)
+    async with app.run_test(size=size) as pilot:
+        await settle(app, picture, pilot.pause)
+        pane = app.page.query_one("#map-pane", MapPane)
+        assert pane.content_size.height >= size[1] - 14 and pane.content_size.width >= size[0] - 32
+        assert app.page.query_one("#map-right").display == (size[0] >= 100)
+        rows = shown(app)
+        assert any("kg/ha" in row and "▀▀▀▀▀▀" in row for row in rows)
+        for widget in ("#map-bar", "#map-pane", "#map-scale", "#map-reading"):
+            region = app.page.query_one(widget).region
+            assert region.height >= 1 and region.right <= size[0] and region.bottom <= size[1] - 1
+
+
+async def test_the_small_map_opens_the_page_by_a_click_on_its_title(picture):
+    app = picture(size=SIZE)
+    async with app.run_test(size=SIZE) as pilot:
+        await settle(app, Picture("run", SIZE), pilot.pause)
+        assert app.page.query_one("#map", FieldMap).view.picture is not None
+        await pilot.click("#map-title", offset=(3, 0))
+        await pilot.pause()
+        assert app.page.where == "map"

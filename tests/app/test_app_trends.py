@@ -1,0 +1,303 @@
+"""The Trends screen: channels, spans, freezing, reading at a time, fixed scales; live and of a log."""
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timedelta
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.channel_dialog import ChannelDialog
+from console.app.gallery import Picture, StillClock, StillSource, settle, still_app
+from console.app.replay_job import ReplayJob
+from console.app.replay_source import ReplaySource
+from console.app.sample import run_frames
+from console.app.widgets.plots import Piece, Plots, traced
+
+SIZE = (100, 30)
+ON_TRENDS = Picture("trends", SIZE, screen="trends")
+FRAMES = run_frames(seconds=130.0)
+
+
+@pytest.fixture
+def live():
+    """130 s of a run, its clock in step with it."""
+    clock = StillClock(FRAMES[-1].row.time_s)
+    app = TopdressApp(StillSource(FRAMES[-1]), clock, live=False, utc_offset_s=0.0)
+    for frame in FRAMES[:-1]:
+        app.history.add(frame)
+    return app
+
+
+async def opened(app, pilot) -> Plots:
+    await settle(app, ON_TRENDS, pilot.pause)
+    return app.page.query_one("#plots", Plots)
+
+
+def bar(app):
+    return app.page.query_one("#trends-bar").view
+
+
+async def test_three_channels_at_first_with_their_sums(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        assert [plot.label for plot in plots.view.plots] == ["target rate", "applied rate", "speed used"]
+        shown = [frame.row for frame in FRAMES if frame.row.time_s >= FRAMES[-1].row.time_s - 120.0]
+        applied = [row.applied_rate_kg_ha for row in shown]
+        target, second, speed = plots.view.plots
+        assert target.value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}" and target.unit == "kg/ha"
+        assert second.sums == (f"min {min(applied):.0f}   mean {sum(applied) / len(applied):.0f}   "
+                               f"max {max(applied):.0f}")
+        assert (target.low, target.high) == (second.low, second.high), "rates share their scale"
+        assert speed.unit == "km/h" and plots.view.end == "06:14:09"
+
+
+async def test_spans_by_key_and_by_wheel(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        assert bar(live).span == "span 02:00"
+        await pilot.press("plus", "plus")
+        assert bar(live).span == "span 00:30" and live.page.window().length_s == 30.0
+        begin, end = plots.view.plots[0].pieces[0].at, plots.view.plots[0].pieces[-1].at
+        assert -0.02 <= begin <= 0.02 and end == pytest.approx(1.0)
+        await pilot.press("minus")
+        assert bar(live).span == "span 01:00"
+        plots.post_message(Plots.Wheeled(-1))
+        await pilot.pause()
+        assert bar(live).span == "span 02:00"
+        await pilot.press("w")
+        assert bar(live).span == "whole run, 02:09"
+        assert live.page.window().from_s == 0.0
+        for _press in range(20):
+            await pilot.press("plus")
+        assert bar(live).span == "span 00:10"
+
+
+async def go_on(app, seconds):
+    last = app.source.newest
+    for step in range(1, int(seconds / 0.2) + 1):
+        utc = datetime.fromisoformat(last.row.utc.replace("Z", "+00:00")) + timedelta(seconds=0.2 * step)
+        row = last.row._replace(time_s=round(last.row.time_s + 0.2 * step, 3),
+                                utc=utc.isoformat().replace("+00:00", "Z"))
+        app.source.newest = replace(last, seq=last.seq + step, row=row, at_s=row.time_s)
+        app.clock.now_s += 0.2
+        app.tick()
+
+
+async def test_frozen_plots_stand_while_the_run_goes_on(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        await pilot.press("f")
+        assert bar(live).states == ("FROZEN",) and bar(live).standing
+        before = plots.view
+        await go_on(live, 10.0)
+        assert plots.view == before
+        await pilot.press("pageup")
+        assert live.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
+        await pilot.press("pagedown", "pagedown")
+        assert live.page.window().to_s == pytest.approx(live.history.series.end_s), "not beyond the newest"
+        await pilot.press("f")
+        await go_on(live, 1.0)
+        assert bar(live).states == ("running",)
+        assert live.page.window().to_s == live.history.series.end_s
+
+
+async def test_the_cursor_reads_the_values_at_its_time(live, shown):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        for _press in range(30):
+            await pilot.press("left")
+        at_s = live.page.cursor_s
+        assert live.page.ends_s is not None, "a cursor freezes the plots"
+        read = min(FRAMES, key=lambda frame: abs(frame.row.time_s - at_s)).row
+        alike = {f"{frame.row.target_rate_kg_ha:.0f}" for frame in FRAMES if abs(frame.row.time_s - at_s) <= 1.1}
+        assert plots.view.plots[0].value in alike
+        assert f"{read.time_s:.0f}" and plots.view.cursor == pytest.approx((at_s - 9.8) / 120.0, abs=0.01)
+        assert any("│" in row for row in shown(live))
+        before = at_s
+        await pilot.press("shift+left")
+        assert live.page.cursor_s == pytest.approx(before - 12.0)
+        await pilot.press("right")
+        assert live.page.cursor_s > before - 12.0
+        await pilot.press("escape")
+        assert live.page.cursor_s is None and plots.view.cursor is None
+        assert plots.view.plots[0].value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}"
+
+
+async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        columns = plots.columns(plots.content_size.width)
+        await pilot.click("#plots", offset=(9 + columns // 2, 3))
+        await pilot.pause()
+        assert plots.view.cursor == pytest.approx(0.5, abs=0.02)
+        await pilot.click("#plots", offset=(5, 0))
+        await pilot.pause()
+        assert isinstance(live.screen, ChannelDialog)
+
+
+async def test_channels_are_taken_and_dropped(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        await pilot.press("c")
+        await pilot.pause()
+        await pilot.press("down", "down", "enter")
+        await pilot.pause()
+        assert live.page.channels == ("applied_rate_kg_ha", "speed_used_mps", "rate_error_percent")
+        await pilot.press("up", "enter")
+        await pilot.pause()
+        assert live.page.channels == ("speed_used_mps", "rate_error_percent")
+        await pilot.press("escape")
+        await pilot.pause()
+        assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
+        assert plots.view.plots[1].unit == "%"
+        await pilot.press("c")
+        await pilot.pause()
+        assert live.screen.query_one("#channel-list").option_count == 32
+        await pilot.press("space")
+        await pilot.pause()
+        assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"
+
+
+async def test_no_channel_says_how_to_choose_one(live, shown):
+    async with live.run_test(size=SIZE) as pilot:
+        await opened(live, pilot)
+        live.page.channels = ()
+        live.page.hurry()
+        live.tick()
+        await pilot.pause()
+        assert any("C chooses what is plotted" in row for row in shown(live))
+        await pilot.press("left", "plus", "w", "s", "f", "pageup")
+
+
+async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        before = plots.view.plots[0].high
+        await pilot.press("s")
+        row = live.source.newest.row
+        live.source.newest = replace(live.source.newest, row=row._replace(target_rate_kg_ha=900.0))
+        await go_on(live, 2.0)
+        assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
+        assert "fixed scale" in bar(live).states
+        await pilot.press("s")
+        await go_on(live, 1.0)
+        assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
+
+
+async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        start = plots.redraws
+        await go_on(live, 10.0)
+        assert 16 <= plots.redraws - start <= 20
+        live.clock.now_s += 0.5
+        live.tick()
+        start = plots.redraws
+        for _tick in range(10):
+            live.clock.now_s += 0.04
+            live.tick()
+        assert plots.redraws == start, "no new value, nothing drawn"
+
+
+async def test_units_change_value_and_axis(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        await pilot.press("u")
+        live.page.hurry()
+        live.tick()
+        target = plots.view.plots[0]
+        assert target.unit == "lb/ac"
+        assert float(target.value) == pytest.approx(FRAMES[-1].row.target_rate_kg_ha * 0.8922, abs=0.6)
+        assert float(target.high) < 400.0
+
+
+async def test_old_values_are_grey_and_gaps_are_gaps(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        live.clock.now_s += 10.0
+        live.tick()
+        assert plots.view.stale
+        last = live.source.newest
+        row = last.row._replace(time_s=last.row.time_s + 10.0)
+        live.source.newest = replace(last, seq=last.seq + 1, row=row)
+        live.clock.now_s += 0.5
+        live.tick()
+        assert not plots.view.stale
+        assert [piece.joined for piece in plots.view.plots[0].pieces[-2:]] == [True, False]
+
+
+async def test_locked_nothing_changes(live):
+    async with live.run_test(size=SIZE) as pilot:
+        plots = await opened(live, pilot)
+        await pilot.press("f8")
+        await pilot.press("plus", "f", "left", "c", "w")
+        await pilot.click("#plots", offset=(50, 3))
+        plots.post_message(Plots.Wheeled(1))
+        plots.post_message(Plots.Named())
+        await pilot.pause()
+        assert (bar(live).span, live.page.ends_s, live.page.cursor_s) == ("span 02:00", None, None)
+        assert live.screen is live.page
+
+
+async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, shown):
+    log = ReplaySource(frames, clock)
+    log.seek(30.0)
+    app = TopdressApp(None, clock, live=False, replay=ReplayJob(log, "run.csv"), utc_offset_s=0.0)
+    async with app.run_test(size=SIZE) as pilot:
+        plots = await opened(app, pilot)
+        assert bar(app).states == ("log", "running") and "REPLAY" in shown(app)[0]
+        assert plots.view.plots[0].value == f"{log.newest.row.target_rate_kg_ha:.0f}"
+        assert plots.view.end == "06:12:30"
+        await pilot.press("w")
+        assert plots.view.end == "06:12:59" and bar(app).span == "whole run, 00:59"
+        await pilot.press("plus")
+        log.seek(40.0)
+        app.page.hurry()
+        app.tick()
+        assert plots.view.end == "06:12:40"
+
+
+async def test_machine_or_log(frames, clock):
+    log = ReplaySource(frames, clock)
+    app = TopdressApp(StillSource(FRAMES[-1]), clock, live=False, replay=ReplayJob(log, "run.csv"))
+    async with app.run_test(size=SIZE) as pilot:
+        await opened(app, pilot)
+        assert "log" not in bar(app).states
+        await pilot.press("o")
+        assert "log" in bar(app).states
+        await pilot.press("o")
+        assert "log" not in bar(app).states
+
+
+@pytest.mark.parametrize(("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((120, 40), "en")])
+async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size, language):
+    picture = Picture("trends", size, screen="trends", language=language, alarms=True)
+    app, _clock = still_app(picture)
+    async with app.run_test(size=size) as pilot:
+        await settle(app, picture, pilot.pause)
+        plots = app.page.query_one("#plots", Plots)
+        assert min(plots.rows_of(plots.content_size.height)) >= 5
+        rows = shown(app)
+        assert sum("kg/ha" in row for row in rows) == 2 and any("14:18:39" in row and "14:16:39" in row for row in rows)
+        assert any(0x2800 < ord(character) < 0x2900 for row in rows for character in row)
+
+
+# --- drawing -------------------------------------------------------------------------------------------------------
+
+def lit(cells):
+    """Places (x, y) of all dots, by the code chart of braille."""
+    bits = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (0, 3): 6, (1, 0): 3, (1, 1): 4, (1, 2): 5, (1, 3): 7}
+    return {(2 * column + x, 4 * row + y) for (column, row), value in cells.items()
+            for (x, y), bit in bits.items() if value >> bit & 1}
+
+
+def test_a_piece_goes_from_its_lowest_to_its_highest_and_joins_the_next():
+    seen = lit(traced((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
+    assert seen == {(0, 3), (1, 3), (2, 3), (3, 0), (3, 1), (3, 2), (3, 3)}
+    assert lit(traced((Piece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
+
+
+def test_a_gap_and_what_lies_outside_are_not_drawn():
+    seen = lit(traced((Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)), 3, 1))
+    assert {x for x, _y in seen} == {0, 5}
