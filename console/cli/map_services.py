@@ -12,6 +12,7 @@ from console.frame import Frame
 
 if TYPE_CHECKING:
     from control.field.job import Job
+    from control.geodesy import TangentPlane
     from control.targets.map_profile import MapProfile
     from drivers.files.run_meta import RunMeta
 
@@ -43,6 +44,19 @@ def field_picture(frame: Frame) -> FieldPicture | None:
         return picture_of(job, _folder(meta, job, described.parent), width_m)
     except (ValueError, OSError) as error:
         raise ValueError(" ".join(str(error).split())) from None
+
+
+def plane_of_map(meta: RunMeta, beside: Path) -> TangentPlane | None:
+    """The plane on which the loop of a log worked, where it was its map's: a job without an outline, with a map that can
+    still be read; beside: the log's folder."""
+    from drivers.files.kinds import JOB
+    from drivers.files.prescriptions.for_job import map_of_job
+    try:
+        job = JOB.model.model_validate(dict(meta.job or {}))
+        profile = None if job.field.boundary_m else map_of_job(job, _folder(meta, job, beside))
+    except (ValueError, OSError):
+        return None
+    return None if profile is None else profile.plane
 
 
 def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:

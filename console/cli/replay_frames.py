@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from console.app.replay_job import Cancelled, ReplayJob, Tell, WhatIf
 from console.app.replay_source import ReplaySource
+from console.cli.map_services import plane_of_map
 from console.frame import Frame
 from control.field.job import Ground
 from control.geodesy import TangentPlane
@@ -44,6 +45,8 @@ def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4) ->
     if field.get("boundary_m"):
         ground = Ground.model_validate(field)
         plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
+    elif meta is not None:
+        plane = plane_of_map(meta, recorded.path.parent)
     since: dict[str, float] = {}
     area = mass = 0.0
     last_s: float | None = None
