@@ -13,6 +13,7 @@ from .plants import PlantList, Row, Seen
 from .point import Dose, PointLag, PointMode
 
 LOOK_M = 2.0                # plants are looked for this far beyond the lag distance
+TURNED_DEG = 20.0           # what lay ahead then does not any more
 KEEP_M = 20.0               # of the way behind, to place pictures taken before
 SPACINGS = 20               # doses whose mean distance counts
 
@@ -59,6 +60,7 @@ class PointSource:
         self._busy_s = lag.turn_s + rest_s
         self._waiting: deque[tuple[float, Dose]] = deque()
         self._free_s = float("-inf")
+        self._looked_deg: float | None = None
         self._way: deque[tuple[float, float]] = deque()         # time, track
 
     @property
@@ -78,15 +80,18 @@ class PointSource:
 
     def look(self, now_s: float, track_m: float, place: Place | None, heading_deg: float | None, speed_mps: float,
              seen: Sequence[PlantSeen]) -> None:
-        """Take in the plants ahead of the outlet; `place` None: not known, or turning: plants not yet dosed are
-        looked for anew."""
+        """Take in the plants ahead of the outlet; `place` None: not known, or turning: nothing is taken in. Once the
+        heading has changed much since the last look, the plants not yet dosed are forgotten."""
         self._way.append((now_s, track_m))
         while len(self._way) > 2 and self._way[1][1] < track_m - KEEP_M:
             self._way.popleft()
         fixed = self.mode.fixed_to_m
-        if place is None or heading_deg is None:
+        if heading_deg is not None and self._looked_deg is not None and abs(
+                (heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG:
             self.row.only([], max(fixed, track_m), float("inf"))
+        if place is None or heading_deg is None:
             return
+        self._looked_deg = heading_deg
         if self._plants is None:
             self.row.look([Seen(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed)
         else:
