@@ -19,10 +19,12 @@ from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
 from .hypothesis import MOST_SWITCHES, Schedule
 from .noise import NoisePrior, Segments, segments
-from .stages_data import Drive, Grid, Heads, Hopper, RunData, Speed
+from .stages_data import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on
+MOST_CHAINED = 4            # refills of one log that are filled into the model
+SEAM_S = 20.0               # a longer gap between readings, times MOST_BRIDGED_STEPS, is a seam of windows
 WHITE_S = 0.02              # correlation time that stands for "none"
 
 
@@ -83,7 +85,10 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
     count = len(h.time_s)
     none = np.zeros(count)
     turns = h.shaft_rpm > 0.0
-    share = h.refill_kg / LEAST_STEPS       # the model fills in what it is told in every one of its steps
+    pieces = _pieces(h)
+    refill_kg = h.refill_kg.copy()
+    refill_kg[[begin for begin, _, _ in pieces]] = 0.0
+    share = refill_kg / LEAST_STEPS         # the model fills in what it is told in every one of its steps
 
     def predict(plan: Schedule, step_s: float) -> Array:
         flow_sets, rows = switches(plan, "flow", h.time_s)
@@ -96,10 +101,12 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
                             table_at=table)
         # The model's hopper is full at full_kg; a reading above that is taken down and put back on afterwards.
         over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + 5.0)
-        start_kg = h.start_kg - over_kg
-        first = FlowOutput(0.0, start_kg)
-        out = flow_run(flow_sets, rows, flow_start(start_kg, float(h.time_s[0])), first, inputs, h.time_s, 1e9)
-        hopper = 0.5 * (out[:-1, 1] + out[1:, 1]) + over_kg
+        hopper = np.empty(count - 1)
+        for begin, end, start_kg in pieces:
+            first = FlowOutput(0.0, start_kg - over_kg)
+            out = flow_run(flow_sets, rows - begin, flow_start(start_kg - over_kg, float(h.time_s[begin])), first,
+                           inputs[begin:end + 1], h.time_s[begin:end + 1], 1e9)
+            hopper[begin:end] = 0.5 * (out[:-1, 1] + out[1:, 1]) + over_kg
         middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
         reads = np.empty(count - 1)
         scales, _ = switches(plan, "scale", h.time_s)
@@ -115,19 +122,35 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
                                machine.scale.resolution_kg / np.sqrt(12.0 * per_bin)))
 
 
+def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
+    """(first bin, last bin + 1, level at its begin in kg) of the stretches that are predicted in one go.
+
+    A few refills are filled into the model. Over many, a flow error adds up until the model's hopper runs empty or
+    over: it is then set to the level that was read after each.
+    """
+    count = len(h.time_s) - 1
+    if len(h.jumps) <= MOST_CHAINED:
+        return [(0, count, h.start_kg)]
+    begins = [0, *(j for j in h.jumps if 0 < j < count)]
+    levels = [h.start_kg, *(float(np.nanmedian(h.reading_kg[j:j + 6])) for j in begins[1:])]
+    return list(zip(begins, [*begins[1:], count], levels, strict=True))
+
+
 def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
     """Wheel less GNSS speed, m/s. The true speed runs between readings; the model is given it in FINE_S rows."""
-    fine_s = np.arange(s.time_s[0], s.time_s[-1] + FINE_S, FINE_S)
-    table = {} if record is None else {"table_at": np.interp(fine_s, s.time_s, record[1])}
+    clock = joined(s.time_s, SEAM_S)
+    fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
+    in_log_s = np.interp(fine_s, clock, s.time_s)
+    table = {} if record is None else {"table_at": np.interp(fine_s, clock, record[1])}
     middle = fine_s + 0.5 * FINE_S
-    inputs = input_rows(SpeedInput, len(fine_s), speed_mps=np.interp(middle, s.time_s, s.true_mps),
-                        working=np.interp(middle, s.time_s, s.working),
-                        pitch_deg=np.interp(middle, s.time_s, s.pitch_deg), **table)
-    at = np.minimum(len(fine_s) - 1, np.round((s.time_s - s.time_s[0]) / FINE_S).astype(int))
+    inputs = input_rows(SpeedInput, len(fine_s), speed_mps=np.interp(middle, clock, s.true_mps),
+                        working=np.interp(middle, clock, s.working),
+                        pitch_deg=np.interp(middle, clock, s.pitch_deg), **table)
+    at = np.minimum(len(fine_s) - 1, np.round((clock - clock[0]) / FINE_S).astype(int))
     first = float(s.true_mps[0])
 
     def predict(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, "speed", fine_s)
+        sets, rows = switches(plan, "speed", in_log_s)
         out = speed_run(sets, rows, speed_start(first, float(fine_s[0])), SpeedOutput(first, first), inputs,
                         fine_s, step_s)
         return s.grid.of((out[:, 0] - out[:, 1])[at])

@@ -37,6 +37,7 @@ from .sensitivities import GROUPS
 from .shown import shown
 from .spells import Seen, without_spells
 from .stages_data import RunData, run_data
+from .whole import on_the_whole
 
 Progress = Callable[[float, str], None]
 Z90 = 1.645
@@ -72,6 +73,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     for k, (word, members) in enumerate((g, m) for g, m in groups.items() if m):
         step(0.1 + 0.2 * k, word)
         named.append(name(Group(members, machine, data)))
+    findings += on_the_whole(log, named, machine)
     step(0.9, "result")
     return _result(log, data, machine, named, seen_off, path, tuple(findings))
 

@@ -246,8 +246,8 @@ class Group:
                     found.append(self.column(f"refill {k}", {"scale": after}, sd))
             if channel.name == "speed":
                 late = self.difference((), Part("speed.gnss_latency", 2.0 * FINE_S))
-                change = {name: one / (2.0 * FINE_S) for name, one in late.items()}
-                found.append(self.column("gnss stamp", change, stamp_sd_s(self.machine, channel.grid.step_s)))
+                stamp = {name: series / (2.0 * FINE_S) for name, series in late.items()}
+                found.append(self.column("gnss stamp", stamp, stamp_sd_s(self.machine, channel.grid.step_s)))
             if channel.name == "heads":
                 for k in range(self._heads):
                     one = self.difference((), Part("canopy.head_fouled", 1.0, None, k + 1))

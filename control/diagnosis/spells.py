@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
 
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
@@ -22,6 +24,10 @@ BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
 LEAST_GAIN = 40.0           # of twice the log-likelihood, of all spells together
 LEAST_DIPS = 6
+STEP_SIDE_S = 16.0          # on each side of a step: the scale's noise remembers a second or two
+STEP_GAP_S = 6.0            # of a step's own
+STEP_Z = 4.5
+LEAST_STEPS_SEEN = 3
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 LEAST_DIP = 0.1
 FAST_MPS = 0.6
@@ -77,7 +83,62 @@ def _starts(on: npt.NDArray[np.bool_]) -> int:
 
 
 def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
-    """Spells in which the scale stands still though the shaft turns; the mass that stayed behind is taken off."""
+    """Spells in which the scale stands still though the shaft turns; the mass that stayed behind is taken off.
+
+    Long spells are seen block by block, short ones by the step that they leave in (reading - prediction) for good.
+    """
+    long = _long_bridges(h, machine)
+    short = _short_bridges(h, machine)
+    found = [one for one in (long, short) if one is not None]
+    return max(found, key=lambda one: one[1].gain) if found else (h, None)
+
+
+def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
+    """Upward steps of (reading - prediction), each against the mean level on both of its sides."""
+    channel = hopper_channel(h, machine)
+    predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
+    left, step_s = channel.measured - predicted, h.grid.step_s
+    side, gap = max(4, round(STEP_SIDE_S / step_s)), max(1, round(STEP_GAP_S / step_s))
+    if len(left) < 20 * side:
+        return None
+    total = np.concatenate(([0.0], np.cumsum(left)))
+    at = np.arange(side, len(left) - side - gap)
+    rose = (total[at + gap + side] - total[at + gap] - total[at] + total[at - side]) / side
+    rose = rose - median_filter(rose, 8 * side + 1)
+    sd = 1.4826 * float(np.median(np.abs(rose))) + 1e-6
+    used = predicted[at] - predicted[at + gap]              # kg that a standstill of the whole gap keeps back
+    z = np.where((used > 0.0) & ~_near_refill(h, at, side + gap), rose / sd, 0.0)
+    ups, downs = _peaks(z, side), _peaks(-z, side)
+    if len(ups) < LEAST_STEPS_SEEN + 2 * len(downs):
+        return None
+    kept = np.zeros(len(left))
+    for k in ups:
+        kept[at[k]:] += max(0.0, float(rose[k])) * np.clip((np.arange(len(left) - at[k]) + 1) / gap, 0.0, 1.0)
+    flowed = float(np.sum(np.maximum(0.0, -np.diff(predicted))))
+    share, gain = 100.0 * float(kept[-1]) / max(flowed, 1e-9), float(np.sum(z[ups] ** 2) - np.sum(z[downs] ** 2))
+    if gain < LEAST_GAIN or share > 60.0:
+        return None
+    middle = h.time_s[:-1] + 0.5 * step_s
+    stayed = np.interp(middle, h.grid.even_s, kept)
+    sd_share = 100.0 * sd * len(ups) ** 0.5 / max(flowed, 1e-9) + 0.1 * share
+    return h._replace(reading_kg=h.reading_kg - stayed), Seen(Part("flow.bridging", share), float(sd_share), gain)
+
+
+def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArray[np.bool_]:
+    near = np.zeros(len(at), bool)
+    for jump in h.jumps:
+        place = int(np.searchsorted(h.grid.even_s, h.time_s[jump]))
+        near |= np.abs(at - place) < 2 * reach
+    return near
+
+
+def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
+    """Places of peaks above STEP_Z, at least `apart` from each other."""
+    return np.asarray(find_peaks(z, height=STEP_Z, distance=apart)[0], np.int64)
+
+
+def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
+    """Blocks in which the scale stood still."""
     channel = hopper_channel(h, machine)
     even = h.grid.even_s
     predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
@@ -96,11 +157,11 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
     on, gain = _spells(score)
     starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
     if starts < 2 or 2.0 * gain < LEAST_GAIN:
-        return h, None
+        return None
     working = fell > 0.0
     share = 100.0 * float(on[working].mean())
     if share > 60.0:
-        return h, None
+        return None
     kept = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
     times = np.append(even[marks], even[min(len(even) - 1, int(marks[-1]) + hop)])
     stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)

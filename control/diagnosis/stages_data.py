@@ -13,9 +13,12 @@ from .data_gate import HEADS, Clean
 
 Array = npt.NDArray[np.float64]
 
-MOST_ROWS = 100_000         # of a drive or of the speeds; longer logs are looked at in windows
+MOST_ROWS = 100_000         # longer logs are looked at in windows, row by row ...
+WINDOW_ROWS = 20_000        # ... of so many rows in all
 WINDOWS = 5
+EVERY_ROW = 20              # of the recorded variables between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
+MOST_BINS = 60_000          # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
@@ -103,8 +106,8 @@ class Heads(NamedTuple):
 class RunData(NamedTuple):
     duration_s: float
     rows: int
-    variables: dict[str, Array]         # recorded variables over the log's rows, gaps bridged
-    time_s: Array
+    variables: dict[str, Array]         # recorded variables over the log's rows (`known_rows`), gaps bridged
+    time_s: Array                       # of those rows
     working: Array
     shaft: Drive | None
     gate: Drive | None
@@ -136,13 +139,8 @@ def run_data(log: Clean, machine: Machine) -> RunData:
             variables[name] = _smooth(_bridged(time, c[name], np.zeros(len(time))), log.step_s)
     if log.has("heading_deg"):
         variables["heading_deg"] = _held(c["heading_deg"])
-    shaft = gate = hopper = speed = heads = None
-    if "shaft" in log.stages:
-        since = time - np.maximum.accumulate(np.where(command > 0.0, time, -np.inf))
-        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
-        shaft = _drive("shaft", time, command, np.where(still, 0.0, c["shaft_rpm"]), opening, supply, log.step_s)
-    if "gate" in log.stages:
-        gate = _drive("gate", time, opening_command, c["opening_mm"], opening, supply, log.step_s)
+    hopper = speed = heads = None
+    driven = drives(log, machine)
     if "flow" in log.stages:
         hopper = _hopper(time, shaft_rpm, opening, pitch, c["hopper_kg"], log.step_s, _written(time, log.events))
     if "speed" in log.stages:
@@ -150,7 +148,9 @@ def run_data(log: Clean, machine: Machine) -> RunData:
         variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
         heads = _heads(time, np.array([c[name] for name in HEADS]))
-    return RunData(float(time[-1]), len(time), variables, time, working, shaft, gate, hopper, speed, heads)
+    rows = known_rows(len(time))
+    return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
+                   working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads)
 
 
 def _held(series: Array) -> Array:
@@ -177,13 +177,17 @@ def _smooth(series: Array, step_s: float) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
+def joined(time: Array, step_s: float) -> Array:
+    """The clock of readings at `time`, long gaps left out: (m,)."""
+    spans = np.diff(time)
+    spans = np.where(spans > MOST_BRIDGED_STEPS * step_s, step_s, spans)
+    return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
+
+
 def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array | None = None) -> Grid:
     rows = np.flatnonzero(known)
     inner = (time if clock is None else clock)[rows]
-    spans = np.diff(inner)
-    if len(spans) and spans.max() > MOST_BRIDGED_STEPS * step_s:
-        spans = np.where(spans > MOST_BRIDGED_STEPS * step_s, step_s, spans)
-        inner = inner[0] + np.concatenate(([0.0], np.cumsum(spans)))
+    inner = joined(inner, step_s)
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
     as_is = count == len(rows) and bool(np.allclose(inner, even, atol=0.2 * step_s))
@@ -191,9 +195,26 @@ def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array
     return Grid(inner, rows, even, there, step_s, as_is)
 
 
+def drives(log: Clean, machine: Machine, whole: bool = False) -> dict[str, Drive]:
+    """Shaft and gate of a log, by name; `whole`: every row of a long log, not its windows."""
+    time, c = log.time_s, log.columns
+    command, opening_command = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
+    opening = _bridged(time, c["opening_mm"], opening_command)
+    supply = _smooth(_bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v)), log.step_s)
+    found: dict[str, Drive] = {}
+    if "shaft" in log.stages:
+        since = time - np.maximum.accumulate(np.where(command > 0.0, time, -np.inf))
+        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
+        read = np.where(still, 0.0, c["shaft_rpm"])
+        found["shaft"] = _drive("shaft", time, command, read, opening, supply, log.step_s, whole)
+    if "gate" in log.stages:
+        found["gate"] = _drive("gate", time, opening_command, c["opening_mm"], opening, supply, log.step_s, whole)
+    return found
+
+
 def _drive(name: str, time: Array, command: Array, measured: Array, opening: Array, supply: Array,
-           step_s: float) -> Drive:
-    pick, clock, since = _windows(time, step_s)
+           step_s: float, whole: bool) -> Drive:
+    pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, step_s)
     known = np.isfinite(measured[pick]) & (since >= SETTLE_S)
     grid = _grid(time[pick], known, step_s, clock)
     return Drive(name, time[pick], clock, command[pick], measured[pick], opening[pick], supply[pick], grid)
@@ -202,13 +223,11 @@ def _drive(name: str, time: Array, command: Array, measured: Array, opening: Arr
 def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
     """Rows of a log that are looked at row by row, their clock without the gaps, and the time since their window began.
 
-    All rows of a log of up to MOST_ROWS; else WINDOWS even stretches of it: a drive's answer to its command is as
-    well known after a hundred thousand rows as after a million.
+    A drive's answer to its command is as well known after twenty thousand rows as after a million.
     """
-    if len(time) <= MOST_ROWS:
-        return np.arange(len(time)), time, time - time[0]
-    starts = np.linspace(0, len(time) - MOST_ROWS // WINDOWS, WINDOWS).astype(int)
-    rows = np.concatenate([np.arange(begin, begin + MOST_ROWS // WINDOWS) for begin in starts])
+    rows = looked_at(len(time))
+    if len(rows) == len(time):
+        return rows, time, time - time[0]
     spans = np.diff(time[rows], prepend=time[rows[0]])
     seam = np.diff(rows, prepend=rows[0]) > 1
     clock = time[rows[0]] + np.cumsum(np.where(seam, step_s, spans))
@@ -216,9 +235,24 @@ def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, 
     return rows, clock, clock - begun
 
 
+def looked_at(count: int) -> npt.NDArray[np.int64]:
+    """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of WINDOW_ROWS in all."""
+    if count <= MOST_ROWS:
+        return np.arange(count)
+    each = WINDOW_ROWS // WINDOWS
+    starts = np.linspace(0, count - each, WINDOWS).astype(np.int64)
+    return (starts[:, None] + np.arange(each)).ravel()
+
+
+def known_rows(count: int) -> npt.NDArray[np.int64]:
+    """Rows at which the recorded variables are kept: all, or those looked at and every EVERY_ROW-th beside them."""
+    rows = looked_at(count)
+    return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
+
+
 def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float,
             written: list[tuple[float, float]]) -> Hopper:
-    width = max(HOPPER_STEP_S, step_s)
+    width = max(HOPPER_STEP_S, step_s, float(np.ceil((time[-1] - time[0]) / MOST_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
     spans = np.diff(time)
@@ -294,7 +328,8 @@ def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
     """The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of."""
     fresh = _fresh(gnss)
     known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
-    rows = np.flatnonzero(known)[:MOST_ROWS]
+    rows = looked_at(len(time))
+    rows = rows[known[rows]]
     at = time[rows]
     step = float(np.median(np.diff(at)))
     wheel_there = wheel[rows]
@@ -322,8 +357,8 @@ def _heads(time: Array, ndvi: Array) -> Heads | None:
     some = ndvi[there]
     known = np.isfinite(some).all(axis=0)
     changed = np.concatenate(([True], (some[:, 1:] != some[:, :-1]).any(axis=0)))
-    rows = np.flatnonzero(known & changed)
-    rows = rows[::max(1, len(rows) // MOST_ROWS)]
+    rows = looked_at(ndvi.shape[1])
+    rows = rows[(known & changed)[rows]]
     if len(rows) < 40:
         return None
     at = time[rows]
