@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check benchmark-diagnosis clean
+.PHONY: run test check benchmark-diagnosis benchmark-diagnosis-peers clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -24,7 +24,13 @@ check: $(VENV)/.installed
 	$(MAKE) test
 
 benchmark-diagnosis: $(VENV)/.installed
-	$(BIN)/python benchmarks/diagnosis/run.py --cases 1000 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
+	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md $(PEERS)
+
+# The same cases for other methods: `make benchmark-diagnosis-peers [SYSIDENT=PYTHON]`; SysIdentPy wants an environment
+# of its own, whose python is given.
+benchmark-diagnosis-peers: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
+	$(MAKE) benchmark-diagnosis PEERS="--peers $(if $(SYSIDENT),--sysident $(SYSIDENT))"
 
 clean:
 	rm -rf $(VENV)

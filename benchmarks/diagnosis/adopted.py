@@ -107,7 +107,8 @@ def main() -> None:
     text = "\n".join([
         "# Two hidden effects, found, adopted, driven", "",
         f"`python benchmarks/diagnosis/adopted.py --seconds {args.seconds:g}`; opening first; log of seed "
-        f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}. Control that does not know the effects -> control that reads the adopted file; "
+        f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}. Control that does not know the effects -> control that reads "
+        "the adopted file; "
         "the machine has the hidden effects, not those found.", "", *table(outcomes)]) + "\n"
     if args.out is None:
         print(text)

@@ -39,7 +39,7 @@ from peers_spline import spline_gain
 
 ROOT = Path(__file__).resolve().parents[2]
 KEEP = ROOT / ".benchmarks" / "peers"
-NULL_SEED = 3
+NULL_SEED, NULLS = 3, 100
 SHOWN = (0, 1, 2, 6, 7, 8, 11, 12)        # of the examination's figures, those that every method can be asked
 
 
@@ -242,7 +242,7 @@ def compared(test: int, nulls: int, seed: int, jobs: int, sysident: Path | None,
 def main() -> None:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--test", type=int, default=200)
-    a.add_argument("--nulls", type=int, default=100)
+    a.add_argument("--nulls", type=int, default=NULLS)
     a.add_argument("--seed", type=int, default=1)
     a.add_argument("--jobs", type=int, default=2)
     a.add_argument("--sysident", type=Path, help="python of SysIdentPy's environment")

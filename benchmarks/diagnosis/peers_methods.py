@@ -1,6 +1,7 @@
 """The peers: each picks effects by its own rule from the same linear problem, nuisances taken out by their priors."""
 from __future__ import annotations
 
+import functools
 import os
 import tempfile
 import warnings
@@ -14,7 +15,9 @@ from evidence import Evidence, Linear
 
 Floats = npt.NDArray[np.float64]
 MOST_CAUSES = 3
-PETAB_CANDIDATES = 12             # ids that it may choose from, the best by themselves: each model costs it a file
+PETAB_ROUNDS = 20
+PATIENCE = {"forward": 1, "famos": 2}       # rounds without a better model: FAMoS turns round and goes on
+PETAB_CANDIDATES = 8              # ids that it may choose from, the best by themselves: each model costs it a file
 
 
 class Small(NamedTuple):
@@ -134,6 +137,9 @@ class PetabSelect:
     """petab-select drives the search, by `method`; calibration is our likelihood (whitened), the criterion BIC."""
 
     def __init__(self, method: str) -> None:
+        import petab.v1
+
+        petab.v1.Problem.from_yaml = functools.cache(petab.v1.Problem.from_yaml)    # it reads it again for each model
         self.method = method
         self.folder = Path(tempfile.mkdtemp(prefix="petab-"))
         names = [f"s{k}" for k in range(PETAB_CANDIDATES)]
@@ -168,8 +174,9 @@ class PetabSelect:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 problem = petab_select.Problem.from_yaml(self.folder / "select.yaml")
-                space, best = None, None
-                for _ in range(40):
+                space, best, idle = None, None, 0
+                for _ in range(PETAB_ROUNDS):
+                    before = best
                     iteration = petab_select.ui.start_iteration(problem=problem, candidate_space=space)
                     space = iteration[CANDIDATE_SPACE]
                     calibrated = petab_select.Models()
@@ -184,6 +191,9 @@ class PetabSelect:
                     if petab_select.ui.end_iteration(problem=problem, candidate_space=space,
                                                      calibrated_models=calibrated)[TERMINATE]:
                         break
+                    idle = idle + 1 if best == before else 0
+                    if idle == PATIENCE[self.method]:
+                        break             # it would go on with pairs, triples ... of what did not help
         finally:
             os.chdir(here)
         return best[1] if best is not None else []

@@ -119,6 +119,10 @@ def main() -> None:
     a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
     a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "diagnosis")
     a.add_argument("--out", type=Path, help="Markdown table; else to the screen")
+    a.add_argument("--peers", action="store_true", help="afterwards other methods on the first runs of the timetable; "
+                                                        "needs the extra `benchmark`")
+    a.add_argument("--peer-cases", type=int, default=200)
+    a.add_argument("--sysident", type=Path, help="python of SysIdentPy's own environment")
     args = a.parse_args()
     from hidden.report import report
     from hidden.score import mark
@@ -156,6 +160,14 @@ def main() -> None:
     else:
         args.out.write_text(text, encoding="utf-8", newline="\n")
         print(f"\n{args.out}: {len(marks)} cases", file=sys.stderr)
+    if args.peers:
+        from peers import NULLS, compared
+
+        told = compared(args.peer_cases, NULLS, args.seed, args.jobs, args.sysident, kept)
+        if args.out is None:
+            print(told)
+        else:
+            args.out.with_stem(f"{args.out.stem}-peers").write_text(told, encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":
