@@ -80,6 +80,16 @@ PICTURES = (
     Picture("run-80x24-night", (80, 24), "night"),
     Picture("run-80x24-alarms", (80, 24), alarms=True),
     Picture("run-60x16", (60, 16), alarms=True),
+    Picture("map-120x40-day", (120, 40), screen="map"),
+    Picture("map-120x40-night", (120, 40), "night", screen="map"),
+    Picture("map-near-120x40-day", (120, 40), screen="map-near"),
+    Picture("map-80x24-day", (80, 24), screen="map", alarms=True),
+    Picture("map-120x40-zh", (120, 40), language="zh", screen="map"),
+    Picture("trends-120x40-day", (120, 40), screen="trends"),
+    Picture("trends-120x40-night", (120, 40), "night", screen="trends"),
+    Picture("trends-read-100x30-day", (100, 30), screen="trends-read"),
+    Picture("trends-80x24-day", (80, 24), screen="trends", alarms=True),
+    Picture("trends-120x40-zh", (120, 40), language="zh", screen="trends"),
     Picture("replay-120x40-day", (120, 40), screen="replay"),
     Picture("replay-120x40-night", (120, 40), "night", screen="replay"),
     Picture("replay-80x24-day", (80, 24), screen="replay"),
@@ -106,6 +116,11 @@ PICTURES = (
     Picture("help-100x30", (100, 30), screen="help"),
     Picture("gone-100x30", (100, 30), screen="gone"),
 )
+
+DONE_ON: dict[str, tuple[str, ...]] = {           # actions that bring a page to a picture
+    "map-near": ("map_layer", "map_layer", "map_follow", "map_out"),
+    "trends-read": ("trends_longer", "trends_far_left", "trends_far_left", "trends_far_left"),
+}
 
 
 @cache
@@ -167,6 +182,9 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         await worker.wait()
     app.page.hurry()
     app.tick()
+    for action in DONE_ON.get(picture.screen, ()):
+        await app.action_do(action)
+        await wait()
     await wait()
 
 

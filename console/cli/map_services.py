@@ -47,8 +47,8 @@ def field_picture(frame: Frame) -> FieldPicture | None:
 
 
 def plane_of_map(meta: RunMeta, beside: Path) -> TangentPlane | None:
-    """The plane on which the loop of a log worked, where it was its map's: a job without an outline, with a map that can
-    still be read; beside: the log's folder."""
+    """The plane on which the loop of a log worked, where it was its map's: a job without an outline, with a map that
+    can still be read; beside: the log's folder."""
     from drivers.files.kinds import JOB
     from drivers.files.prescriptions.for_job import map_of_job
     try:

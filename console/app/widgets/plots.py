@@ -1,6 +1,7 @@
 """Up to three channels, one above the other, on one time axis, in braille. A click reads the values at that time."""
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
@@ -92,6 +93,11 @@ def traced(pieces: tuple[Piece, ...], columns: int, rows: int) -> Dots:
     return cells
 
 
+def _runs(text: str, style: Style) -> Iterator[Segment]:
+    """Dots and gaps apart, so that a picture in a font of other widths keeps every run in its place."""
+    return (Segment(run, style) for run in re.findall(" +|[^ ]+", text))
+
+
 class Plots(Canvas[PlotsView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--applied", "trend--muted", "trend--title", "trend--stale",
                                              "plots--cursor"}
@@ -169,11 +175,11 @@ class Plots(Canvas[PlotsView]):
         """Cells before the cursor, its own, and those after it."""
         row_of = [chr(0x2800 | bits) if (bits := dots.get((column, row), 0)) else " " for column in range(columns)]
         if cursor is None or not 0 <= cursor < columns:
-            yield Segment("".join(row_of), line)
+            yield from _runs("".join(row_of), line)
             return
-        yield Segment("".join(row_of[:cursor]), line)
+        yield from _runs("".join(row_of[:cursor]), line)
         yield Segment("│" if row_of[cursor] == " " else row_of[cursor], cursor_style)
-        yield Segment("".join(row_of[cursor + 1:]), line)
+        yield from _runs("".join(row_of[cursor + 1:]), line)
 
     def _times(self, view: PlotsView, width: int) -> Strip:
         columns = self.columns(width)
