@@ -22,12 +22,14 @@ Array = npt.NDArray[np.float64]
 
 BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
-LEAST_GAIN = 40.0           # of twice the log-likelihood, of all spells together
+LEAST_GAIN = 60.0           # of twice the log-likelihood, of all spells together
 LEAST_DIPS = 6
-STEP_SIDE_S = 16.0          # on each side of a step: the scale's noise remembers a second or two
-STEP_GAP_S = 6.0            # of a step's own
-STEP_Z = 4.5
-LEAST_STEPS_SEEN = 3
+STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
+STEP_GAP_S = 8.0            # of a step's own
+STEP_Z = 4.0
+LEAST_STEPS_SEEN = 2
+MOST_UNSEEN = 6.0           # of the mass of the steps seen: further standstills may lie below the noise
+UNSEEN_SD = 0.2             # of that mass
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 LEAST_DIP = 0.1
 FAST_MPS = 0.6
@@ -114,13 +116,17 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     kept = np.zeros(len(left))
     for k in ups:
         kept[at[k]:] += max(0.0, float(rose[k])) * np.clip((np.arange(len(left) - at[k]) + 1) / gap, 0.0, 1.0)
-    flowed = float(np.sum(np.maximum(0.0, -np.diff(predicted))))
+    flow = np.concatenate(([0.0], np.maximum(0.0, -np.diff(predicted))))
+    flowed = float(flow.sum())
+    rest = float(np.mean(left[-side:]) - np.mean(left[:side]) - kept[-1])
+    unseen = rest if 0.0 < rest < MOST_UNSEEN * kept[-1] else 0.0
+    kept += unseen * np.cumsum(flow) / max(flowed, 1e-9)    # spells too short to be seen one by one
     share, gain = 100.0 * float(kept[-1]) / max(flowed, 1e-9), float(np.sum(z[ups] ** 2) - np.sum(z[downs] ** 2))
     if gain < LEAST_GAIN or share > 60.0:
         return None
     middle = h.time_s[:-1] + 0.5 * step_s
     stayed = np.interp(middle, h.grid.even_s, kept)
-    sd_share = 100.0 * sd * len(ups) ** 0.5 / max(flowed, 1e-9) + 0.1 * share
+    sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
     return h._replace(reading_kg=h.reading_kg - stayed), Seen(Part("flow.bridging", share), float(sd_share), gain)
 
 
