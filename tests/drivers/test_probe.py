@@ -6,9 +6,10 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from control.readings import GnssFix
+from drivers.board.framing import seal
 from drivers.devices.board_frames import StatusFrame, encode_status
 from drivers.devices.canopy_heads import PROTOCOLS
-from drivers.devices.probe import probe, recognise, recognise_modules
+from drivers.devices.probe import probe, recognise, recognise_either, recognise_modules
 from drivers.devices.rate_module_frames import Status
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.ports import memory_pair
@@ -22,6 +23,7 @@ HEARD = {
     "greenseeker": b"345,0.5\r\n" + head_line(0.5, PROTOCOLS["greenseeker"]) * 4,
     "acs435": head_line(0.5, PROTOCOLS["acs435"]) * 4,
     "greenseeker (multiplexed)": b"".join(head_line(0.5, PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)),
+    "lag-rig/1": b"".join(seal(f"L1,{n},0,0,{n * 50000},0.000,500,,,0") for n in range(5)),
     "gpsd": b'{"class":"VERSION","release":"3.25"}\r\n'}
 
 
@@ -77,3 +79,11 @@ def test_a_port_that_cannot_be_read_is_one_plain_line():
     result = CliRunner().invoke(app, ["devices", "socket://nowhere"])
     assert result.exit_code == 2
     assert "allowed is socket://HOST:PORT" in result.output
+
+
+def test_pieces_of_a_line_or_datagrams_are_told_with_the_last_of_them():
+    found = recognise_either([HEARD["greenseeker"][:30], HEARD["greenseeker"][30:] + b"0,0.1"])
+    assert (found.protocol, found.said) == ("greenseeker", "0,0,0.500,0.500,0")
+    modules = recognise_either([encode_module(Status(3, 0, 0.0, 0.0, 0, True, False, 0.0))] * 2)
+    assert (modules.protocol, modules.said) == ("rate-module/udp", "3")
+    assert recognise_either([b"hello\r\n"]).protocol == ""
