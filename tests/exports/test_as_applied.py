@@ -112,3 +112,24 @@ def test_isoxml_needs_a_time(known_log: RunLog, tmp_path: Path) -> None:
         write_as_applied(timeless, tmp_path / "x.zip")
     write_as_applied(timeless, tmp_path / "x.csv")
     assert (tmp_path / "x.csv").read_text().splitlines()[1].startswith(",0.4")
+
+
+def test_ground_is_covered_once_and_again_where_the_machine_comes_back(known_log: RunLog) -> None:
+    totals = as_applied(known_log).totals
+    assert totals.covered_ha == pytest.approx(totals.area_ha, rel=0.02) and totals.overlap_ha == 0.0
+    assert totals.doses is None
+    lat = known_log.numbers("lat_deg").copy()
+    half = len(lat) // 2
+    lat[half:] = lat[:len(lat) - half]                      # the same way once more
+    twice = dataclasses.replace(known_log, columns=known_log.columns | {"lat_deg": lat})
+    again = as_applied(twice).totals
+    assert again.overlap_ha is not None and again.covered_ha is not None
+    assert again.overlap_ha == pytest.approx(0.5 * again.area_ha, rel=0.15)
+    assert again.covered_ha + again.overlap_ha == pytest.approx(again.area_ha, rel=0.05)
+
+
+def test_doses_are_counted_from_the_logs_events(known_log: RunLog) -> None:
+    events = known_log.texts("events").copy()
+    events[100], events[120], events[140] = "dose 120", "mark x;dose 120", "dose_missed busy"
+    counted = as_applied(dataclasses.replace(known_log, columns=known_log.columns | {"events": events})).totals
+    assert (counted.doses, counted.doses_missed) == (2, 1)

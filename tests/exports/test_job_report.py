@@ -20,9 +20,16 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
     page = job_page(applied, "topdress test")
     t = applied.totals
     assert f"{t.applied_kg:.2f} kg" in page and f"{t.area_ha:.4f} ha" in page
+    assert f"{t.covered_ha:.4f} ha, each place once; 0.0000 ha passed over again" in page and "doses" not in page
     assert f"{t.applied_n_kg:.2f} kg (46.0 % of the product)" in page
     assert page.count("<svg") == 2 and "2026-03-07 23:59 UTC" in page
     assert "within 2 %" in page
+
+
+def test_doses_have_a_line_of_their_own(applied: AsApplied) -> None:
+    from console.reports.job_page import job_page
+    point = dataclasses.replace(applied, totals=applied.totals._replace(doses=286, doses_missed=3))
+    assert "286, 3 plants missed" in job_page(point, "topdress test")
 
 
 def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
+from control.field.coverage import Coverage, Covered
 from control.field.totals import Totaliser, Totals
-from control.geodesy import TangentPlane
+from control.geodesy import Place, TangentPlane
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.orders import State, TargetSource
@@ -21,6 +22,8 @@ Floats = npt.NDArray[np.float64]
 TURNING_RPM = 2.0           # the lag paper's threshold of a shaft that turns
 MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
 DEFAULT_EVERY_S = 1.0
+CELL_M = 0.2                # of the bitmap of covered ground
+COVER_STEP_M = 0.5
 NEEDED = ("lat_deg", "lon_deg", "speed_used_mps", "applied_rate_kg_ha")
 
 
@@ -94,8 +97,12 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     if not len(rows.time_s):
         raise ExportError(f"{log.path}: no row of work with a place: allowed is a log with some")
     product = product or _product(log)
-    return AsApplied(log.path.stem, machine, product, _gathered(rows, machine, every_s),
-                     _totals(log, machine, product), _begin_utc(log), _field(log))
+    covered = _covered(rows, machine.geometry.working_width_m)
+    doses, missed = _doses(log)
+    totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
+                                                     doses=doses, doses_missed=missed)
+    return AsApplied(log.path.stem, machine, product, _gathered(rows, machine, every_s), totals, _begin_utc(log),
+                     _field(log))
 
 
 class _Rows(NamedTuple):
@@ -238,6 +245,33 @@ def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
         totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
                       None if target != target else target)
     return totaliser.snapshot()
+
+
+def _covered(rows: _Rows, width_m: float) -> Covered:
+    """Ground on which something came to lie, each place once, and what was passed over again."""
+    coverage = Coverage(width_m, min(CELL_M, width_m / 6.0))
+    way_m = np.cumsum(rows.speed_mps * rows.step_s)
+    gap = np.concatenate(([True], np.diff(rows.time_s) > rows.step_s[1:] + 1e-6))
+    flows = rows.applied_kg_ha > 0.0
+    turns = np.concatenate(([False], flows[1:] != flows[:-1]))
+    for k in np.flatnonzero(gap | turns | (np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0)).tolist():
+        if gap[k]:
+            coverage.lay(_place(rows.begin_m[k]), float(rows.heading_deg[k]), False)
+        coverage.lay(_place(rows.end_m[k]), float(rows.heading_deg[k]), bool(flows[k - 1 if turns[k] else k]))
+    return coverage.covered
+
+
+def _place(place: Floats) -> Place:
+    return float(place[0]), float(place[1])
+
+
+def _doses(log: RunLog) -> tuple[int | None, int | None]:
+    """Doses and misses of point mode as the log's events tell them; None where it was not."""
+    words = [word for text in log.texts("events").tolist() if "dose" in text for word in text.split(";")]
+    if not words:
+        return None, None
+    return (sum(word.startswith("dose ") for word in words),
+            sum(word.startswith("dose_missed") for word in words))
 
 
 def _machine(log: RunLog) -> Machine:
