@@ -100,7 +100,7 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
-    from control.diagnosis.extend import extend
+    from control.diagnosis.extend import extend, refuse_to_adopt
     from control.diagnosis.tables.sentences import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
@@ -108,9 +108,7 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
         raise CommandError(f"{out}: nothing was found, so there is nothing to adopt")
     in_part = held_in_part(found.findings)
     for cause in found.causes:
-        if cause.id in in_part:
-            raise CommandError(f"{out}: {cause.id} holds in the rows of {in_part[cause.id]} only: it is not the "
-                               "machine's, so nothing is adopted")
+        refuse_to_adopt(cause.id, in_part.get(cause.id))
         if cause.rivals:
             typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
                        f"{', '.join(rival.id for rival in cause.rivals)}", err=True)

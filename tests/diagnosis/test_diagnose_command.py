@@ -29,7 +29,7 @@ def test_an_effect_of_one_label_is_not_adopted(tmp_path: Path) -> None:
     out = tmp_path / "new.yaml"
     asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out)])
     assert asked.exit_code == 2 and not out.exists()
-    assert "holds in the rows of two.csv blue only: it is not the machine's" in asked.output
+    assert "holds for two.csv blue only, not for the machine" in asked.output
 
 
 def test_an_effect_of_all_rows_is_adopted_and_its_rivals_are_said(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from .nominal import IDS, OUTSIDE, OUTSIDE_TABLES
 from .programmes import SPLITS, Programme, chosen
 from .run_cases import run_case
 from .table_cases import table_case
-from .truth import Columns, Made, Share
+from .truth import Columns, Made, Redriven, Share
 
 TABLE_KINDS = ("lag", "catch", "heads", "place", "weigh")
 CATEGORIES = ("none", "single", "pair", "lookalike", "outside")
@@ -48,6 +48,7 @@ class Case(NamedTuple):
     columns: Columns
     truth: dict[str, Any]
     gain_share: Share
+    redriven: Redriven | None = None      # of a run: the same machine and noise on a changed drive
 
 
 def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,
@@ -76,10 +77,11 @@ def one(number: int, seed: int, programmes: str = "all", categories: tuple[str, 
     for attempt in range(400):
         made = _make(category, split, np.random.default_rng([seed, number, attempt, 1]), kinds, ids)
         if made is not None:
-            kind, columns, truth, share = made
+            kind, columns, truth, share, redriven = made
             name = f"case-{seed}-{number:05d}"
             return Case(name, kind, columns, {"case": name, "number": number, "seed": seed, "category": category,
-                                              "split": split, "data_kind": kind, **truth}, share)
+                                              "split": split, "data_kind": kind, **truth}, share,
+                        redriven)
     raise ValueError(f"case {number}: nothing fits categories {categories}, kinds {kinds}, ids {ids}")
 
 

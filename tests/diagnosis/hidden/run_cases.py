@@ -12,8 +12,8 @@ from . import runlog
 from .detect import Eye
 from .nominal import IDS, OUTSIDE, Effect, Physics
 from .plant import Plant
-from .programmes import Programme, chosen, drive
-from .truth import Made, Relations, share_of, told
+from .programmes import Drive, Programme, chosen, drive
+from .truth import Columns, Made, Relations, share_of, told
 
 _GROUPS = {"shaft": ("shaft.",), "gate": ("gate.", "flow.", "scale."), "flow": ("gate.", "flow.", "scale."),
            "scale": ("gate.", "flow.", "scale."), "speed": ("speed.",), "canopy": ("canopy.",)}
@@ -112,12 +112,27 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     if category == "lookalike" and len(relations[0]["equal"]) + len(relations[0]["near"]) == 0:
         return None
     traits = traits_of(eye, rng, plant)
-    columns = runlog.columns(plant, physics, (*planted, *traits), noises, int(rng.integers(1 << 30)))
-    span = {"shaft_high_rpm": float(d.shaft_rpm_cmd.max()), "opening_high_mm": float(d.opening_mm_cmd.max())}
+    log_seed = int(rng.integers(1 << 30))
+    columns = runlog.columns(plant, physics, (*planted, *traits), noises, log_seed)
     truth = {"programme": p.name, "noise": noise, "rows": int(d.time_s.size), "outside": outside,
-             "causes": [told(e, z, r, span) for (e, z), r in zip(found, relations, strict=True)],
+             "causes": [told(e, z, r, _span(d)) for (e, z), r in zip(found, relations, strict=True)],
              "traits": [e._asdict() for e in traits], "physics": physics._asdict()}
-    return "run", columns, truth, share_of(planted, eye.trace, eye.inner)
+
+    def redriven(change: Callable[[Drive], Drive]) -> tuple[Columns, dict[str, Any]]:
+        other = Plant(change(d))
+        seen = Eye(other, noises, Physics())
+        causes = []
+        for e, _ in found:
+            z = seen.z([e], [q for q in planted if q != e])
+            causes.append(told(e, z, relation(seen, e, z, planted), _span(other.drive)))
+        return (runlog.columns(other, physics, (*planted, *traits), noises, log_seed),
+                {**truth, "rows": int(other.drive.time_s.size), "causes": causes})
+
+    return "run", columns, truth, share_of(planted, eye.trace, eye.inner), redriven
+
+
+def _span(d: Drive) -> dict[str, float]:
+    return {"shaft_high_rpm": float(d.shaft_rpm_cmd.max()), "opening_high_mm": float(d.opening_mm_cmd.max())}
 
 
 def traits_of(eye: Eye, rng: np.random.Generator, plant: Plant) -> tuple[Effect, ...]:

@@ -63,7 +63,7 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     columns = table.observed(planted, noise, rng)
     return kind, columns, {"programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "outside": None,
                            "causes": causes, "traits": [], "physics": {}}, \
-        share_of(tuple(planted), table.trace, lambda a, b: float(a @ b))
+        share_of(tuple(planted), table.trace, lambda a, b: float(a @ b)), None
 
 
 def _outside(pool: list[tables.Layout], rng: np.random.Generator, names: list[str]) -> Made | None:
@@ -91,7 +91,7 @@ def _outside(pool: list[tables.Layout], rng: np.random.Generator, names: list[st
         "physics": {}, "outside": {"name": name, "channel": {"catch": "flow"}.get(kind, kind),
                                    "variables": list(variables), "z": round(z, 3), "size": e.size,
                                    "likest_catalogued": round(float(np.sqrt(max(0.0, 1 - share**2))), 3)}}, \
-        share_of((), table.trace, lambda a, b: float(a @ b))
+        share_of((), table.trace, lambda a, b: float(a @ b)), None
 
 
 def _varies(name: str, layout: tables.Layout) -> bool:

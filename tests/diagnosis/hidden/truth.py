@@ -8,11 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .nominal import IDS, Effect
+from .programmes import Drive
 
 Floats = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]
 Share = Callable[[Sequence[dict[str, Any]]], float | None]
-Made = tuple[str, Columns, dict[str, Any], Share]      # kind of data, columns, truth, share of the gain
+Redriven = Callable[[Callable[[Drive], Drive]], tuple[Columns, dict[str, Any]]]     # a changed drive, all else the same
+Made = tuple[str, Columns, dict[str, Any], Share, Redriven | None]      # kind of data, columns, truth, share of gain
 
 EQUAL = 0.99                      # likeness of two traces from which on the data cannot tell them apart
 SEPARABLE_Z = 3.0                 # what must be left of an effect after its rival to be told from it
