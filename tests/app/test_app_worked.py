@@ -98,6 +98,21 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
     assert planes[KINDS].sum() > 0
 
 
+@pytest.mark.parametrize("metres", [0.25, 1.0, 1.5, 2.0, 3.0, 7.5])
+@pytest.mark.parametrize("north", [0.5, 1.5, 2.5, 4.5, 11.5])
+def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
+    """All cells of the size that a scale is drawn from; the middle of the one that holds 0.5 m east."""
+    worked = Worked(width_m=1.0)
+    worked.add([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
+    cell_m = worked.cell_for(metres)
+    middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
+    pixels = Camera(0.0, 6.0, metres).pixels(20, 80)
+    lit = np.argwhere(~np.isnan(ground(worked, pixels).applied_kg_ha))
+    column, row = pixels.at(middle[0] + 0.01, middle[1] + 0.01)       # on an edge the north-eastern one
+    assert [row, column] in lit.tolist()
+    assert len(lit) == max(1.0, cell_m / metres) ** 2
+
+
 def test_the_memory_is_bounded_however_far_is_driven():
     worked = Worked(most_tiles=20)
     for k in range(400):
