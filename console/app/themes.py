@@ -27,7 +27,7 @@ def _theme(name: str, *, dark: bool, background: str, surface: str, panel: str, 
 
 DAY = _theme(
     "day", dark=False, background="#ffffff", surface="#f1f3f4", panel="#d5dade", foreground="#000000",
-    primary="#00518f", stale="#9aa0a6", muted="#4a5056", target="#006a8e",
+    primary="#00518f", stale="#62686e", muted="#4a5056", target="#02608a",
     red=("#ff8a00", "#000000"), amber=("#0053b8", "#ffffff"),
     states={"off": ("#d5dade", "#000000"), "ready": ("#ffffff", "#00518f"), "working": ("#00518f", "#ffffff"),
             "held": ("#000000", "#ffffff"), "calibrating": ("#5b3a8e", "#ffffff"), "fault": ("#ff8a00", "#000000")},
@@ -35,15 +35,15 @@ DAY = _theme(
 
 NIGHT = _theme(
     "night", dark=True, background="#0b0d0f", surface="#13171a", panel="#2a3136", foreground="#c3c7c4",
-    primary="#6fa8cf", stale="#565d62", muted="#868d90", target="#58b0c4",
-    red=("#d9780f", "#000000"), amber=("#1f5fae", "#f0f4f8"),
+    primary="#6fa8cf", stale="#777e84", muted="#99a0a3", target="#4aa3c8",
+    red=("#d9780f", "#000000"), amber=("#215bb0", "#f0f4f8"),
     states={"off": ("#2a3136", "#c3c7c4"), "ready": ("#0b0d0f", "#6fa8cf"), "working": ("#2d6d96", "#ffffff"),
             "held": ("#c3c7c4", "#0b0d0f"), "calibrating": ("#7a5ab0", "#ffffff"), "fault": ("#d9780f", "#000000")},
     bar=("#1a1f23", "#c3c7c4"), key="#8fc4e8")
 
 CONTRAST = _theme(
     "contrast", dark=True, background="#000000", surface="#000000", panel="#555555", foreground="#ffffff",
-    primary="#ffff00", stale="#808080", muted="#d0d0d0", target="#00ffff",
+    primary="#ffff00", stale="#808080", muted="#d0d0d0", target="#55aaff",
     red=("#ff9a00", "#000000"), amber=("#2a55ff", "#ffffff"),
     states={"off": ("#555555", "#ffffff"), "ready": ("#000000", "#ffff00"), "working": ("#ffff00", "#000000"),
             "held": ("#ffffff", "#000000"), "calibrating": ("#ff55ff", "#000000"), "fault": ("#ff9a00", "#000000")},

@@ -36,10 +36,10 @@ class LogPage(Page):
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
-        if self.replayed() is None:
+        live = self.app.arrival.frame
+        if self.replayed() is None and (frame is not None or live is None):
             return view
         view = view._replace(status=view.status._replace(lead=_("REPLAY")))
-        live = self.app.arrival.frame
         if live is not None and live.alarms:
             shown = alarms(live, self.app.utc_offset_s, self.app.units)
             lines = tuple(line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines)

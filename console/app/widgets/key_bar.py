@@ -19,14 +19,23 @@ class KeysView(NamedTuple):
     language: str
 
 
+ALWAYS = ("hold", "stop", "palette")       # with the last one everything else can be reached by mouse at any width
+
+
 def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
     """Actions that fit, the important ones first, each with its first cell and its width."""
+    ordered = sorted((a for a in actions if a.bar), key=lambda a: a.bar)
+    cells = {action.id: cell_len(f" {action.shown} {_(action.label)} ") for action in ordered}
+    room = width - sum(cells[name] for name in ALWAYS if name in cells)
     placed, start = [], 0
-    for action in sorted((a for a in actions if a.bar), key=lambda a: a.bar):
-        cells = cell_len(f" {action.shown} {_(action.label)} ")
-        if start + cells <= width:
-            placed.append((action, start, cells))
-            start += cells
+    for action in ordered:
+        if action.id not in ALWAYS:
+            if cells[action.id] > room:
+                continue
+            room -= cells[action.id]
+        if start + cells[action.id] <= width:
+            placed.append((action, start, cells[action.id]))
+            start += cells[action.id]
     return tuple(placed)
 
 
