@@ -16,16 +16,21 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
 
-from .likelihood import fitted, problem
+from .likelihood import Column, fitted, problem
 from .naming import Named
-from .noise import coefficients, segments
+from .noise import Noise, coefficients, segments, series_of
+from .open_set import DOWNSTREAM
+from .residuals import Channel as ChannelOf
 from .result import Gain
+from .sensitivities import FORM_CHANNEL, Candidate
+from .smooth import LEAST_RANGE, TABLES
 
 Array = npt.NDArray[np.float64]
 
 BLOCKS = 8
 HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
 GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
+PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
 Z90 = 1.645
 
 
@@ -63,12 +68,63 @@ def measure_gain(named: Named) -> list[Gain]:
                                                                before[channel.name], after, pieces)
         if not len(errors_after):
             continue
-        rms = float(np.sqrt(np.mean(errors_after ** 2)))
-        sd = float(np.sqrt(np.var(errors_after ** 2) / len(errors_after))) / max(2.0 * rms, 1e-12)
-        words = ", ".join(str(k + 1) for k in HELD_OUT)
-        found.append(Gain(name, f"rmse, {unit_word}", float(np.sqrt(np.mean(errors_before ** 2))), rms,
-                          max(0.0, rms - Z90 * sd), rms + Z90 * sd, f"blocks {words} of {BLOCKS}"))
+        words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
+        rms_before = float(np.sqrt(np.mean(errors_before ** 2)))
+        found.append(_gain(name, f"rmse, {unit_word}", rms_before, errors_after, words))
+        fixed = [pair for pair in unit[channel.name] if not pair[0].key.startswith("slope ")]
+        for word, others in _instead(named, channel.name):
+            left = _corrected(before[channel.name], fixed, others, plain, named.found.noise)
+            judged = _judged(channel.name, channel.unit, channel.grid.step_s, before[channel.name], left, pieces)[3]
+            found.append(_gain(name, f"rmse, {unit_word}, {word}", rms_before, judged, words))
     return found
+
+
+def _gain(channel: str, metric: str, before: float, errors_after: Array, held_out: str) -> Gain:
+    """Low and high from the spread of the mean square between PIECES_OF_ERROR even pieces of the held-out rows."""
+    rms = float(np.sqrt(np.mean(errors_after ** 2)))
+    squares = np.array([float(np.mean(piece ** 2)) for piece in np.array_split(errors_after, PIECES_OF_ERROR)
+                        if len(piece)])
+    sd = float(np.std(squares) / np.sqrt(len(squares))) / max(2.0 * rms, 1e-12)
+    return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
+
+
+def _instead(named: Named, channel: str) -> list[tuple[str, list[Column]]]:
+    """What else might be put in: the best nameless smooth corrector, and the cause that the log speaks least for."""
+    group, found = named.group, []
+    best: tuple[float, str, list[Column]] | None = None
+    for stage in TABLES:
+        if FORM_CHANNEL[stage] != channel:
+            continue
+        for variable in LEAST_RANGE:
+            columns = [] if variable in DOWNSTREAM[stage] else group.forms(stage, variable)
+            if columns:
+                p, count = group.compressed((), columns)
+                value = fitted(p, np.arange(count + len(columns)), named.null.noise, rounds=1).log_likelihood
+                if best is None or value > best[0]:
+                    best = (value, variable, columns)
+    if best is not None:
+        found.append((f"nameless corrector over {best[1]}", best[2]))
+    names = {part.id for part in named.found.parts}
+    for one in sorted(named.scan, key=lambda f: abs(f.gain)):
+        if one.part.id not in names and one.part.size != 0.0 and one.part.onset_s is None:
+            column = group.candidate_column((), Candidate(one.part, one.part.size, one.part.size))
+            if channel in column.coefficients and column.coefficients[channel].any():
+                found.append((f"placebo {one.part.id}", [column]))
+                break
+    return found
+
+
+def _corrected(before: Array, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], plain: ChannelOf,
+               noise: dict[str, Noise]) -> Array:
+    """The error once `others` are fitted, beside the tolerances, to the blocks of `plain`, and taken off everywhere."""
+    name = plain.name
+    whole = segments(len(before))
+    shapes = [series_of(c.coefficients[name], whole) for c in others]
+    columns = [Column(c.key, {name: coefficients(series, plain.cut)}, c.sd, c.mean)
+               for c, series in [*fixed, *zip(others, shapes, strict=True)]]
+    p = problem([plain], {name: coefficients(before, plain.cut)}, columns)
+    amplitude = fitted(p, np.arange(len(columns)), noise).amplitude[len(fixed):]
+    return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
 
 
 def _judged(name: str, unit: str, step_s: float, before: Array, after: Array,

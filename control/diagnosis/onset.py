@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 
 TIMES = 16                  # onsets tried over the working time
 STILL_S = 3.0               # a drive must disobey for this long in all
+STILL_GAIN = 60.0           # of twice the log-likelihood, for one constant against the model
 ONSET_SHARE = 0.08          # of what the effect explains: forms are never quite right
 NEVER_WITH_ONSET = frozenset({"flow.batch", "flow.moisture_drift", "scale.drift", "gate.lost_steps"})
 
@@ -51,12 +52,30 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
             moves = np.abs(calm["gate"] - final) > 5.0 * noise
             asked = np.abs(predicted["gate"] - final) > 1.0 + 6.0 * noise
             at = _last_obeyed(asked, moves, channel.grid.step_s)
+            if at is None:
+                least = int(np.ceil(STILL_S / channel.grid.step_s))
+                at = _still_from(channel.measured, predicted["gate"], noise, least)
             effect = "gate.stuck"
         else:
             continue
         if at is not None and at > 0:
             found.append(Candidate(Part(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0))
     return found
+
+
+def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
+    """Sample from which a reading is better told by one constant than by its prediction, to the end of the log.
+
+    Moves smaller than the noise of one reading add up: sums of squares from every sample to the end are compared.
+    """
+    count = np.arange(len(measured), 0, -1)
+    ahead = np.cumsum(measured[::-1])[::-1]
+    about_mean = np.cumsum((measured ** 2)[::-1])[::-1] - ahead ** 2 / count
+    about_model = np.cumsum(((measured - predicted) ** 2)[::-1])[::-1]
+    better = (about_model - about_mean)[:-least] / noise ** 2
+    if len(better) < 1 or float(better.max()) < STILL_GAIN:
+        return None
+    return int(np.argmax(better))
 
 
 def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], step_s: float) -> int | None:

@@ -5,8 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from control.diagnosis.extend import extend
+from control.diagnosis import null, stages_data
+from control.diagnosis.extend import extend, refuse_to_adopt
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.next_run import manoeuvres, separation
 from control.diagnosis.run import Cancelled, diagnose_run
@@ -199,6 +201,9 @@ def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_n
     assert diagnose_run(columns, extended).verdict == "none"
     gain = next(g for g in first.gain if g.channel == "shaft")
     assert gain.after < gain.before and gain.low <= gain.after <= gain.high
+    others = {g.metric.split(", ")[-1].split()[0]: g for g in first.gain if g.channel == "shaft" and g is not gain}
+    assert others.keys() == {"nameless", "placebo"}
+    assert gain.after < others["nameless"].after * 1.02 and gain.after < others["placebo"].after
 
 
 def test_the_same_log_gives_the_same_diagnosis():
@@ -228,3 +233,95 @@ def test_a_gate_that_hardly_moves_has_no_backlash():
     rng = np.random.default_rng(3)
     columns["opening_mm_cmd"] = levels(rng, columns["time_s"], 24.4, 25.6, 5.0)     # asked, and never done
     assert "gate.backlash" not in ids(diagnose_run(columns, Machine()))
+
+
+def test_a_gate_stuck_while_its_moves_are_small_is_named():
+    columns = a_run(Machine(), seed=18, seconds=400.0, still_opening=True)
+    rng = np.random.default_rng(3)
+    command = levels(rng, columns["time_s"], 24.0, 26.0, 3.0)
+    stuck = columns["time_s"] > 250.0
+    columns["opening_mm_cmd"] = command
+    where = np.where(stuck, command[~stuck][-1], command)
+    columns["opening_mm"] = where + 0.1 * rng.standard_normal(len(command))
+    found = diagnose_run(columns, Machine())
+    cause = next(c for c in found.causes if c.id == "gate.stuck")
+    assert cause.onset_s == pytest.approx(250.0, abs=4.0)
+
+
+def test_drift_of_a_reading_is_no_dependence():
+    """Slow noise of a shaft sensor follows the time, the falling hopper, whatever changes slowly. Nothing is named."""
+    columns = a_run(Machine(), seed=19, seconds=500.0)
+    rng, time = np.random.default_rng(4), columns["time_s"]
+    drift = sum(np.sin(2.0 * np.pi * (k * time / 500.0 + rng.random())) / k for k in (1.5, 2.5, 4.0, 7.0))
+    columns["shaft_rpm"] = columns["shaft_rpm"] + 0.15 * drift
+    found = diagnose_run(columns, Machine())
+    assert found.verdict == "none", (ids(found), found.unexplained)
+
+
+def test_one_stretch_alone_is_no_evidence():
+    """A GNSS receiver that holds 0 through one restart of the tractor is not late."""
+    columns = a_run(Machine(), seed=20, seconds=400.0)
+    time = columns["time_s"]
+    stop = np.clip(np.abs(time - 200.0) / 4.0 - 0.5, 0.0, 1.0)
+    for name in ("wheel_speed_mps", "speed_mps"):
+        columns[name] = columns[name] * stop
+    held = (time > 201.9) & (time < 203.0)
+    columns["speed_mps"] = np.where(held, 0.3, columns["speed_mps"])
+    assert "speed.gnss_latency" not in ids(diagnose_run(columns, Machine()))
+
+
+def test_a_dead_time_within_its_tolerance_is_no_effect():
+    machine = Machine()
+    early = machine.model_copy(update={"gate": machine.gate._replace(dead_time_s=machine.gate.dead_time_s - 0.016)})
+    columns = a_run(early, seed=21, seconds=300.0)
+    assert ids(diagnose_run(columns, machine)) == []
+
+
+def test_short_bridges_show_by_the_mass_that_stayed():
+    columns = a_run(Machine(), seed=22, seconds=700.0)
+    time = columns["time_s"]
+    begins, length_s, kg_s = (130.0, 260.0, 385.0, 510.0, 640.0), 4.0, 0.12
+    stayed = sum(np.clip(time - b, 0.0, length_s) for b in begins) * kg_s
+    columns["hopper_kg"] = columns["hopper_kg"] + stayed
+    found = diagnose_run(columns, Machine())
+    share = 100.0 * stayed[-1] / (columns["hopper_kg"][0] - columns["hopper_kg"][-1] + stayed[-1])
+    assert ids(found) == ["flow.bridging"]
+    size = found.causes[0].size
+    assert size.low <= share <= size.high
+
+
+def test_a_long_log_is_looked_at_in_windows_and_judged_on_every_row(monkeypatch):
+    monkeypatch.setattr(stages_data, "MOST_ROWS", 5_000)
+    monkeypatch.setattr(stages_data, "WINDOW_ROWS", 3_000)
+    columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=23, seconds=900.0)
+    found = diagnose_run(columns, Machine())
+    assert ids(found) == ["shaft.load_droop"]
+    assert found.causes[0].size.value == pytest.approx(5.0, rel=0.15)
+    said = " ".join(found.findings)
+    assert "33 % of 9000 rows" in said and "stage shaft: what was named holds on every row" in said
+
+
+def test_replicates_have_the_maximum_that_noise_has():
+    """40 independent traces against white noise: the 95th percentile of the largest squared score is known."""
+    rng = np.random.default_rng(6)
+    traces = rng.standard_normal((64, 50, 40))
+    seen = null.Scores((rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1))
+    replicates = null.null_of_maximum(seen)
+    known = chi2.isf(1.0 - 0.95 ** (1.0 / 40.0), 1.0)
+    assert np.quantile(replicates, 0.95) == pytest.approx(known, rel=0.15)
+    assert null.chance(replicates, known) == pytest.approx(0.05, abs=0.03)
+    assert null.chance(replicates, 60.0) < 0.002
+
+
+def test_evidence_of_one_block_falls_with_it():
+    score, energy = np.full((64, 1), 0.5), np.full((64, 1), 1.0)
+    even = null.without_best_block(null.Scores(score, energy), 0)
+    score = np.zeros((64, 1))
+    score[10] = 32.0
+    assert even > 15.0 and null.without_best_block(null.Scores(score, energy), 0) == 0.0
+
+
+def test_what_holds_for_one_label_is_not_adopted():
+    refuse_to_adopt("flow.gain", None)
+    with pytest.raises(ValueError, match=r"flow\.gain: holds for table bench\.csv only"):
+        refuse_to_adopt("flow.gain", "table bench.csv")
