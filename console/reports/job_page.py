@@ -25,10 +25,10 @@ def job_page(applied: AsApplied, software: str) -> str:
         ("area worked", f"{fixed(t.area_ha, 4)} ha, overlaps included"),
         ("ground covered", f"{fixed(t.covered_ha, 4)} ha, each place once; {fixed(t.overlap_ha, 4)} ha passed over "
                            "again"),
-        *(() if t.doses is None else (("doses", f"{t.doses}, {t.doses_missed or 0} plants missed"),)),
+        *(() if t.doses is None else (("doses", f"{t.doses}, plants missed: {t.doses_missed or 0}"),)),
         ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(t.mean_rate_kg_ha, 4)} kg/ha"),
-        ("target", f"{fixed(t.target_kg, 2)} kg" + (
-            "" if t.error_percent is None else f"; applied {_signed(t.error_percent)} % against it")),
+        ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"
+                   if t.error_percent is not None else "none logged"),
         ("nitrogen", f"{fixed(t.applied_n_kg, 2)} kg ({fixed(100.0 * applied.product.n_fraction, 1)} % of the "
                      "product)"),
         ("evenness", f"CV {number(t.cv_percent)} %, Christiansen's uniformity {number(t.cuc_percent)} %"),
@@ -59,12 +59,20 @@ def applied_map(applied: AsApplied) -> Picture:
             ax.plot(*np.vstack((edge, edge[:1])).T, color=LINE, linewidth=1.0)
         ax.set_aspect("equal")
         ax.autoscale_view()
+        (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
+        ax.locator_params(axis="x", nbins=_most_ticks((east - west) / (north - south)), min_n_ticks=1)
+        ax.locator_params(axis="y", nbins=_most_ticks((north - south) / (east - west)), min_n_ticks=1)
         ax.set_xlabel("east, m")
         ax.set_ylabel("north, m")
         bar: Any = canvas.colorbar(ground, ax=ax, shrink=0.8)
         bar.set_label("applied, kg/ha")
         return Picture(svg(canvas, "jobmap", "Map of the applied rate"),
                        "Applied rate where the material came to lie; the line is the field's edge.")
+
+
+def _most_ticks(slenderness: float) -> int:
+    """So many figures find room on an axis that is so many times the other one."""
+    return max(1, min(7, round(7.0 * slenderness)))
 
 
 def error_percent(applied: AsApplied) -> tuple[np.ndarray, np.ndarray]:

@@ -121,10 +121,12 @@ def test_ground_is_covered_once_and_again_where_the_machine_comes_back(known_log
     lat = known_log.numbers("lat_deg").copy()
     half = len(lat) // 2
     lat[half:] = lat[:len(lat) - half]                      # the same way once more
-    twice = dataclasses.replace(known_log, columns=known_log.columns | {"lat_deg": lat})
+    state = known_log.texts("state").copy()
+    state[half - 40:half + 40] = "held"
+    twice = dataclasses.replace(known_log, columns=known_log.columns | {"lat_deg": lat, "state": state})
     again = as_applied(twice).totals
     assert again.overlap_ha is not None and again.covered_ha is not None
-    assert again.overlap_ha == pytest.approx(0.5 * again.area_ha, rel=0.15)
+    assert again.overlap_ha > 0.3 * again.area_ha
     assert again.covered_ha + again.overlap_ha == pytest.approx(again.area_ha, rel=0.05)
 
 

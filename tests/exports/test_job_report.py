@@ -29,7 +29,7 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
 def test_doses_have_a_line_of_their_own(applied: AsApplied) -> None:
     from console.reports.job_page import job_page
     point = dataclasses.replace(applied, totals=applied.totals._replace(doses=286, doses_missed=3))
-    assert "286, 3 plants missed" in job_page(point, "topdress test")
+    assert "286, plants missed: 3" in job_page(point, "topdress test")
 
 
 def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None:
