@@ -50,7 +50,7 @@ class History:
     def add_before(self, places: Iterable[tuple[float, float, float, float]]) -> None:
         """Ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it was driven."""
         unknown = float("nan")
-        self.worked.add([Spot(*place, unknown, unknown) for place in places])
+        self.worked.add_earlier([Spot(*place, unknown, unknown) for place in places])
 
     def recent(self, span_s: float = TREND_SPAN_S) -> tuple[Point, ...]:
         if not self.points:

@@ -106,6 +106,12 @@ class Worked:
             del self._tiles[self.cells_m[0]], self._new[self.cells_m[0]]
             self.cells_m = self.cells_m[1:]
 
+    def add_earlier(self, spots: Sequence[Spot]) -> None:
+        """Enter spots of an earlier time; the next ones of `add` go on from where the last ones were."""
+        last, self._last = self._last, None
+        self.add(spots)
+        self._last = last
+
     def window(self, cell_m: float, column: int, row: int, columns: int, rows: int) -> Window:
         """Planes (sums of applied, target, NDVI; their counts; passages) of cells column ... column + columns, row
         south to north; zeros where nothing was entered."""

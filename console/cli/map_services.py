@@ -59,6 +59,17 @@ def plane_of_map(meta: RunMeta, beside: Path) -> TangentPlane | None:
     return None if profile is None else profile.plane
 
 
+def plane_of_job(meta: RunMeta, beside: Path) -> TangentPlane | None:
+    """The plane on which the loop of a log worked: its field's, else its map's; None: that of the first fix."""
+    from control.field.job import Ground
+    from control.geodesy import TangentPlane
+    field = dict((meta.job or {}).get("field") or {})
+    if not field.get("boundary_m"):
+        return plane_of_map(meta, beside)
+    ground = Ground.model_validate(field)
+    return TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
+
+
 def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
     from control.field.boundary import Boundary

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 from console.app.replay_job import Cancelled, ReplayJob, Tell, WhatIf
 from console.app.replay_source import ReplaySource
-from console.cli.map_services import plane_of_map
+from console.cli.map_services import plane_of_job
 from console.frame import Frame
-from control.field.job import Ground
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
 from control.orders import Alarm
@@ -40,13 +39,7 @@ def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4) ->
     job = dict(meta.job or {}) if meta else {}
     width_m = float(dict(machine.get("geometry", {})).get("working_width_m", width_m))
     ahead_m = float(dict(machine.get("geometry", {})).get("antenna_m", 2.0))
-    field = dict(job.get("field", {}))
-    plane: TangentPlane | None = None
-    if field.get("boundary_m"):
-        ground = Ground.model_validate(field)
-        plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
-    elif meta is not None:
-        plane = plane_of_map(meta, recorded.path.parent)
+    plane = plane_of_job(meta, recorded.path.parent) if meta is not None else None
     since: dict[str, float] = {}
     area = mass = 0.0
     last_s: float | None = None

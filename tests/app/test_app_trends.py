@@ -183,6 +183,8 @@ async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(live):
         await pilot.press("s")
         await go_on(live, 1.0)
         assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
+        assert plots.view.plots[1].high == plots.view.plots[0].high, "rates share their scale"
+        assert float(plots.view.plots[2].high) < 10.0
 
 
 async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(live):

@@ -235,3 +235,17 @@ def test_a_log_s_ground_grows_in_slices_and_goes_back():
     assert history.worked.window(2.0, west, south, 60, 60) == pytest.approx(
         live.worked.window(2.0, west, south, 60, 60), abs=1e-2)
     assert history.work_up_to(20) and history.worked.box.north_m == pytest.approx(frames[20].place_m[1], abs=0.4)
+
+
+def test_ground_from_before_is_entered_without_a_way_to_it():
+    """The machine drives on at 40 m north; what it did before lies at 30 m to 36 m."""
+    history = History()
+    here = [replace(frame, place_m=(0.5, 40.0 + frame.row.time_s)) for frame in run_frames(seconds=5.0)]
+    for frame in here[:15]:
+        history.add(frame)
+    history.add_before([(0.5, 30.0, 0.0, 250.0), (0.5, 33.0, 0.0, 250.0), (0.5, 36.0, 0.0, 250.0)])
+    for frame in here[15:]:
+        history.add(frame)
+    seen = ground(history.worked, Pixels(1, 50, 1.0, 0.0, 50.0)).applied_kg_ha[::-1, 0]
+    assert np.flatnonzero(~np.isnan(seen)).tolist() == [*range(30, 37), *range(40, 45)]
+    assert seen[30:37] == pytest.approx(250.0)
