@@ -1,0 +1,101 @@
+"""When the bell rings, and the list of alarms."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
+from console.app.screens.alarm_list import AlarmList
+from console.app.units import METRIC
+from console.worker.resume_alarms import AlarmBook
+from control.orders import Alarm, Severity
+
+RED = Alarm("shaft_silent", Severity.RED, 0.0)
+OTHER = Alarm("speed_silent", Severity.RED, 0.0)
+AMBER = Alarm("heads_few", Severity.AMBER, 0.0)
+SIZE = (120, 40)
+
+
+def rings(bell: Bell, until_s: float, alarms, from_s: float = 0.0) -> list[float]:
+    return [k / 5 for k in range(round(from_s * 5), round(until_s * 5)) if bell.due(k / 5, alarms(k / 5))]
+
+
+def test_red_rings_at_once_and_again_until_it_is_acknowledged():
+    bell = Bell()
+    assert rings(bell, 100.0, lambda t: (RED._replace(acknowledged=t >= 70.0),)) == [0.0, AGAIN_S, 2 * AGAIN_S]
+
+
+def test_amber_rings_once():
+    assert rings(Bell(), 200.0, lambda t: (AMBER,)) == [0.0]
+
+
+def test_two_alarms_ring_five_seconds_apart_at_least():
+    heard = rings(Bell(), 20.0, lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER))
+    assert heard == [0.0, LEAST_APART_S], "one ring for what came meanwhile"
+
+
+def test_an_alarm_that_flutters_is_not_heard_each_time():
+    assert rings(Bell(), 30.0, lambda t: (AMBER,) if int(t) % 2 == 0 else ()) == [0.0]
+    assert rings(Bell(), 30.0, lambda t: (AMBER,) if t < 1.0 or t > 15.0 else ()) == [0.0, 15.2]
+
+
+def test_nothing_is_owed_for_what_is_gone():
+    assert rings(Bell(), 20.0, lambda t: (AMBER,) if t < 1.0 else (RED,) if t < 2.0 else ()) == [0.0]
+
+
+async def test_the_bell_is_heard_unless_it_is_off(app, source, clock, monkeypatch):
+    heard = []
+    monkeypatch.setattr(app, "bell", lambda: heard.append(clock.now_s))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        for sound, count in ((False, 0), (True, 1)):
+            app.sound = sound
+            clock.now_s += 60.0
+            source.newest = replace(source.newest, seq=source.newest.seq + 1, alarms=(
+                RED if not sound else OTHER,))
+            app.tick()
+            assert len(heard) == count
+
+
+def test_an_entry_says_when_how_often_and_what_to_do():
+    book = AlarmBook()
+    book.see(1.0, "2026-03-18T06:12:01Z", (RED,))
+    book.see(2.0, "2026-03-18T06:12:02Z", ())
+    book.see(9.0, "2026-03-18T06:12:09Z", (RED._replace(acknowledged=True),))
+    (entry,) = entries(book.records, METRIC, 8 * 3600.0)
+    assert entry.when == "first 14:12:01  last 14:12:09  2 times  acknowledged 14:12:09" and entry.stands
+    assert entry.todo == "Stop. Check power and cable of the drive board."
+    book = AlarmBook()
+    book.see(3.0, None, (RED, AMBER))
+    red, amber = entries(book.records, METRIC, 0.0)
+    assert red.when == "first 3 s  last 3 s  once  not acknowledged" and amber.when == "first 3 s  last 3 s  once"
+
+
+async def test_the_list_shows_what_was(app, source, shown):
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        source.newest = replace(source.newest, seq=1_000_000, alarms=(RED,))
+        app.tick()
+        source.newest = replace(source.newest, seq=1_000_001, alarms=())
+        app.tick()
+        await pilot.press("exclamation_mark")
+        await pilot.pause()
+        assert isinstance(app.screen, AlarmList)
+        text = "\n".join(shown(app))
+        assert "The metering shaft does not answer." in text and "not acknowledged" in text and "Stop. Check" in text
+        await pilot.press("escape")
+        await pilot.pause()
+        assert not isinstance(app.screen, AlarmList)
+
+
+async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown):
+    marked = [replace(frame, alarms=(RED,)) if 50 <= k < 60 else frame for k, frame in enumerate(frames)]
+    replay_source.replace(marked)
+    app = replay_app
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("exclamation_mark")
+        await pilot.pause()
+        assert any("no alarm so far" in row for row in shown(app)), "the log stands at its start"
+        await pilot.press("escape", "end", "exclamation_mark")
+        await pilot.pause()
+        assert any("does not answer" in row for row in shown(app))

@@ -1,0 +1,374 @@
+"""The Job screen: the list before work, the N-rich strip, refills, other files, export, and going on after a cut."""
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import replace
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
+from console.app.gallery import StillSource
+from console.app.job_day import LOOK, OK, STOP, checks, totals, worst
+from console.app.job_desk import Earlier, Offer
+from console.app.nrich import StripRun
+from console.app.refill import RefillWatch
+from console.app.sample_job import FACTS, SampleDesk
+from console.app.services import Services
+from console.app.units import METRIC
+from console.app.widgets.check_list import CheckList
+from console.frame import Tally
+from console.link import WorkerGone
+from console.worker.resume_alarms import AlarmRecord
+from control.log_row import LogRow
+from control.orders import Do, Order, Severity
+
+SIZE = (120, 40)
+OFFER = Offer("a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "division 2", 1.2)
+
+
+@pytest.fixture
+def desk():
+    return SampleDesk()
+
+
+@pytest.fixture
+def job_app(source, clock, desk):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
+
+
+async def settled(app, pilot):
+    """Until threads have answered and everything is shown."""
+    for _ in range(3):
+        busy = [w for w in app.workers if w.group in ("job-look", "job-take", "job-work", "connect", "earlier")]
+        if busy:                                    # an empty list would mean all, and the link's never ends
+            await app.workers.wait_for_complete(busy)
+        await pilot.pause()
+        app.page.hurry()
+        app.tick()
+        await pilot.pause()
+
+
+async def on_job(app, pilot):
+    await pilot.press("f10")
+    await settled(app, pilot)
+
+
+def feed(app, source, rows):
+    """Frames with these rows, one after the other."""
+    for row in rows:
+        source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(**row))
+        app.tick()
+
+
+# --- the list ---------------------------------------------------------------------------------------------------------
+
+
+def levels(frame, facts=FACTS, free=10**11, age_s=0.0, trouble=""):
+    return {check.label: check.level for check in checks(frame, age_s, facts, trouble, free, METRIC)}
+
+
+def test_what_is_to_be_looked_at_before_work(frames):
+    frame = frames[-1]
+    assert levels(frame) == {"devices": OK, "crop": LOOK, "N-rich strip": OK, "limits": OK, "field": OK, "machine": OK,
+                             "hopper": OK, "log": OK}
+    assert worst(checks(frame, 0.0, replace(FACTS, crop_warnings=()), "", 10**11, METRIC)) == OK
+    silent = replace(frame, devices=tuple(replace(one, age_s=5.0) if one.name == "gnss" else one
+                                          for one in frame.devices))
+    assert levels(silent)["devices"] == LOOK
+    board = replace(frame, devices=tuple(replace(one, connected=False) if one.name == "board" else one
+                                         for one in frame.devices))
+    assert levels(board)["devices"] == STOP
+    assert levels(frame, age_s=2.0)["devices"] == STOP and levels(None)["devices"] == STOP
+    assert levels(frame, replace(FACTS, nrich_from="crop"))["N-rich strip"] == LOOK
+    assert levels(frame, replace(FACTS, ndvi_nrich=None))["N-rich strip"] == LOOK
+    assert levels(frame, replace(FACTS, ndvi_nrich=None, source="map"))["N-rich strip"] == OK
+    assert levels(frame, replace(FACTS, field_ha=None))["field"] == LOOK
+    assert levels(frame, replace(FACTS, effects=(), shipped_machine=True))["machine"] == LOOK
+    assert [levels(frame, free=free)["log"] for free in (10**8, 10**9, 10**10, None)] == [STOP, LOOK, OK, LOOK]
+    assert levels(replace(frame, log_path=""))["log"] == STOP
+    assert levels(replace(frame, tally=Tally(trouble="a.resume.json: disk full")))["log"] == LOOK
+    assert levels(frame, None, trouble="job.yaml: no such file")["job"] == STOP
+
+
+def test_every_warning_of_the_crop_stands_in_full(frames):
+    facts = replace(FACTS, crop_warnings=("first", "second"))
+    crop = next(check for check in checks(frames[-1], 0.0, facts, "", None, METRIC) if check.label == "crop")
+    assert {"first", "second"} <= set(crop.full)
+
+
+def test_totals_in_words(frames):
+    frame = replace(frames[-1], tally=Tally(130.0, 60, (("t", 250.0), ("t", 25.0))))
+    shown = {item.label: item.value.text for item in totals(frame, 0.0, METRIC)}
+    worked_s = frame.totals.worked_s
+    assert shown["held"] == "02:10" and shown["filled in"] == "275 kg"
+    assert shown["gate moves"] == ("--" if worked_s < 60.0 else f"{60 * 3600 / worked_s:.0f} an hour")
+    assert shown["mean rate"].endswith("kg/ha") and shown["CV"].endswith("%") and shown["evenness C_uc"].endswith("%")
+    assert all(item.value.stale for item in totals(frame, 3.0, METRIC))
+
+
+async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(job_app, desk, shown):
+    desk.known = replace(FACTS, crop_warnings=("what is not to be forgotten " * 8,))
+    async with job_app.run_test(size=(80, 24)) as pilot:
+        await on_job(job_app, pilot)
+        rows = shown(job_app)
+        assert any("crop" in row and "! look" in row and ".." in row for row in rows)
+        await pilot.click(CheckList, offset=(5, 3))
+        await pilot.pause()
+        assert sum("forgotten" in row for row in shown(job_app)) >= 3
+
+
+async def test_files_that_are_broken_are_a_line(job_app, desk, shown):
+    desk.trouble = "job.yaml: key crop: missing"
+    async with job_app.run_test(size=SIZE) as pilot:
+        await on_job(job_app, pilot)
+        assert any("STOP" in row and "job.yaml: key crop: missing" in row for row in shown(job_app))
+
+
+# --- N-rich strip -----------------------------------------------------------------------------------------------------
+
+
+def test_a_strip_is_the_mean_by_way_not_by_time():
+    run = StripRun()
+    time_s = 0.0
+    for speed, ndvi, seconds in ((1.0, 0.6, 10.0), (2.0, 0.8, 10.0), (0.0, 0.1, 50.0)):
+        for _ in range(round(seconds / 0.2)):
+            run.add(LogRow(time_s, ndvi=ndvi, speed_used_mps=speed))
+            time_s += 0.2
+    strip = run.strip
+    assert strip.length_m == pytest.approx(30.0, abs=0.5)
+    assert strip.ndvi == pytest.approx((6.0 + 16.0) / 30.0, abs=0.005)
+    assert strip.cv_percent == pytest.approx(100 * 0.0943 / 0.7333, abs=0.5) and strip.enough
+
+
+def test_gaps_and_silent_heads_add_nothing():
+    run = StripRun()
+    for time_s, ndvi in ((0.0, 0.7), (10.0, 0.7), (10.2, None), (10.4, 0.7)):
+        run.add(LogRow(time_s, ndvi=ndvi, speed_used_mps=2.0))
+    assert run.strip.length_m == pytest.approx(0.4) and not run.strip.enough and StripRun().strip.ndvi is None
+
+
+async def test_a_strip_is_driven_stored_and_the_worker_started_with_it(job_app, desk, source, clock):
+    app = job_app
+    later = StillSource(source.newest)
+    desk.next = later
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        feed(app, source, [{"state": "ready"}])
+        await pilot.press("n")
+        start_s = source.newest.row.time_s
+        feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
+                           for k in range(1, 30)])
+        await pilot.press("n")
+        await pilot.pause()
+        assert isinstance(app.screen, Confirm) and "Give the strip up" in app.screen.heading, "11 m are too few"
+        await pilot.press("escape")
+        feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
+        await pilot.press("n")
+        await pilot.pause()
+        assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
+        assert "CV 1.4 %" in app.screen.text
+        await pilot.press("enter")
+        await settled(app, pilot)
+        assert desk.asked == [("strip", "0.710")]
+        assert isinstance(app.screen, Confirm), "asked before the worker is started again"
+        await pilot.press("enter")
+        await settled(app, pilot)
+        assert desk.asked == [("strip", "0.710"), ("restart",)] and app.source is later and not app.gone
+
+
+async def test_a_working_machine_is_not_started_again(job_app, desk, source):
+    app = job_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        await pilot.press("m", "2", "enter")
+        await settled(app, pilot)
+        assert desk.asked == [("take", "machine", "machines/bench.yaml")]
+        assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
+
+
+async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):
+    app = job_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        desk.trouble = "crops/durum.yaml: key y_max_t_ha: missing"
+        await pilot.press("c", "2", "enter")
+        await settled(app, pilot)
+        assert any("not taken: crops/durum.yaml: key y_max_t_ha: missing" in row for row in shown(app))
+        assert desk.asked == [("take", "crop", "crops/durum.yaml")]
+
+
+# --- refills ----------------------------------------------------------------------------------------------------------
+
+
+def rows(masses, state="held", from_s=0.0, speed=0.0):
+    return [LogRow(from_s + 0.2 * k, hopper_kg=kg, state=state, speed_used_mps=speed) for k, kg in enumerate(masses)]
+
+
+def seen(*parts) -> float | None:
+    watch = RefillWatch()
+    for row in sorted((row for part in parts for row in part), key=lambda row: row.time_s):
+        watch.add(row)
+    return watch.seen_kg
+
+
+def test_a_step_of_the_scale_is_a_refill_once_it_has_settled():
+    before = rows([40.0 + 0.1 * (k % 2) for k in range(30)])
+    pouring = rows([40.0 + 5.0 * k for k in range(42)], from_s=6.0)
+    after = rows([250.0 - 0.1 * (k % 2) for k in range(30)], from_s=14.4)
+    assert seen(before, pouring) is None, "it still rises"
+    assert seen(before, pouring, after) == pytest.approx(209.9, abs=0.3)
+
+
+def test_what_is_no_refill():
+    small = rows([40.0] * 30 + [44.0] * 30)
+    assert seen(small) is None
+    assert seen(rows([40.0] * 30 + [80.0] * 30, state="working")) is None
+    assert seen(rows([40.0] * 30 + [80.0] * 30, speed=1.0)) is None
+    assert seen(rows([None] * 30 + [80.0] * 30)) is None, "nothing was known before"
+    assert seen(rows([40.0 if k % 5 else 90.0 for k in range(80)])) is None, "it never settles"
+
+
+def test_two_bags_add_up_and_what_was_recorded_does_not_come_again():
+    watch = RefillWatch()
+    for row in rows([40.0] * 30 + [65.0] * 30 + [90.0] * 30):
+        watch.add(row)
+    assert watch.seen_kg == pytest.approx(50.0)
+    watch.done()
+    for row in rows([90.0] * 30, from_s=30.0):
+        watch.add(row)
+    assert watch.seen_kg is None
+
+
+async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(job_app, source):
+    app = job_app
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        start_s = source.newest.row.time_s
+        feed(app, source, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
+                            "speed_used_mps": 0.0} for k in range(1, 60)])
+        assert app.notice_text == "the scale saw 250 kg filled in: F10, F records it" and source.orders == []
+        await on_job(app, pilot)
+        await pilot.press("f")
+        await pilot.pause()
+        assert isinstance(app.screen, NumberDialog) and app.screen.typed == "250.0"
+        await pilot.press("enter")
+        await pilot.pause()
+        assert source.orders == [Order(Do.REFILL, 250.0)] and app.page.refill.seen_kg is None
+
+
+# --- export and end ---------------------------------------------------------------------------------------------------
+
+
+async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app, desk, source, shown):
+    app = job_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        await pilot.press("k")
+        await pilot.pause()
+        assert app.notice_text.startswith("the machine works") and desk.asked == []
+        feed(app, source, [{"state": "off"}])
+        await pilot.press("k", "enter")
+        await settled(app, pilot)
+        assert source.orders == [Order(Do.MARK, "job finished")]
+        assert desk.asked == [("export", "run.csv", ".geojson"), ("report", "run.csv")]
+        text = "\n".join(shown(app))
+        assert "written: run-applied.geojson" in text and "written: run-report.html" in text
+
+
+async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, shown):
+    app = job_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        desk.trouble = "run.csv: no row of work with a place"
+        await pilot.press("e", "2", "enter")
+        await settled(app, pilot)
+        assert desk.asked == [("export", "run.csv", ".shp")]
+        assert any("not written: run.csv: no row of work with a place" in row for row in shown(app))
+
+        begun, go = asyncio.Event(), []
+        loop = asyncio.get_running_loop()
+
+        def slow(log_path, progress, cancelled):
+            progress(1, 3, "gathering")
+            loop.call_soon_threadsafe(begun.set)
+            while not cancelled():
+                time.sleep(0.01)
+            go.append("ended")
+            return ("never.html",)
+
+        desk.report = slow
+        await pilot.press("r")
+        await asyncio.wait_for(begun.wait(), 5)
+        app.page.hurry()
+        app.tick()
+        await pilot.pause()
+        assert any("report: gathering (1 of 3)   Esc cancels" in row for row in shown(app))
+        await pilot.press("escape")
+        async with asyncio.timeout(5):
+            while not go:
+                await asyncio.sleep(0.01)
+        await settled(app, pilot)
+        text = "\n".join(shown(app))
+        assert "cancelled" in text and "never.html" not in text
+
+
+# --- power cuts -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("keys", "asked"), [(("enter",), "resume"), (("2", "enter"), "anew")])
+async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, keys, asked):
+    desk = SampleDesk(cut_off=OFFER)
+    desk.next = StillSource(frames[-1])
+    app = TopdressApp(None, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert isinstance(app.screen, ChoiceDialog) and app.screen.heading == "A job was cut off at 15:02: division 2"
+        labels = [choice.label for choice in app.screen.choices]
+        assert labels == ["resume the job of 14:18 (1.20 ha done)", "begin anew"]
+        await pilot.press(*keys)
+        await settled(app, pilot)
+        assert desk.asked == [(asked,)] and app.source is desk.next and desk.next.orders == []
+
+
+async def test_escape_begins_nothing_and_c_asks_again(clock):
+    desk = SampleDesk(cut_off=OFFER)
+    app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        await pilot.press("escape")
+        await pilot.pause()
+        assert desk.asked == [] and "C asks again" in app.notice_text
+        await pilot.press("c", "s")
+        await pilot.pause()
+        assert isinstance(app.screen, ChoiceDialog)
+
+
+async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, frames):
+    app = job_app
+    app.start = desk.restart
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
+        source.end.set_exception(WorkerGone("gone"))
+        await pilot.pause()
+        await pilot.press("s")
+        await pilot.pause()
+        assert isinstance(app.screen, ChoiceDialog)
+        await pilot.press("enter")
+        await settled(app, pilot)
+        assert desk.asked == [("resume",)] and app.source is desk.next and not app.gone
+
+
+async def test_what_was_before_this_console_is_learned(source, clock):
+    desk = SampleDesk()
+    desk.before = Earlier((AlarmRecord("shaft_silent", Severity.RED, 1.0, 2.0, 3, "2026-03-18T06:00:00Z",
+                                       "2026-03-18T06:01:00Z"),),
+                          tuple((500.0 + k, 500.0, 90.0, 300.0) for k in range(20)))
+    app = TopdressApp(source, clock, live=False, services=Services(job=desk))
+    async with app.run_test(size=SIZE) as pilot:
+        await settled(app, pilot)
+        assert [record.times for record in app.alarm_book.records] == [3]
+        box = app.history.worked.box
+        assert box is not None and box.east_m > 515.0

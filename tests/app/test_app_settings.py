@@ -1,0 +1,239 @@
+"""The Settings screen: what is changed takes effect at once and is kept; what cannot be is refused in one line."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from console.app import actions
+from console.app.app import TopdressApp
+from console.app.services import Services
+from console.app.settings import SettingsStore, clash, keymap_problem, theme_of
+from console.app.widgets.settings_list import SettingsList
+from console.locale import in_use, languages
+from control.orders import Do, Order
+from drivers.files.settings import Settings, read_settings, write_settings
+from drivers.files.settings_theme import ThemeData
+
+SIZE = (120, 40)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A store on a real file."""
+    path = tmp_path / "config" / "settings.yaml"
+    return SettingsStore(Settings(), lambda settings: write_settings(path, settings), str(path))
+
+
+@pytest.fixture
+def settings_app(source, clock, kept):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(settings=kept))
+
+
+async def on_settings(app, pilot, *labels):
+    """Go to the Settings screen and, by arrow keys, to the setting of this label."""
+    await pilot.press("f11")
+    await pilot.pause()
+    for label in labels:
+        rows = [row.label for row in app.page.rows()]
+        await pilot.press("home", *["down"] * rows.index(label))
+        await pilot.pause()
+
+
+def in_file(kept) -> Settings:
+    return read_settings(Path(kept.place)).settings
+
+
+def nothing_written(kept) -> bool:
+    return not Path(kept.place).exists()
+
+
+async def test_a_choice_takes_effect_at_once_and_is_kept(settings_app, kept):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "units")
+        await pilot.press("enter", "2", "enter")
+        await pilot.pause()
+        assert app.units.id == "imperial" and in_file(kept).units == "imperial"
+        await on_settings(app, pilot, "theme")
+        await pilot.press("enter", "3", "enter")
+        await pilot.pause()
+        assert app.theme == "contrast" and in_file(kept).theme == "contrast"
+        await on_settings(app, pilot, "language")
+        await pilot.press("enter", "3", "enter")
+        await pilot.pause()
+        assert in_use() == "zh" and in_file(kept).language == "zh"
+
+
+async def test_escape_changes_nothing_and_writes_nothing(settings_app, kept):
+    async with settings_app.run_test(size=SIZE) as pilot:
+        await on_settings(settings_app, pilot, "units")
+        await pilot.press("enter", "2", "escape")
+        await pilot.pause()
+        assert settings_app.units.id == "metric" and nothing_written(kept)
+
+
+async def test_the_manual_rates_range_is_that_of_the_settings_and_the_crop(settings_app, kept):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "highest")
+        await pilot.press("enter", *"3000", "enter")
+        await pilot.pause()
+        assert len(app.screen_stack) == 3, "3000 is refused: at most 2000"
+        await pilot.press("delete", *"400", "enter")
+        await pilot.pause()
+        assert app.limits_kg_ha == (0.0, 400.0) and in_file(kept).manual_rate.high_kg_ha == 400.0
+        await on_settings(app, pilot, "highest")
+        await pilot.press("delete")
+        await pilot.pause()
+        assert app.limits_kg_ha == (0.0, 600.0), "the crop's own limit holds beside it"
+
+
+async def test_a_slower_look_at_maps(settings_app):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "maps")
+        await pilot.press("enter", "0", "full_stop", "5", "enter")
+        await pilot.pause()
+        assert {page.maps.every_s for page in app.pages.values()} == {2.0}
+
+
+async def test_a_key_of_ones_own_works_and_is_shown(settings_app, kept, source):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "start")
+        await pilot.press("enter", "j", "enter")
+        await pilot.pause()
+        assert in_file(kept).keymap == {"start": "j"}
+        await pilot.press("f2")
+        await pilot.pause()
+        await pilot.press("s", "j")
+        await pilot.pause()
+        assert source.orders == [Order(Do.START)], "s is free now, j starts"
+        assert "start" in {a.id for a in actions.at("run") if a.shown == "J"}
+
+
+async def test_hold_on_another_key(settings_app, source):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "hold")
+        await pilot.press("enter", "f7", "enter")
+        await pilot.pause()
+        assert app.notice_text.startswith("refused: key f7: both hold and "), "F7 opens a page"
+        await on_settings(app, pilot, "hold")
+        await pilot.press("enter", "q", "enter")
+        await pilot.pause()
+        await pilot.press("space", "q")
+        await pilot.pause()
+        assert source.orders == [Order(Do.HOLD)]
+
+
+async def test_a_key_that_is_anothers_is_refused_with_both_names(settings_app, kept):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "mark")
+        await pilot.press("enter", "s", "enter")
+        await pilot.pause()
+        assert app.notice_text == "refused: key s: both start and mark"
+        assert kept.settings.keymap == {} and nothing_written(kept)
+
+
+async def test_all_defaults_are_asked_once(settings_app, kept):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "sound")
+        await pilot.press("enter", "2", "enter")
+        await pilot.pause()
+        assert not app.sound and not in_file(kept).sound
+        await pilot.press("r", "escape")
+        await pilot.pause()
+        assert not app.sound
+        await pilot.press("r", "enter")
+        await pilot.pause()
+        assert app.sound and in_file(kept) == Settings()
+
+
+async def test_a_click_changes_and_the_lock_forbids(settings_app, kept):
+    app = settings_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot)
+        await pilot.click(SettingsList, offset=(6, 2))
+        await pilot.pause()
+        assert len(app.screen_stack) == 3
+        await pilot.press("escape", "f8")
+        await pilot.click(SettingsList, offset=(6, 3))
+        await pilot.press("enter", "r")
+        await pilot.pause()
+        assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
+
+
+async def test_what_cannot_be_written_is_said_and_not_used(source, clock):
+    def full(settings: Settings) -> None:
+        raise OSError(28, "No space left on device")
+
+    store = SettingsStore(Settings(), full, "settings.yaml")
+    app = TopdressApp(source, clock, live=False, services=Services(settings=store))
+    async with app.run_test(size=SIZE) as pilot:
+        await on_settings(app, pilot, "units")
+        await pilot.press("enter", "2", "enter")
+        await pilot.pause()
+        assert app.units.id == "metric"
+        assert app.notice_text == "not kept: settings.yaml: No space left on device"
+
+
+async def test_a_broken_file_is_told_at_the_start_and_stays_untouched(tmp_path, source, clock, shown):
+    path = tmp_path / "settings.yaml"
+    path.write_text("format: topdress-settings/1\nunits: furlong\n")
+    read = read_settings(path)
+    assert read.settings == Settings() and read.trouble.endswith("key units: value furlong: allowed metric, imperial "
+                                                                 "(line 2)")
+    store = SettingsStore(read.settings, lambda settings: write_settings(path, settings), str(path), read.trouble)
+    app = TopdressApp(source, clock, live=False, services=Services(settings=store))
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert "value furlong" in app.notice_text and app.units.id == "metric"
+        await pilot.press("f11")
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        assert any("value furlong" in row for row in shown(app))
+    assert "furlong" in path.read_text()
+
+
+def test_a_keymap_that_cannot_be_used_is_said_in_one_line(source, clock):
+    for keymap, said in (({"strat": "q"}, "key keymap.strat: no such action"),
+                         ({"start": "enter"}, "key keymap.start: value enter: not a key that can be used"),
+                         ({"start": "r"}, "key r: both start and ready")):
+        assert keymap_problem(keymap) == said
+        store = SettingsStore(Settings(keymap=keymap), lambda settings: None)
+        app = TopdressApp(source, clock, live=False, services=Services(settings=store))
+        assert store.trouble == said
+        assert "shown" not in vars(app) and actions.at("run")[0].shown == "S", "the built-in keys are used"
+
+
+def test_no_two_built_in_actions_of_a_screen_share_a_key():
+    assert clash({action.id: action.keys for action in actions.ACTIONS}) == ""
+
+
+def test_settings_of_every_shape_survive_their_file(tmp_path):
+    path = tmp_path / "deep" / "settings.yaml"
+    settings = Settings(units="imperial", language="zh", theme="dusk", sound=False, keymap={"hold": "space,h"})
+    write_settings(path, settings)
+    assert read_settings(path) == (settings, "")
+    assert read_settings(tmp_path / "none.yaml") == (Settings(), "")
+
+
+def test_every_language_can_be_chosen():
+    assert set(get_args(Settings.model_fields["language"].annotation)) == {"auto", *languages()}
+
+
+async def test_a_theme_of_the_users_own(source, clock):
+    data = ThemeData(name="dusk", like="night", colours={"background": "#120e0a", "red": "#ff0000"})
+    theme = theme_of(data)
+    assert theme.dark and theme.background == "#120e0a" and theme.variables["alarm-red"] == "#ff0000"
+    store = SettingsStore(Settings(theme="dusk"), lambda settings: None, themes=(data,))
+    app = TopdressApp(source, clock, live=False, services=Services(settings=store))
+    assert app.theme == "dusk" and store.trouble == ""
+    with pytest.raises(ValueError, match=r"colours\.pink: unknown: allowed background, "):
+        ThemeData(name="x", like="day", colours={"pink": "#000000"})
