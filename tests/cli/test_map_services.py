@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime as dt
+import json
 from pathlib import Path
 
 import numpy as np
@@ -98,3 +99,16 @@ def test_a_cancelled_what_if_stops_at_its_next_row(tmp_path, setup):
     frames = compute(WhatIf(strategy="speed_first"), lambda: len(told) >= 3, told.append)
     assert told == [0.0, 64 / 400, 128 / 400] and 128 <= len(frames) <= 130
     assert len(compute(WhatIf(), lambda: False, told.append)) == 400 and told[-1] == 384 / 400
+
+
+def test_where_the_map_says_nothing_nothing_is_planned(tmp_path, setup):
+    ring = [[119.88, 34.28], [119.8802, 34.28], [119.8802, 34.2805], [119.88, 34.2805], [119.88, 34.28]]
+    zone = {"type": "Feature", "properties": {"rate_kg_ha": 200.0},
+            "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    corner = {"type": "Feature", "properties": {"rate_kg_ha": 100.0}, "geometry": {"type": "Polygon", "coordinates": [
+        [[119.8804, 34.2810], [119.8805, 34.2810], [119.8805, 34.2811], [119.8804, 34.2810]]]}}
+    (tmp_path / "map_demo.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [zone, corner]}))
+    planned = field_picture(frame_of(write(tmp_path / "a.csv", setup))).planned
+    assert planned.at(5.0, 20.0) == 200.0 and planned.at(30.0, 20.0) is None
+    assert planned.ends == (100.0, 200.0)
+    assert planned.mass_kg == pytest.approx(0.02 * 18.4 * 55.5 + 0.01 * 0.5 * 9.2 * 11.1, rel=0.06)
