@@ -26,6 +26,8 @@ SHOWS = frozenset({MAP, TRENDS, REPLAY})                # pages whose own action
 LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list"})
 WAIT_S, MOST_WAIT_S = 1.0, 60.0                         # after a wrong key; twice as long each time
 
+NONE_RUNS = N_("No control worker runs: start the console on the machine, then attach here.")
+
 LinkTo = Callable[[bool], Awaitable[FrameSource]]       # True: with the worker's token
 
 
@@ -78,9 +80,9 @@ class TabletApp(TopdressApp):
         return await self._link_to(not self.looking)
 
     def on_mount(self) -> None:
-        super().on_mount()
+        """After the parent's, which Textual calls by itself."""
         if self.source is None:
-            self._say_gone(_("No control worker runs: start the console on the machine, then attach here."))
+            self.call_after_refresh(self._say_gone, _(NONE_RUNS))
 
     def marks(self) -> tuple[str, ...]:
         return (_("LOOKS ONLY"),) if self.looking else (_("TABLET"),)

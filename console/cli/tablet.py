@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from console.app.services import Services
-from console.app.tablet import Key, TabletApp
+from console.app.tablet import NONE_RUNS, Key, TabletApp
 from console.link import Link, Where, WorkerFailed, find_running
+from console.locale import _
 
 
 class TabLink(Link):
@@ -24,7 +25,7 @@ async def link_to(operating: bool) -> Link:
     """To the worker that runs; without its token unless the tab operates. Raises WorkerFailed."""
     where = await asyncio.to_thread(find_running)
     if where is None:
-        raise WorkerFailed("No control worker runs: start the console on the machine, then attach here.")
+        raise WorkerFailed(_(NONE_RUNS))
     return TabLink(where if operating else where.looking_only())
 
 

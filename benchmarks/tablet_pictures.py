@@ -1,0 +1,132 @@
+"""Pictures of the console in a real browser: `python benchmarks/tablet_pictures.py http://127.0.0.1:8000 FOLDER`.
+
+Drives a headless Chromium over its DevTools protocol: two tabs at once, landscape and portrait, then each page given
+with --keys. Needs `topdress serve` at the address, and chromium on the path.
+"""
+from __future__ import annotations
+
+import argparse
+import asyncio
+import base64
+import itertools
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+
+SIZES = {"landscape": (1280, 800), "portrait": (800, 1280)}
+SETTLE_S = 4.0
+OPEN_S = 60.0
+KEY_CODES = {"Enter": 13, "Escape": 27} | {f"F{n}": 111 + n for n in range(1, 13)}
+
+
+class Tab:
+    """One tab of the browser, by its own socket."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self._socket = socket
+        self._numbers = itertools.count(1)
+
+    async def ask(self, method: str, **params: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        await self._socket.send_json({"id": number, "method": method, "params": params})
+        async for message in self._socket:
+            said = json.loads(message.data)
+            if said.get("id") == number:
+                if "error" in said:
+                    raise RuntimeError(f"{method}: {said['error']['message']}")
+                return dict(said["result"])
+        raise RuntimeError(f"{method}: the browser has gone")
+
+    async def open(self) -> None:
+        """Waits until the console in the tab has begun to draw."""
+        begun = "document.body.classList.contains('-first-byte')"
+        for _try in range(int(OPEN_S / 0.2)):
+            said = await self.ask("Runtime.evaluate", expression=begun, returnByValue=True)
+            if said["result"].get("value"):
+                return
+            await asyncio.sleep(0.2)
+        raise RuntimeError("the console did not open in the tab")
+
+    async def size(self, width: int, height: int) -> None:
+        await self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
+                       mobile=False)
+
+    async def press(self, key: str) -> None:
+        """A key by its DOM name, or a single character."""
+        code = KEY_CODES.get(key, ord(key[-1].upper()))
+        text = {} if key in KEY_CODES and key != "Enter" else {"text": "\r" if key == "Enter" else key}
+        await self.ask("Input.dispatchKeyEvent", type="keyDown", key=key, windowsVirtualKeyCode=code, **text)
+        await self.ask("Input.dispatchKeyEvent", type="keyUp", key=key, windowsVirtualKeyCode=code)
+
+    async def shoot(self, path: Path) -> None:
+        said = await self.ask("Page.captureScreenshot", format="png")
+        path.write_bytes(base64.b64decode(said["data"]))
+        print(path)
+
+
+async def pictures(address: str, folder: Path, keys: list[str], port: int) -> None:
+    async with aiohttp.ClientSession() as session:
+        tabs = {}
+        for name in SIZES:
+            request = urllib.request.Request(f"http://127.0.0.1:{port}/json/new?{address}", method="PUT")
+            with urllib.request.urlopen(request) as answer:
+                target = json.load(answer)
+            socket = await session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0)
+            tabs[name] = Tab(socket)
+            await tabs[name].size(*SIZES[name])
+        for name, tab in tabs.items():
+            await tab.open()
+            await tab.size(*SIZES[name])            # again: now that the terminal is there to be fitted
+        await asyncio.sleep(SETTLE_S)
+        for name, tab in tabs.items():
+            await tab.shoot(folder / f"tablet-{name}.png")
+        for number, press in enumerate(keys, 1):
+            for name, tab in tabs.items():
+                for key in press.split("+"):
+                    await tab.press(key)
+            await asyncio.sleep(SETTLE_S)
+            for name, tab in tabs.items():
+                await tab.shoot(folder / f"tablet-{name}-{number}.png")
+
+
+def browser_port(profile: Path) -> int:
+    """The port that the browser chose; it writes it into its profile."""
+    told = profile / "DevToolsActivePort"
+    for _try in range(200):
+        if told.exists() and (lines := told.read_text().split()):
+            return int(lines[0])
+        subprocess.run(["sleep", "0.1"], check=True)
+    sys.exit("the browser does not answer")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("address")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--keys", nargs="*", default=[], help="after the first pictures: keys to press in both tabs, "
+                        "joined by +, e.g. F3 or *; a picture of both after each")
+    given = parser.parse_args()
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        sys.exit("no chromium is installed: no pictures")
+    given.folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="tablet-") as profile:
+        browser = subprocess.Popen([program, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+                                    "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
+                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            asyncio.run(pictures(given.address, given.folder, given.keys, browser_port(Path(profile))))
+        finally:
+            browser.terminate()
+            browser.wait()
+
+
+if __name__ == "__main__":
+    main()
