@@ -13,8 +13,8 @@ import pytest
 
 HIDDEN = Path(__file__).parent / "hidden"
 REPO = HIDDEN.parents[2]
-MODULES = ("cases", "detect", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases", "runlog",
-           "score", "tables", "write")
+MODULES = ("cases", "detect", "manoeuvres", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases",
+           "runlog", "score", "shapes", "table_cases", "tables", "write")
 
 
 @pytest.fixture(scope="module")
@@ -227,3 +227,82 @@ def test_gain_share_is_one_for_the_truth_and_little_for_another_cause(hidden: An
     said = {"id": cause["id"], "size": {"value": cause["size"]}, "onset_s": None, "member": None}
     assert case.gain_share([said]) == pytest.approx(1.0, abs=1e-6)
     assert case.gain_share([{**said, "size": {"value": 0.5 * cause["size"]}}]) == pytest.approx(0.75, abs=0.05)
+
+
+def test_the_timetable_is_a_fair_mixture_however_many_cases_are_taken(hidden: Any) -> None:
+    dealt = [(k % 2, hidden.plan.wanted(k, 5)) for k in range(480)]
+    for data in (True, False):
+        some = [w for _, w in dealt if (w.kinds == ("run",)) is data]
+        assert len(some) >= 200
+        assert sum(w.category == "none" for w in some) >= 0.3 * len(some)
+        assert {w.category for w in some} == set(hidden.cases.CATEGORIES)
+    asked = [w.ids for half, w in dealt if w.category == "single" and w.kinds == ("run",) and half == 0]
+    counts = {i: asked.count(i) for i in asked}
+    assert max(counts.values()) - min(counts.values()) <= 1, "every effect as often as the others"
+    seen = {(w.kinds[0], w.ids[0]) for _, w in dealt if w.category == "single"}
+    assert {i for _, i in seen} == set(hidden.nominal.IDS)
+    assert hidden.plan.wanted(7, 5) == dealt[7][1] and [hidden.plan.wanted(k, 6) for k in range(60)] != [
+        w for _, w in dealt[:60]]
+
+
+def test_every_case_of_the_timetable_on_tables_can_be_made(hidden: Any) -> None:
+    for k in range(120):
+        w = hidden.plan.wanted(k, 5)
+        if w.kinds != ("run",):
+            case = hidden.cases.one(k, 5, "all", (w.category,), w.kinds, w.ids)
+            assert case.kind in w.kinds and case.truth["category"] == w.category
+            assert case.truth["split"] == ("tuning", "unseen")[k % 2]
+
+
+def test_outside_effects_of_tables_are_beyond_the_whole_catalogue(hidden: Any) -> None:
+    """Least squares of all catalogued effects together leaves at least the z that is told."""
+    for name, (kind, *_) in hidden.nominal.OUTSIDE_TABLES.items():
+        truth = hidden.cases.one(1, 4, "unseen", ("outside",), (kind,), (name,)).truth
+        assert truth["outside"]["name"] == name and 5.9 < truth["outside"]["z"] < 40.1
+        assert truth["outside"]["likest_catalogued"] <= 0.87
+
+
+def test_a_coarse_clock_makes_what_is_beside_it_harder_to_see(hidden: Any) -> None:
+    layout = next(lay for lay in hidden.tables.LAYOUTS if lay.name == "lag_plain")
+    table = hidden.tables.Table(layout, np.random.default_rng(1))
+    late = [hidden.nominal.Effect("lag.offset", 0.2)]
+    fine = np.linalg.norm(table.trace(late))
+    table.clock_s = 0.4
+    assert np.linalg.norm(table.trace(late)) < 0.5 * fine
+
+
+def test_what_the_program_proposes_is_known_to_the_examiner() -> None:
+    """Every run that the program may propose can be driven here."""
+    plans = pytest.importorskip("control.diagnosis.next_run").manoeuvres(
+        importlib.import_module("control.machine.machine").Machine())
+    sys.path.insert(0, str(HIDDEN.parent))
+    try:
+        asked_for = importlib.import_module("hidden.manoeuvres").asked_for
+    finally:
+        sys.path.remove(str(HIDDEN.parent))
+    assert len({asked_for(one.plan) for one in plans}) == len(plans) and None not in {asked_for(o.plan) for o in plans}
+
+
+@pytest.mark.parametrize("name", ["stairs", "slope", "standing", "refill"])
+def test_a_manoeuvre_is_driven_after_the_rest(hidden: Any, short_eye: Any, name: str) -> None:
+    before = short_eye.plant.drive
+    after = hidden.manoeuvres.driven_too(name)(before)
+    assert {len(v) for v in after if isinstance(v, np.ndarray)} == {after.time_s.size}
+    assert np.allclose(np.diff(after.time_s), before.row_s)
+    assert after.time_s[-1] - before.time_s[-1] > 590.0
+    assert (after.refill_row is not None) == (name == "refill")
+    level = after.start_kg - np.cumsum(5.5e-3 / 60.0 * after.shaft_rpm_cmd * after.opening_mm_cmd
+                                       - after.refill_kg_s) * after.row_s
+    assert level.min() > 0.0
+
+
+def test_score_counts_halves_kinds_and_goals(hidden: Any) -> None:
+    base = {"outside": None, "causes": [], "noise": "ar1", "split": "tuning", "rows": 9, "category": "none"}
+    nothing = {"verdict": "none", "causes": [], "unexplained": []}
+    odd = {"verdict": "unexplained", "causes": [], "unexplained": [{"channel": "flow", "variable": "roll_deg"}]}
+    marks = [hidden.score.mark({**base, "data_kind": kind}, answer)
+             for kind, answer in (("run", nothing), ("run", odd), ("lag", nothing))]
+    text = hidden.report.report(marks)
+    line = next(row for row in text.splitlines() if row.startswith("| false alarms, nothing hidden, no slow drift"))
+    assert "50.0 % (9-91), 1/2: short" in line and "0.0 % (0-79), 0/1: reached" in line
+    assert "## Runs: false alarms by noise" in text and "## Tables: false alarms by noise" in text
