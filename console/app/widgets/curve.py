@@ -74,7 +74,8 @@ class Curve(Canvas[CurveView]):
             labels[rows // 2] = _number(up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up)
         for row in range(rows):
             cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            cells += [_cell(column, row, marks, line, edges, point, drawn, band) for column in range(columns)]
+            cells += [_cell(column, row, marks, line, edges, point, drawn, band) or Segment(" ", self.rich_style)
+                      for column in range(columns)]
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
         first, last = _number(across[0], across), _number(across[1], across)
         middle = fit(f" {view.x_name}", max(0, columns - len(first) - len(last)))
@@ -92,14 +93,14 @@ def _joined(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
 
 
 def _cell(column: int, row: int, marks: set[tuple[int, int]], line: set[tuple[int, int]], edges: set[tuple[int, int]],
-          point: Style, drawn: Style, band: Style) -> Segment:
+          point: Style, drawn: Style, band: Style) -> Segment | None:
     if (column, row) in marks:
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):
         bits = sum(_DOTS[y][x] for y in range(4) for x in range(2) if (2 * column + x, 4 * row + y) in places)
         if bits:
             return Segment(chr(0x2800 | bits), style)
-    return Segment(" ", drawn)
+    return None
 
 
 def _number(value: float, span: tuple[float, float]) -> str:
