@@ -2,12 +2,18 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from console.cli import app
+from console.worker.assemble import assemble
+from console.worker.program import Options
 from control.field.job import Camera, Job, Plants, Wanted
 from control.geodesy import TangentPlane
 from control.orders import Do, Order, TargetSource
@@ -20,6 +26,7 @@ from control.targets.point_source import PointSource
 from drivers.files.setup import Setup, load_setup
 
 TICK_S = 0.05
+runner = CliRunner()
 
 
 @pytest.fixture(scope="module")
@@ -128,3 +135,31 @@ def test_too_fast_for_the_spacing_plants_are_missed_and_said(bench: Setup) -> No
 def test_a_job_in_point_mode_needs_plants() -> None:
     with pytest.raises(ValueError, match=r"point needs target\.plants"):
         Job(target=Wanted(source=TargetSource.POINT))
+
+
+def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays(bench: Setup, tmp_path: Path) -> None:
+    plane = TangentPlane(34.28, 119.88)
+    (tmp_path / "plants.csv").write_text("lat_deg,lon_deg\n" + "".join(
+        "{:.9f},{:.9f}\n".format(*plane.to_deg(0.3, way)) for way in np.arange(0.4, 60.0, 0.4)))
+    (tmp_path / "job.yaml").write_text(
+        "format: topdress-job/1\ncrop: huanghai_wheat\nflow_trim: false\n"
+        "target: {source: point, plants: plants.csv}\n"
+        "simulated: {speed_kmh: 3.6, pass_length_m: 60.0, passes: 1, hopper_kg: 20.0, refill_at_kg: 1.0}\n")
+    log, job = tmp_path / "log.csv", tmp_path / "job.yaml"
+    done = runner.invoke(app, ["simulate", "--machine", "bench", "--job", str(job), "--seconds", "70", "--json",
+                               "--out", str(log), "--effect", "lag.offset=0.2"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.output.splitlines()[-1])
+    assert told["without_threshold"]["mean_m"] == pytest.approx(0.2 - 0.07, abs=0.04)
+    assert abs(told["with_threshold"]["mean_m"]) < 0.03
+    assert told["with_threshold"]["missed"] == 0 and told["with_threshold"]["plants"] > 120
+    text = runner.invoke(app, ["simulate", "--machine", "bench", "--job", str(job), "--seconds", "20", "--summary"])
+    assert "learned threshold  dose error p50" in text.output and "without threshold  dose error p50" in text.output
+    again = tmp_path / "again.csv"
+    assert runner.invoke(app, ["replay", str(log), "--headless", "--out", str(again)]).exit_code == 0
+    assert again.read_text().count("dose 120") == pytest.approx(log.read_text().count("dose 120"), abs=1)
+
+
+def test_a_run_without_a_plant_list_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a camera has no driver yet"):
+        assemble(Options(("bench", "points_demo"), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0)
