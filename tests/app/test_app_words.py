@@ -64,7 +64,8 @@ LATIN_ALLOWED = re.compile(
     r"|PgUp|PgDn|Esc|F\d+|[A-Z]")
 
 
-@pytest.mark.parametrize(("screen", "alarms"), [("run", True), ("replay", False), ("gone", False)])
+@pytest.mark.parametrize(("screen", "alarms"), [("run", True), ("replay", False), ("gone", False),
+                                               ("map", True), ("trends-read", False)])
 async def test_no_english_word_is_left_on_a_chinese_screen(shown, screen, alarms):
     picture = Picture("zh", (120, 40), language="zh", screen=screen, alarms=alarms)
     app, _clock = still_app(picture)
@@ -79,7 +80,7 @@ async def test_no_english_word_is_left_on_a_chinese_screen(shown, screen, alarms
 DRAWN = range(0x2500, 0x25A0)          # box drawing and blocks: bars, numerals, map; never beside text in a column
 
 
-@pytest.mark.parametrize("screen", ["run", "replay", "help"])
+@pytest.mark.parametrize("screen", ["run", "replay", "help", "map", "trends-read"])
 async def test_no_text_holds_a_character_of_ambiguous_width(shown, screen):
     picture = Picture("en", (120, 40), screen=screen, alarms=screen == "run")
     app, _clock = still_app(picture)
