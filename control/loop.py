@@ -528,6 +528,8 @@ class ControlLoop:
         return max(0.0, hopper.value) / (rate * self.machine.geometry.working_width_m / 10_000.0)
 
     def _usable_speed(self, lag: Lag) -> float:
+        if self._points is not None and self._source is TargetSource.POINT:
+            return self._points.fastest_mps
         if self._source is not TargetSource.CANOPY:
             return float("inf")
         return self.machine.geometry.heads_m / (lag.total_s + self._canopy.period_s + HEAD_LATENCY_S)
@@ -540,8 +542,8 @@ class ControlLoop:
         heard = [r.time_s for r in m.ndvi if r is not None]
         expected_flow = flow_kg_s(self.machine, self._expected.shaft_rpm, self._expected.opening_mm, c)
         expected = _rate(expected_flow, speed or 0.0, self.machine)
-        if self._source is TargetSource.POINT:      # a rate means nothing between doses
-            expected = applied = None
+        if self._points is not None and self._source is TargetSource.POINT and self._points.may_turn(m.time_s):
+            expected = applied = None               # a rate means nothing between doses
         return Situation(
             measurements=m, speed_used_mps=speed, gnss_period_s=sensed.gnss_period_s,
             wheel_standstill=sensed.wheel_standstill, target_source=self._source, position_ok=sensed.position_ok,

@@ -6,15 +6,18 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from control.geodesy import Place, TangentPlane
 from control.readings import DoseOrder, PlantSeen
 
 from .plants import PlantList, Row, Seen
-from .point import Dose, PointLag, PointMode
+from .point import Dose, PointLag, PointMode, fastest_mps
 
 LOOK_M = 2.0                # plants are looked for this far beyond the lag distance
 TURNED_DEG = 20.0           # what lay ahead then does not any more
 KEEP_M = 20.0               # of the way behind, to place pictures taken before
+SETTLES_S = 0.5             # after the time that a dose takes the shaft stands
 SPACINGS = 20               # doses whose mean distance counts
 
 
@@ -73,6 +76,19 @@ class PointSource:
         """Mean distance between the last doses; None before there are two."""
         last = list(self.given)[-SPACINGS:]
         return (last[-1].plant_m - last[0].plant_m) / (len(last) - 1) if len(last) > 1 else None
+
+    @property
+    def fastest_mps(self) -> float:
+        """Ground speed above which doses begin to be missed, by the spacing of the plants now known; infinite before
+        there are three."""
+        places = self.row.places_m
+        if len(places) < 3:
+            return float("inf")
+        return fastest_mps(float(np.median(np.diff(places))), self.mode.lag.turn_s, self.mode.rest_s)
+
+    def may_turn(self, now_s: float) -> bool:
+        """Whether a dose that was ordered may still be turning."""
+        return bool(self.given) and now_s < self.given[-1].time_s + self.lag.link_s + self.lag.turn_s + SETTLES_S
 
     def reach_m(self, speed_mps: float) -> float:
         """How far ahead a dose commanded now is meant to fall: lag distance and threshold."""

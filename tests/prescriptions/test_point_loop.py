@@ -137,6 +137,38 @@ def test_a_job_in_point_mode_needs_plants() -> None:
         Job(target=Wanted(source=TargetSource.POINT))
 
 
+class Runaway:
+    """A plant whose shaft sensor reads a turning shaft from some time on."""
+
+    def __init__(self, plant: Any, from_s: float) -> None:
+        self._plant, self._from_s = plant, from_s
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plant, name)
+
+    def step(self, command: Any, enabled: bool) -> Any:
+        sensed = self._plant.step(command, enabled)
+        return sensed if sensed.time_s < self._from_s else sensed._replace(shaft_rpm=99.8)
+
+
+def test_a_shaft_that_turns_without_a_dose_is_an_alarm(bench: Setup) -> None:
+    job = job_of(bench, {"plants": Plants(spacing_m=10.0)})
+    plant = Runaway(simulated_machine(bench.machine, job, 1, TICK_S), 30.0)
+    loop = control_loop(bench.machine, bench.crop, bench.rule, job)
+    ticks = [step.tick for step in simulated_run(plant, loop, 45.0)]       # type: ignore[arg-type]
+    alarms = {tick.row.time_s: tick.row.alarms or "" for tick in ticks}
+    assert not any(text for at, text in alarms.items() if at < 30.0), "doses alone raise none"
+    assert any("rate_far_off" in text for at, text in alarms.items() if 32.0 < at < 43.0)
+
+
+def test_the_speed_limit_is_shown_when_it_is_exceeded(bench: Setup) -> None:
+    _, ticks = driven(bench, job_of(bench, {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25, scatter_percent=0.0)}),
+                      40.0)
+    assert ticks[-1].usable_speed_mps == pytest.approx(1.0, abs=0.05)
+    _, ticks = driven(bench, job_of(bench, {"speed_kmh": 2.7}), 40.0)
+    assert ticks[-1].usable_speed_mps is None
+
+
 def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays(bench: Setup, tmp_path: Path) -> None:
     plane = TangentPlane(34.28, 119.88)
     (tmp_path / "plants.csv").write_text("lat_deg,lon_deg\n" + "".join(
