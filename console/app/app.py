@@ -138,7 +138,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._supervise()
         self._say_setting_trouble()
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
-            self._offer(self.services.job)
+            self.ask_to_go_on(self.services.job)
         if self.live:
             self.set_interval(NUMBERS_S, self.tick)
             self.call_after_refresh(gc.freeze)
@@ -240,7 +240,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def _reconnect(self, how: str | None) -> None:
         if how == "start" and self.services.job is not None:
-            self._offer(self.services.job)
+            self.ask_to_go_on(self.services.job)
             return
         self.connect({"start": self.start, "attach": self.attach}.get(how or ""))
 
@@ -250,7 +250,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.notice(_("connecting to the control worker"))
             self.run_worker(self._connect(connect), group="connect", exclusive=True, exit_on_error=False)
 
-    def _offer(self, desk: JobDesk) -> None:
+    def ask_to_go_on(self, desk: JobDesk) -> None:
         """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
         offer = desk.offer()
         if offer is None:

@@ -15,9 +15,11 @@ from console.app.calibration.poses import pose
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
+from console.app.sample_job import CUT_OFF, SampleDesk
 from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use
+from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Order
 
 
@@ -113,6 +115,16 @@ PICTURES = (
     Picture("calibrate-lag-100x30", (100, 30), screen="calibrate-lag"),
     Picture("calibrate-heads-100x30", (100, 30), screen="calibrate-heads"),
     Picture("calibrate-wheel-80x24-night", (80, 24), "night", screen="calibrate-wheel"),
+    Picture("job-120x40-day", (120, 40), screen="job"),
+    Picture("job-120x40-night", (120, 40), "night", screen="job"),
+    Picture("job-80x24-day", (80, 24), screen="job", alarms=True),
+    Picture("job-120x40-zh", (120, 40), language="zh", screen="job"),
+    Picture("settings-120x40-day", (120, 40), screen="settings"),
+    Picture("settings-120x40-night", (120, 40), "night", screen="settings"),
+    Picture("settings-80x24-day", (80, 24), screen="settings"),
+    Picture("settings-120x40-zh", (120, 40), language="zh", screen="settings"),
+    Picture("alarm-list-100x30", (100, 30), screen="alarm-list", alarms=True),
+    Picture("power-cut-100x30", (100, 30), screen="power-cut"),
     Picture("help-100x30", (100, 30), screen="help"),
     Picture("gone-100x30", (100, 30), screen="gone"),
 )
@@ -170,6 +182,14 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     if where in (DEVICES, CALIBRATE) and isinstance(app.source, StillSource) and app.source.newest is not None:
         app.source.newest = pose(app, picture.screen, app.source.newest)
         app.tick()
+    if picture.screen == "alarm-list":
+        app.alarm_book = AlarmBook()
+        for frame in _frames()[-200:]:
+            standing = [one for one in sample_alarms(_frames()[-1].at_s) if one.since_s <= frame.at_s]
+            app.alarm_book.see(frame.row.time_s, frame.row.utc, standing)
+        await app.action_do("alarm_list")
+    if picture.screen == "power-cut":
+        app.ask_to_go_on(SampleDesk(cut_off=CUT_OFF))
     if picture.screen == "help":
         await app.action_do("help")
     if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:
@@ -178,7 +198,7 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         app.source.end.set_exception(WorkerGone("the control worker (process 4711) is gone"))
     await wait()
     await wait()
-    for worker in [worker for worker in app.workers if worker.group == "field"]:
+    for worker in [worker for worker in app.workers if worker.group in ("field", "job-look")]:
         await worker.wait()
     app.page.hurry()
     app.tick()

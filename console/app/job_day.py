@@ -111,7 +111,7 @@ def _field(facts: Facts, units: Units) -> Check:
 def _machine(facts: Facts) -> Check:
     label = _("machine")
     if facts.effects:
-        text = _("{machine}: {count} effects adopted from data").format(machine=facts.machine,
+        text = _("{machine}: effects adopted from data: {count}").format(machine=facts.machine,
                                                                         count=len(facts.effects))
         return Check(label, OK, text, (facts.machine_file, *facts.effects))
     if facts.shipped_machine:

@@ -13,6 +13,8 @@ FACTS = Facts(
         File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
     crops=(File("crops/winter_wheat.yaml", "winter_wheat"), File("crops/durum.yaml", "durum")),
     machines=(File("machines/huanghai-0318.yaml", "huanghai-0318"), File("machines/bench.yaml", "bench")))
+CUT_OFF = Offer("run.resume.json", "2026-03-18T06:18:00+00:00", "2026-03-18T07:02:00+00:00",
+                "Topdressing winter wheat, division 2", 1.2)
 
 
 class SampleDesk:

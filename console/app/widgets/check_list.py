@@ -28,10 +28,15 @@ class CheckList(Panel[ChecksView]):
         label = max((cell_len(check.label) for check in view.checks), default=0) + 2
         word = max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4
         rows = [line(*head)]
+        spare = height - 1 - len(view.checks)
         for check in view.checks:
             rows.append(line((fit(f" {check.label}", label), "$muted"),
                              (fit(f" {SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}", word), STYLES[check.level]),
                              (fit(f" {check.text}", width - label - word), "")))
+            more = [text for text in check.full if text not in check.text] if check.level != OK else []
+            for text in more[:max(0, spare)]:
+                rows.append(line(" " * (label + word), (fit(f" {text}", width - label - word), "$muted")))
+            spare -= len(more)
         return rows
 
     async def on_click(self, event: events.Click) -> None:
