@@ -31,7 +31,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
     machine files go. tables: further folders in which lag tables are looked for.
     """
     place = folder or Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "machines"
-    look_in = (place, Path.cwd(), *tables)
+    look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points, speed = machine.limits, machine.set_points, machine.speed
     return CalibrateJob(
         machine=machine.id, shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),

@@ -329,6 +329,13 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         await pilot.press("b")
         await pilot.pause()
         assert source.lag_tests == [True, False]
+        await pilot.mouse_up("#cal-chips", offset=(1, 0))
+        source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
+        clock.now_s += 0.5
+        app.tick()
+        await pilot.press("f")
+        await settled(app, pilot)
+        assert page.desk.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
 
 
 async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown):

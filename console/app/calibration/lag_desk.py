@@ -17,8 +17,10 @@ from console.locale import N_, _
 RIG = "lag_rig"
 OTHER = "other file"
 MOST_TABLES = 7
+ENDED = "ended"                # by hand, before all was measured
+OVER = ("done", ENDED)
 PHASES = {"settling": N_("waiting until all is still"), "arming": N_("arming the rig"),
-          "running": N_("measuring"), "done": N_("all measured")}
+          "running": N_("measuring"), "done": N_("all measured"), ENDED: N_("ended")}
 
 
 class LagDesk(Desk):
@@ -35,7 +37,12 @@ class LagDesk(Desk):
         return _("lag test")
 
     def see(self, seen: Seen) -> None:
-        self.test = seen.frame.lag_test if seen.frame else None
+        """What was measured stays, also when the test is ended before all is measured."""
+        now = seen.frame.lag_test if seen.frame else None
+        if now is not None:
+            self.test = now
+        elif self.measuring and self.test is not None:
+            self.test = self.test._replace(phase=ENDED) if self.test.runs else None
 
     @staticmethod
     def has_rig(seen: Seen) -> bool:
@@ -43,7 +50,7 @@ class LagDesk(Desk):
 
     @property
     def measuring(self) -> bool:
-        return self.test is not None and self.test.phase != "done"
+        return self.test is not None and self.test.phase not in OVER
 
     @property
     def measured(self) -> bool:
@@ -54,8 +61,8 @@ class LagDesk(Desk):
             return 3
         if self.test is None:
             return 0
-        if self.test.phase == "done":
-            return 3
+        if self.test.phase in OVER:
+            return 3 if self.measured else 0
         return 1 if not seen.ready else 2
 
     def guide(self, seen: Seen, said: str) -> GuideView:

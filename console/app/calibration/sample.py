@@ -83,5 +83,6 @@ def many_devices(frame: Frame) -> Frame:
 
 
 def lag_under_way(frame: Frame) -> Frame:
-    test = LagTestView("running", 40.0, 2, 0.16, RUNS, 1, "30 r/min, repeat 1: nothing landed", "")
+    test = LagTestView("running", 40.0, 2, 0.16, RUNS, 1, "30 r/min, repeat 1: nothing landed",
+                       "logs/run.lag.1.csv")
     return replace(frame, lag_test=test)
