@@ -88,7 +88,7 @@ async def pictures(address: str, folder: Path, keys: list[str], port: int) -> No
         for name, tab in tabs.items():
             await tab.shoot(folder / f"tablet-{name}.png")
         for number, press in enumerate(keys, 1):
-            for name, tab in tabs.items():
+            for tab in tabs.values():
                 for key in press.split("+"):
                     await tab.press(key)
             await asyncio.sleep(SETTLE_S)

@@ -1,0 +1,138 @@
+"""A browser's tab: it looks until the key is typed, and the worker refuses what slips through."""
+from __future__ import annotations
+
+import pytest
+
+from console.app import actions
+from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, RUN, SETTINGS
+from console.app.gallery import StillSource
+from console.app.sample_diagnosis import MadeUpDiagnosis
+from console.app.screens.gone import GoneScreen
+from console.app.services import Services
+from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
+from control.orders import Do
+
+
+@pytest.fixture
+def tab(source, clock):
+    """A tab on a still source; `tab.links` says with which right each link was asked for."""
+    links: list[bool] = []
+
+    def make(key: str | None = "abcd2345", start: StillSource | None = source) -> TabletApp:
+        async def link_to(operating: bool) -> StillSource:
+            links.append(operating)
+            return source
+
+        app = TabletApp(start, link_to, Key(key, clock), clock=clock, live=False, utc_offset_s=0.0,
+                        services=Services(diagnosis=MadeUpDiagnosis()))
+        app.links = links
+        return app
+
+    return make
+
+
+async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, source, shown):
+    app = tab(None)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        app.tick()
+        assert "LOOKS ONLY" in shown(app)[0]
+        for page in [name for name in app.pages if name not in CLOSED]:
+            app.turn_to(page)
+            await pilot.pause()
+            for action in actions.at(page):
+                if action.id != "quit":
+                    await app.action_do(action.id)
+                    await pilot.press("escape")
+            await pilot.press("space", "x", "s", "r", "plus", "enter")
+            await pilot.pause()
+        assert source.orders == [] and source.device_orders == [] and source.lag_tests == []
+
+
+async def test_a_refusal_is_said_in_words(tab, shown):
+    app = tab(None)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("s")
+        await pilot.pause()
+        assert "this tab only looks" in shown(app)[-1]
+        assert len(app.screen_stack) == 1
+
+
+async def test_pages_that_write_files_are_closed(tab):
+    app = tab(None)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        assert CLOSED == {CALIBRATE, DIAGNOSIS, SETTINGS}
+        for page in CLOSED:
+            await app.action_do(f"{page}_screen")
+            app.turn_to(page)
+            await pilot.pause()
+            assert app.page.where == RUN
+
+
+async def test_what_only_looks_is_allowed(tab):
+    app = tab(None)
+    allowed = {action.id for action in actions.ACTIONS if app.may(action)}
+    everywhere = {action.id for action in actions.ACTIONS if action.where == ANYWHERE and action.id in allowed}
+    assert not {"hold", "stop", "acknowledge", "lock", "tour"} & everywhere
+    assert {"help", "theme", "units", "language", "run_screen", "devices_screen", "replay_screen"} <= everywhere
+    assert not [name for name in allowed if actions.BY_ID[name].where == RUN and name != "connect"]
+
+
+async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
+    app = tab()
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("s")
+        await pilot.pause()
+        assert isinstance(app.screen, KeyDialog) and source.orders == []
+        await pilot.press(*"wrong", "enter")
+        await pilot.pause()
+        assert "This is not the tablet's key." in "\n".join(shown(app)) and app.looking
+        assert "wrong" not in "\n".join(shown(app)).replace("Wrong", "")
+        app.clock.now_s += 2.0
+        for _letter in "wrong":
+            await pilot.press("backspace")
+        await pilot.press(*"abcd2345", "enter")
+        for _try in range(20):
+            await pilot.pause(0.01)
+            if app.links:
+                break
+        assert not app.looking and app.links == [True]
+        app.tick()
+        await pilot.press("s")
+        await pilot.pause()
+        assert [order.do for order in source.orders] == [Do.START]
+        await app.action_do("diagnosis_screen")
+        assert app.page.where == DIAGNOSIS
+        app.page.hurry()
+        app.tick()
+        assert "TABLET" in app.marks()
+
+
+async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
+    app = tab(start=None)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(app.screen, GoneScreen) and app.start is None
+        text = " ".join("\n".join(shown(app)).split())
+        assert "No control worker runs: start the console on" in text and "start it again" not in text
+        await pilot.press("a")
+        for _try in range(20):
+            await pilot.pause(0.01)
+            if app.links:
+                break
+        assert app.links == [False] and app.looking
+
+
+def test_wrong_keys_make_one_wait_longer_each_time(clock):
+    key = Key("abcd2345", clock)
+    assert key.wrong("abcd2346") == "This is not the tablet's key."
+    assert key.wrong("abcd2345") == "Wrong before: wait 2 s."
+    clock.now_s += 1.0
+    assert key.wrong("") == "This is not the tablet's key."
+    clock.now_s += 1.5
+    assert key.wrong("abcd2345").startswith("Wrong before")
+    clock.now_s += 0.5
+    assert key.wrong(" abcd2345\n") == ""
+    assert Key(None, clock).wrong("") == "There is no key: this server was started to look only."

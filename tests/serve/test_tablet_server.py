@@ -1,0 +1,170 @@
+"""`topdress serve` for real: server, two tabs and a worker, each a process of its own."""
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from console.cli import serve as serve_command
+from console.cli.plain_errors import CommandError
+from console.cli.tablet import TabLink, options_of, token_in
+from console.link import Link, Where, start_worker
+from control.orders import Answer, Do, Order
+from drivers.files.run_meta import meta_to_yaml, run_meta
+
+aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
+from console.serve.server import host_allowed, number  # noqa: E402
+
+posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
+
+
+@pytest.fixture
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        return one.getsockname()[1]
+
+
+@pytest.fixture
+def served(tmp_path, free_port, monkeypatch):
+    """A worker on the simulated machine and a server; gives (where the worker listens, the server's address)."""
+    runtime = tmp_path / "runtime"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    where = start_worker(["--log", str(tmp_path / "run.csv")], tmp_path / "trouble.txt", timeout_s=60.0)
+    server = subprocess.Popen([sys.executable, "-c", "from console.cli import main; main()", "serve", "--port",
+                               str(free_port)], stdout=subprocess.DEVNULL)
+    yield where, f"http://127.0.0.1:{free_port}"
+    server.send_signal(signal.SIGTERM)
+    try:
+        server.wait(20)
+    except subprocess.TimeoutExpired:
+        server.kill()
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(where.pid, signal.SIGTERM)
+
+
+class Tab:
+    """A tab's socket, read all the time as a browser does; `text` is what its console drew."""
+
+    def __init__(self, web):
+        self.web, self.text = web, ""
+        self.reading = asyncio.create_task(self._read())
+
+    async def _read(self):
+        async for message in self.web:
+            if message.type == aiohttp.WSMsgType.BINARY:
+                self.text += message.data.decode("utf-8", "replace")
+
+    async def until(self, words, timeout_s=60.0):
+        async with asyncio.timeout(timeout_s):
+            while words not in self.text:
+                assert not self.reading.done(), f"closed: {self.text[-400:]}"
+                await asyncio.sleep(0.02)
+
+    async def press(self, key):
+        await self.web.send_json(["stdin", key])
+
+
+async def page_of(session, address):
+    async with asyncio.timeout(60.0):
+        while True:
+            with contextlib.suppress(aiohttp.ClientConnectionError):
+                async with session.get(address) as answer:
+                    return answer.status, await answer.text()
+            await asyncio.sleep(0.1)
+
+
+@posix
+async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
+    where, address = served
+    async with aiohttp.ClientSession() as session:
+        status, page = await page_of(session, address)
+        assert status == 200 and f"ws://{address.removeprefix('http://')}/ws" in page and "https://" not in page
+        async with session.get(f"{address}/static/js/textual.js") as script:
+            assert script.status == 200
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+            await session.ws_connect(f"{address}/ws", headers={"Origin": "http://evil.example"})
+        async with session.get(address, headers={"Host": "evil.example"}) as refused:
+            assert refused.status == 403
+        tabs = [Tab(await session.ws_connect(f"{address}/ws?width=120&height=40")) for _two in (1, 2)]
+        for tab in tabs:
+            await tab.until("LOOKS ONLY")
+        looking = Link(where.looking_only())
+        task = asyncio.create_task(looking.run())
+        await asyncio.wait_for(looking.attached.wait(), 10)
+        assert looking.newest.row.state == "off"
+        for tab in tabs:
+            for key in ("r", "s", "x", "+"):
+                await tab.press(key)
+        for tab in tabs:
+            await tab.until("this tab only looks")
+        assert await looking.order(Order(Do.READY), 5.0) == Answer(False, "unauthorised")
+        seq = looking.newest.seq
+        while looking.newest.seq < seq + 10:
+            await asyncio.sleep(0.05)
+        assert looking.newest.row.state == "off" and not looking.newest.row.events
+        task.cancel()
+        for tab in tabs:
+            await tab.web.close()
+
+
+@posix
+async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp_path):
+    """The order is taken, but two seconds later the worker holds: no console on the machine says that it lives."""
+    where, _address = served
+    tab = TabLink(where)
+    task = asyncio.create_task(tab.run())
+    await asyncio.wait_for(tab.attached.wait(), 10)
+    await asyncio.sleep(0.7)
+    assert await tab.order(Order(Do.READY), 5.0) == Answer(True)
+    heard = time.monotonic()
+    async with asyncio.timeout(20.0):
+        while not any(alarm.id == "console_silent" for alarm in tab.newest.alarms):
+            await asyncio.sleep(0.05)
+            if tab.newest.row.state == "ready":
+                await asyncio.sleep(0.3)
+                await tab.order(Order(Do.START), 5.0)
+    assert time.monotonic() - heard > 1.0
+    task.cancel()
+
+
+# --- without processes -----------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize(("asked", "allowed"), [
+    ("127.0.0.1:8000", True), ("localhost:8000", True), ("192.168.1.7:8000", True), ("[::1]:8000", True),
+    ("cab.farm:8000", True), ("evil.example:8000", False), ("", False), (f"{socket.gethostname()}:8000", True)])
+def test_only_names_of_this_machine_lead_here(asked, allowed):
+    assert host_allowed(asked, "cab.farm") is allowed
+
+
+def test_numbers_out_of_a_query_are_held_in_range():
+    assert [number(text, 16, 8, 40) for text in (None, "x", "1", "20", "999")] == [16, 16, 8, 20, 40]
+
+
+def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
+    path = tmp_path / "sub" / "key"
+    assert serve_command.prepare_token(path) and not serve_command.prepare_token(path)
+    token = token_in(path)
+    assert token is not None and len(token) == 10 and set(token) <= set(serve_command.LETTERS)
+    if os.name == "posix":
+        assert path.stat().st_mode & 0o777 == 0o600
+    path.write_text("\n", encoding="utf-8")
+    with pytest.raises(CommandError, match="is no key"):
+        serve_command.prepare_token(path)
+    assert token_in(path) is None and token_in(tmp_path / "none") is None and token_in(None) is None
+
+
+def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
+    log = tmp_path / "run.csv"
+    assert options_of(Where(1, None, 1, "", str(log))) == {} and options_of(None) == {}
+    meta = run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
+    log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
+    assert options_of(Where(1, None, 1, "", str(log))) == {"limits_kg_ha": (0.0, 450.0), "hopper_kg": 280.0}
