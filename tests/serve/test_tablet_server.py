@@ -13,9 +13,10 @@ import time
 import pytest
 
 from console.cli import serve as serve_command
+from console.cli import tablet
 from console.cli.plain_errors import CommandError
 from console.cli.tablet import TabLink, options_of, token_in
-from console.link import Link, Where, start_worker
+from console.link import Link, Where, WorkerFailed, start_worker
 from control.orders import Answer, Do, Order
 from drivers.files.run_meta import meta_to_yaml, run_meta
 
@@ -160,6 +161,18 @@ def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
     with pytest.raises(CommandError, match="is no key"):
         serve_command.prepare_token(path)
     assert token_in(path) is None and token_in(tmp_path / "none") is None and token_in(None) is None
+
+
+async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate(monkeypatch):
+    where = Where(1, "secret", 1)
+    monkeypatch.setattr(tablet, "find_running", lambda: where)
+    app = tablet.tab_app(where, "abcd2345")
+    assert app.looking and app.source.where.token is None
+    assert (await tablet.link_to(False)).where.token is None
+    assert (await tablet.link_to(True)).where.token == "secret"
+    monkeypatch.setattr(tablet, "find_running", lambda: None)
+    with pytest.raises(WorkerFailed, match="No control worker runs"):
+        await tablet.link_to(True)
 
 
 def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
