@@ -144,11 +144,12 @@ class Keeper:
 
     def _save(self) -> None:
         assert self._last is not None
-        self._saved_s = self._last.time_s
-        snapshot = replace(self._snapshot, saved_utc=self._utc_now(), alarms=self._book.records,
-                           track=tuple(self._done.track), ground=self._done.raster())
-        if not snapshot.worth_going_on and not snapshot.alarms and not snapshot.finished and not self._saved:
+        now, alarms = self._snapshot, self._book.records
+        if not now.worth_going_on and not alarms and not now.finished and not self._saved:
             return                              # a machine that only stood there leaves no file
+        self._saved_s = self._last.time_s
+        snapshot = replace(now, saved_utc=self._utc_now(), alarms=alarms, track=tuple(self._done.track),
+                           ground=self._done.raster())
         try:
             resume.write(self._path, snapshot)
         except OSError as error:
