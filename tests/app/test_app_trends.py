@@ -109,10 +109,9 @@ async def test_the_cursor_reads_the_values_at_its_time(live, shown):
             await pilot.press("left")
         at_s = live.page.cursor_s
         assert live.page.ends_s is not None, "a cursor freezes the plots"
-        read = min(FRAMES, key=lambda frame: abs(frame.row.time_s - at_s)).row
-        alike = {f"{frame.row.target_rate_kg_ha:.0f}" for frame in FRAMES if abs(frame.row.time_s - at_s) <= 1.1}
-        assert plots.view.plots[0].value in alike
-        assert f"{read.time_s:.0f}" and plots.view.cursor == pytest.approx((at_s - 9.8) / 120.0, abs=0.01)
+        read = [frame.row for frame in FRAMES if frame.row.time_s <= at_s + 1e-9][-1]
+        assert plots.view.plots[0].value == f"{read.target_rate_kg_ha:.0f}"
+        assert plots.view.cursor == pytest.approx((at_s - 9.8) / 120.0, abs=0.01)
         assert any("│" in row for row in shown(live))
         before = at_s
         await pilot.press("shift+left")
@@ -258,6 +257,22 @@ async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, sh
         app.page.hurry()
         app.tick()
         assert plots.view.end == "06:12:40"
+
+
+async def test_the_cursor_reads_a_row_not_the_mean_of_a_wide_span(clock):
+    """A rate that turns every second, on a span whose columns hold several seconds."""
+    made = run_frames(seconds=400.0)
+    turned = [replace(frame, row=frame.row._replace(target_rate_kg_ha=100.0 if int(frame.row.time_s) % 2 else 300.0))
+              for frame in made]
+    app = TopdressApp(None, clock, live=False, replay=ReplayJob(ReplaySource(turned, clock), "run.csv"))
+    async with app.run_test(size=SIZE) as pilot:
+        plots = await opened(app, pilot)
+        await pilot.press("w", "left", "left", "left")
+        for _press in range(6):
+            await pilot.press("left")
+            at_s = app.page.cursor_s
+            row = [frame.row for frame in turned if frame.row.time_s <= at_s + 1e-9][-1]
+            assert plots.view.plots[0].value == f"{row.target_rate_kg_ha:.0f}"
 
 
 async def test_machine_or_log(frames, clock):

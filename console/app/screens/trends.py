@@ -25,6 +25,7 @@ SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400
 FIRST_SPAN = SPANS_S.index(120.0)
 GAP_S = 2.5                     # and three buckets: a longer time without rows is a gap
 FAR_SHARE = 0.1
+FINEST = 100_000                # buckets of a span: more than it has rows
 
 
 class Window(NamedTuple):
@@ -120,22 +121,16 @@ class TrendsScreen(LogPage):
         words = "" if all_of_it.low != all_of_it.low else _("min {low}   mean {mean}   max {high}").format(
             low=unit.text(all_of_it.low), mean=unit.text(all_of_it.mean), high=unit.text(all_of_it.high))
         gap_s = max(GAP_S, 3.0 * window.length_s / buckets)
-        return Plot(_(channel.label), unit.name, self._value(stretch, unit, gap_s), words,
+        at_s = window.to_s if self.cursor_s is None else self.cursor_s
+        return Plot(_(channel.label), unit.name, self._value(channel, unit, at_s), words,
                     _plain(low, unit), _plain(0.5 * (low + high), unit), _plain(high, unit),
                     _pieces(stretch, window, gap_s, unit, low, high),
                     self.fixed is not None and channel.id in self.fixed)
 
-    def _value(self, stretch: Stretch, unit: Unit, gap_s: float) -> str:
-        """The mean of the bucket at the cursor, or of the last one; nothing in a gap."""
-        times = stretch.time_s
-        if not len(times):
-            return "--"
-        at = len(times) - 1
-        if self.cursor_s is not None:
-            at = max(0, int(times.searchsorted(self.cursor_s, side="right")) - 1)
-            if not 0.0 <= self.cursor_s - times[at] <= gap_s:
-                return "--"
-        value = float(stretch.mean[at])
+    def _value(self, channel: Channel, unit: Unit, at_s: float) -> str:
+        """The value in force at a time, as finely as it is held; nothing in a gap."""
+        before = self.series().stretch(channel.id, at_s - GAP_S, at_s, FINEST)
+        value = float(before.mean[-1]) if len(before.mean) else float("nan")
         return "--" if value != value else unit.text(value)
 
     def _time(self, time_s: float, frame: Frame | None) -> str:
