@@ -11,37 +11,40 @@ from typing import TYPE_CHECKING
 import platformdirs
 
 from console.app.calibration.catch import CatchPoint
-from console.app.calibration.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number, WheelResult
-from control.machine.machine import Adopted, Machine
+from console.app.calibration.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
+from console.app.calibration.wheel import WheelSample
+from control.machine.machine import Machine
 
 if TYPE_CHECKING:
     from control.calibration.bench_table import BenchTable
     from control.calibration.least_squares import Interval
+    from control.calibration.wheel_fit import WheelFit
 
 CURVE_POINTS = 40
 MOST_BYTES = 1_000_000        # a bench table is small; larger CSV files are not offered
 SPREAD_MM = 0.5               # openings closer than this are one opening
 
 
-def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, pulses_per_turn: float | None = None,
-                  folder: Path | None = None, tables: Sequence[Path] = ()) -> CalibrateJob:
+def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, folder: Path | None = None,
+                  tables: Sequence[Path] = ()) -> CalibrateJob:
     """The calibrations of this machine.
 
-    wheel_circumference_m, pulses_per_turn: what the wheel is counted by, where a cab file says so. folder: where new
-    machine files go. tables: further folders in which lag tables are looked for.
+    wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where new machine files go;
+    the run logs' folder is beside it. tables: further folders in which lag tables are looked for.
     """
     place = folder or Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
-    limits, points, speed = machine.limits, machine.set_points, machine.speed
+    limits, points = machine.limits, machine.set_points
+    counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m
     return CalibrateJob(
         machine=machine.id, shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),
         opening_mm=(limits.opening_low_mm, limits.opening_high_mm), set_shaft_rpm=points.shaft_rpm,
-        set_opening_mm=points.opening_mm, wheel_circumference_m=wheel_circumference_m or speed.wheel_circumference_m,
-        pulses_per_turn=pulses_per_turn or speed.pulses_per_turn, most_kg=machine.flow.full_kg,
+        set_opening_mm=points.opening_mm, wheel_circumference_m=counted_m, most_kg=machine.flow.full_kg,
         fit_catch=lambda caught: fit_catch(machine, caught), lag_tables=lambda: lag_tables(look_in),
         open_lag_table=lambda path: open_lag_table(Path(path).expanduser()),
-        fit_lag=lambda path, label: fit_lag(machine, path, label), fit_wheel=fit_wheel,
-        save=lambda fitted, name: save(machine, fitted, name, place),
+        fit_lag=lambda path, label: fit_lag(machine, path, label),
+        fit_wheel=lambda samples: fit_wheel(machine, counted_m, samples),
+        save=lambda fitted, name: save(machine, fitted, name, place, counted_m),
         name_for=lambda kind: free_name(machine, kind, place))
 
 
@@ -175,21 +178,20 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
 # --- wheel ------------------------------------------------------------------------------------------------------------
 
 
-def fit_wheel(result: WheelResult) -> Fitted:
-    return Fitted("wheel", (Estimate("circumference", result.circumference_m, result.low_m, result.high_m, "m", 4),),
-                  source=result)
+def fit_wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample]) -> Fitted:
+    """The circumference from a straight drive; counted_m: the one by which its wheel speed was counted."""
+    _machine, fit = _wheel(machine, counted_m, samples)
+    return Fitted("wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples))
 
 
-def _with_wheel(machine: Machine, result: WheelResult, today: str) -> Machine:
-    from control.calibration.adopt import with_records
-    record = Adopted(id="speed.wheel_circumference_m", size=result.circumference_m, low=result.low_m,
-                     high=result.high_m, unit="m", date=today,
-                     data=f"{result.gnss_m:.1f} m straight by GNSS, {result.wheel_m:.1f} m by the wheel before")
-    speed = machine.speed._replace(wheel_circumference_m=result.circumference_m, radius_percent=0.0)
-    checked = Machine.model_validate({**dict(machine), "speed": speed})
-    note = f"wheel by GNSS, {today}"
-    return checked.model_copy(update={"adopted": with_records(machine, (record,), ("speed.wheel_radius",)),
-                                      "title": f"{machine.title}; {note}" if machine.title else note})
+def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
+           today: str = "") -> tuple[Machine, WheelFit]:
+    import numpy as np
+
+    from control.calibration import wheel_fit
+    time_s, lat, lon, quality, speed, flowing = (np.array(column) for column in zip(*samples, strict=True))
+    log = wheel_fit.WheelLog(time_s, lat, lon, quality.astype(float), speed, flowing)
+    return wheel_fit.fit_wheel(log, machine, counted_m, "straight drive on the Calibrate page", date=today)
 
 
 # --- files ------------------------------------------------------------------------------------------------------------
@@ -202,7 +204,7 @@ def free_name(machine: Machine, kind: str, folder: Path) -> str:
     return next((name for name in names if not (folder / f"{name}.yaml").exists()), base)
 
 
-def save(machine: Machine, fitted: Fitted, name: str, folder: Path) -> str:
+def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: float) -> str:
     """Writes the new machine file, and beside it the table it comes from; returns its path.
 
     Raises ValueError in one line where the name is taken, OSError where it cannot be written.
@@ -220,16 +222,14 @@ def save(machine: Machine, fitted: Fitted, name: str, folder: Path) -> str:
             raise ValueError(f"{taken}: exists already: nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
     today = dt.date.today().isoformat()
-    match fitted.source:
-        case WheelResult() as result:
-            new = _with_wheel(machine, result, today)
-        case (str() as table, label):
-            new, _line = fit_line(read_bench_table(Path(table), "lag"), machine, label=label, date=today)
-        case tuple() as caught:
-            write_atomically(table_path, catch_csv(caught))
-            new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
-        case _:
-            raise ValueError(f"{fitted.kind}: nothing to save")
+    if fitted.kind == "wheel":
+        new, _fit = _wheel(machine, counted_m, fitted.source, today)
+    elif fitted.kind == "lag":
+        table, label = fitted.source
+        new, _line = fit_line(read_bench_table(Path(table), "lag"), machine, label=label, date=today)
+    else:
+        write_atomically(table_path, catch_csv(fitted.source))
+        new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
     config.save(path, new, MACHINE)
     return str(path)
 

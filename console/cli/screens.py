@@ -72,8 +72,7 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
         diagnosis=diagnosis_files(found, effects),
         field=field_picture,
         logs=RunLogs(),
-        calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None,
-                                board.wheel_pulses_per_turn if board else None),
+        calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None),
     )
 
 

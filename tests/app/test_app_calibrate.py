@@ -87,11 +87,11 @@ async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_rel
         assert source.orders[3:] and set(source.orders[3:]) == {Order(Do.CALIBRATE)}
         assert len(source.orders) <= 3 + 6, "no more than ten a second"
         released_s = clock.now_s
-        while Order(Do.RELEASE) not in source.orders:
+        while Order(Do.RELEASE) not in source.orders and clock.now_s - released_s < 0.45:
             clock.now_s += 0.05
             page.watch_hold()
             await pilot.pause()
-        assert clock.now_s - released_s < 0.45
+        assert source.orders[-1] == Order(Do.RELEASE)
 
 
 async def test_the_mouse_button_runs_and_its_release_stops_at_once(app, source, clock, opened):
@@ -391,8 +391,9 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
         assert page.at == 3 and "Enough" in "\n".join(shown(app))
         await pilot.press("b")
         await settled(app, pilot)
-        assert page.desk.fitted.estimates[0].value == pytest.approx(2.5 * 2.0 / 2.02, rel=1e-3)
-        assert "circumference 2.47" in "\n".join(shown(app))
+        samples = page.desk.fitted.source
+        assert len(samples) > 250 and {sample.wheel_speed_mps for sample in samples} == {2.02}
+        assert "circumference 2.4868 m (90 %: 2.4849 to 2.4887)" in " ".join("\n".join(shown(app)).split())
 
 
 async def test_every_chip_stands_whole_on_the_screen(app, opened):

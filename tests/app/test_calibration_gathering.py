@@ -168,15 +168,10 @@ def test_places_are_on_the_ellipsoid():
     assert got == pytest.approx((float(east), float(north)), rel=2e-5)
 
 
-def test_a_wheel_that_reads_one_percent_too_much_is_one_percent_smaller():
-    run = straight(150.0, 1.01)
-    assert run.enough
-    got = run.circumference(2.5, 16.0)
-    assert got.value == pytest.approx(2.5 / 1.01, rel=2e-4)
-    assert got.low < got.value < got.high
-    assert (got.high - got.low) / got.value < 0.003
-    worse = straight(150.0, 1.01, fix=1).circumference(2.5, 16.0)
-    assert worse.high - worse.low > 5 * (got.high - got.low)
+def test_both_ways_are_measured():
+    drive = straight(150.0, 1.01).drive
+    assert drive.gnss_m == pytest.approx(150.0, rel=5e-4) and drive.wheel_m == pytest.approx(151.5, rel=1e-3)
+    assert straight(150.0).enough
 
 
 @pytest.mark.parametrize(("run", "trouble"), [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from console.app.calibration.catch import CatchPoint
-from console.app.calibration.job import WheelResult
+from console.app.calibration.wheel import WheelSample
 from console.cli.calibrate_services import calibrate_job
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import load
@@ -81,11 +81,20 @@ def test_a_new_machine_file_says_where_it_comes_from_and_the_old_one_stays(job, 
     assert job.name_for("catch") not in ("", "mine")
 
 
-def test_a_wheel_goes_into_a_new_machine_file(job):
-    found = job.fit_wheel(WheelResult(2.481, 2.478, 2.484, 140.2, 141.3))
+def test_a_wheel_is_fitted_by_the_circumference_it_was_counted_by_and_saved(machine, tmp_path):
+    job = calibrate_job(machine, 2.60, tmp_path)
+    random = np.random.default_rng(5)
+    samples = [WheelSample(0.2 * k, 34.8 + (0.4 * k + 0.01 * random.standard_normal()) / 110_940.0, 113.6, 4, 2.02)
+               for k in range(400)]
+    found = job.fit_wheel(samples)
+    circumference = found.estimates[0]
+    assert circumference.value == pytest.approx(2.60 / 1.01, rel=1e-3)
+    assert circumference.low < circumference.value < circumference.high < 1.005 * circumference.value
     new = load(Path(job.save(found, "wheel.yaml")), MACHINE).model
-    assert new.speed.wheel_circumference_m == 2.481
-    assert "140.2 m straight by GNSS" in new.adopted[-1].data
+    assert new.speed.wheel_circumference_m == circumference.value
+    assert "Calibrate page" in new.adopted[-1].data
+    with pytest.raises(ValueError, match="at least"):
+        job.fit_wheel(samples[:100])
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the papers' tables lie beside the repository")

@@ -43,8 +43,8 @@ class HeadsCheck:
         return self.started_s is not None and self.seconds >= CHECK_S
 
     def start(self, time_s: float) -> None:
-        self.__init__()         # type: ignore[misc]
-        self.started_s = time_s
+        self.started_s, self.seconds = time_s, 0.0
+        self._apart, self._medians = [], []
 
     def see(self, time_s: float, ndvi: Sequence[float | None]) -> None:
         """One frame: NDVI of every head, left to right; None: silent."""

@@ -3,9 +3,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from console.app.calibration.catch import CatchPoint
+from console.app.calibration.wheel import WheelSample
 
 Number = Literal["grams_per_rev_mm", "zero_offset", "fill_falloff", "slope", "intercept", "circumference"]
 
@@ -44,7 +45,7 @@ class Fitted(NamedTuple):
     y_name: str = ""
     range: tuple[float, float] = (0.0, 0.0)
     scatter: str = ""                     # 1 s.d. of the points about the line, with its unit
-    source: object = None
+    source: tuple[Any, ...] = ()
 
 
 class LagTable(NamedTuple):
@@ -53,14 +54,6 @@ class LagTable(NamedTuple):
     path: str
     rows: int
     labels: tuple[str, ...] = ()
-
-
-class WheelResult(NamedTuple):
-    circumference_m: float
-    low_m: float
-    high_m: float
-    gnss_m: float
-    wheel_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +70,11 @@ class CalibrateJob:
     set_shaft_rpm: float
     set_opening_mm: float
     wheel_circumference_m: float
-    pulses_per_turn: float
     most_kg: float
     fit_catch: Callable[[Sequence[CatchPoint]], Fitted]
     lag_tables: Callable[[], Sequence[LagTable]]
     open_lag_table: Callable[[str], LagTable]
     fit_lag: Callable[[str, str | None], Fitted]
-    fit_wheel: Callable[[WheelResult], Fitted]
+    fit_wheel: Callable[[Sequence[WheelSample]], Fitted]
     save: Callable[[Fitted, str], str]
     name_for: Callable[[str], str]        # a free name for a new machine file of this kind of calibration

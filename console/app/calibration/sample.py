@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from console.app.calibration.catch import CatchPoint
-from console.app.calibration.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, WheelResult
+from console.app.calibration.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable
+from console.app.calibration.wheel import WheelSample
 from console.frame import DeviceTest, DeviceView, Frame, LagTestView
 
 GRAMS = 5.5
@@ -36,9 +37,8 @@ def _lag(path: str, label: str | None) -> Fitted:
                   (10.0, 70.0), "0.019 s", (path, label))
 
 
-def _wheel(result: WheelResult) -> Fitted:
-    return Fitted("wheel", (Estimate("circumference", result.circumference_m, result.low_m, result.high_m, "m", 4),),
-                  source=result)
+def _wheel(samples: Sequence[WheelSample]) -> Fitted:
+    return Fitted("wheel", (Estimate("circumference", 2.4868, 2.4849, 2.4887, "m", 4),), source=tuple(samples))
 
 
 def _save(fitted: Fitted, name: str) -> str:
@@ -50,7 +50,7 @@ def _save(fitted: Fitted, name: str) -> str:
 def sample_calibrate_job() -> CalibrateJob:
     return CalibrateJob(
         machine="huanghai", shaft_rpm=(10.0, 100.0), opening_mm=(5.0, 60.0), set_shaft_rpm=70.0, set_opening_mm=25.0,
-        wheel_circumference_m=2.5, pulses_per_turn=16.0, most_kg=300.0, fit_catch=_catch, lag_tables=lambda: TABLES,
+        wheel_circumference_m=2.5, most_kg=300.0, fit_catch=_catch, lag_tables=lambda: TABLES,
         open_lag_table=lambda path: LagTable(path, 70), fit_lag=_lag, fit_wheel=_wheel, save=_save,
         name_for=lambda kind: f"huanghai-{kind}-20260318")
 

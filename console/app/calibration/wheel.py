@@ -9,7 +9,6 @@ STRAIGHT_M = 1.0              # farthest aside from the straight line: 100 m wit
 GAP_S = 1.0                   # frames farther apart: the drive is not whole
 POSITION_SD_M = {4: 0.02, 5: 0.30, 2: 0.60}       # by fix quality: RTK fixed, float, differential
 PLAIN_SD_M = 1.5
-NORMAL_95 = 1.645             # two-sided 90 %
 SEMI_MAJOR_M = 6_378_137.0    # WGS84
 ECCENTRICITY_SQUARED = 0.006_694_379_990_14
 
@@ -20,6 +19,7 @@ class WheelSample(NamedTuple):
     lon_deg: float
     fix_quality: int
     wheel_speed_mps: float
+    flowing: bool = False             # under load a wheel slips
 
 
 class WheelDrive(NamedTuple):
@@ -33,24 +33,16 @@ class WheelDrive(NamedTuple):
     trouble: str = ""
 
 
-class Circumference(NamedTuple):
-    """Metres, with the 90 % interval from the position's error at both ends and a pulse lost or gained there."""
-
-    value: float
-    low: float
-    high: float
-
-
 class WheelRun:
     """Gathers while it is `running`; `drive` is what has been driven."""
 
     def __init__(self) -> None:
         self.running = False
         self.drive = WheelDrive()
-        self._samples: list[WheelSample] = []
+        self.samples: list[WheelSample] = []
 
     def start(self) -> None:
-        self.running, self.drive, self._samples = True, WheelDrive(), []
+        self.running, self.drive, self.samples = True, WheelDrive(), []
 
     def stop(self) -> None:
         self.running = False
@@ -59,7 +51,7 @@ class WheelRun:
         """One frame; None: wheel or GNSS is not known."""
         if not self.running:
             return
-        last = self._samples[-1] if self._samples else None
+        last = self.samples[-1] if self.samples else None
         if sample is None or (last is not None and sample.time_s - last.time_s > GAP_S):
             if last is not None:
                 self.drive = self.drive._replace(trouble="broken")
@@ -67,12 +59,12 @@ class WheelRun:
             return
         if last is not None and sample.time_s <= last.time_s:
             return
-        self._samples.append(sample)
+        self.samples.append(sample)
         if last is not None:
             self.drive = self._driven(self.drive, last, sample)
 
     def _driven(self, before: WheelDrive, last: WheelSample, now: WheelSample) -> WheelDrive:
-        first = self._samples[0]
+        first = self.samples[0]
         dt_s = now.time_s - last.time_s
         east, north = metres(first, now)
         far = hypot(east, north)
@@ -85,20 +77,11 @@ class WheelRun:
                           "bent" if aside > STRAIGHT_M + 2.0 * POSITION_SD_M.get(worst, PLAIN_SD_M) else "")
 
     def _thinned(self) -> list[WheelSample]:
-        return self._samples[::max(1, len(self._samples) // 50)]
+        return self.samples[::max(1, len(self.samples) // 50)]
 
     @property
     def enough(self) -> bool:
         return self.drive.gnss_m >= LEAST_M and not self.drive.trouble and self.drive.wheel_m > 0.0
-
-    def circumference(self, now_m: float, pulses_per_turn: float) -> Circumference:
-        """The wheel's circumference from this drive, m. now_m: the one by which wheel_m was counted."""
-        drive = self.drive
-        value = now_m * drive.gnss_m / drive.wheel_m
-        position_m = sqrt(2.0) * POSITION_SD_M.get(drive.fix_quality, PLAIN_SD_M)
-        pulses_m = now_m / pulses_per_turn / sqrt(6.0)          # the difference of two counts, each cut at random
-        half = NORMAL_95 * value * hypot(position_m, pulses_m) / drive.gnss_m
-        return Circumference(value, value - half, value + half)
 
 
 def metres(origin: WheelSample, place: WheelSample) -> tuple[float, float]:

@@ -2,8 +2,8 @@
 from __future__ import annotations
 
 from console.app import words
+from console.app.calibration.catch import TURNING_RPM
 from console.app.calibration.desk import Bench, Desk, Seen, mark
-from console.app.calibration.job import WheelResult
 from console.app.calibration.wheel import LEAST_M, WheelRun, WheelSample
 from console.app.view import STALE_S
 from console.app.widgets.chips import Chip
@@ -33,7 +33,7 @@ class WheelDesk(Desk):
         old = seen.age_s > STALE_S or (frame.gnss_age_s or 0.0) > STALE_S
         known = bool(row.fix_quality) and not old and None not in (row.lat_deg, row.lon_deg, row.wheel_speed_mps)
         self.run.see(WheelSample(row.time_s, row.lat_deg or 0.0, row.lon_deg or 0.0, row.fix_quality or 0,
-                                 row.wheel_speed_mps or 0.0) if known else None)
+                                 row.wheel_speed_mps or 0.0, (row.shaft_rpm or 0.0) > TURNING_RPM) if known else None)
 
     def step(self) -> int:
         if self.run.running:
@@ -94,9 +94,6 @@ class WheelDesk(Desk):
         return True
 
     def _compute(self) -> None:
-        job, drive = self.bench.job, self.run.drive
-        if job is None:
-            return
-        got = self.run.circumference(job.wheel_circumference_m, job.pulses_per_turn)
-        result = WheelResult(got.value, got.low, got.high, drive.gnss_m, drive.wheel_m)
-        self.bench.compute(lambda: job.fit_wheel(result), self.take)
+        job, samples = self.bench.job, tuple(self.run.samples)
+        if job is not None:
+            self.bench.compute(lambda: job.fit_wheel(samples), self.take)

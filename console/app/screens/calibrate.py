@@ -8,6 +8,7 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
+from textual.timer import Timer
 from textual.worker import Worker, WorkerState
 
 from console.app.action import CALIBRATE
@@ -46,6 +47,7 @@ class CalibrateScreen(Page):
         self.at = 0
         self._computing: Worker[Any] | None = None
         self._computed: Callable[[Any], None] | None = None
+        self._watch: Timer | None = None
 
     # --- what it shows -------------------------------------------------------------------------------------------
 
@@ -61,7 +63,7 @@ class CalibrateScreen(Page):
 
     def on_mount(self) -> None:
         if self.app.live:
-            self.set_interval(WATCH_S, self.watch_hold)
+            self._watch = self.set_interval(WATCH_S, self.watch_hold)
 
     @property
     def desk(self) -> Desk:
@@ -163,6 +165,12 @@ class CalibrateScreen(Page):
 
     def on_screen_suspend(self) -> None:
         self.runner.let_go(self.app.clock())
+        if self._watch is not None:
+            self._watch.pause()
+
+    def on_screen_resume(self) -> None:
+        if self._watch is not None:
+            self._watch.resume()
 
     def on_app_blur(self, event: events.AppBlur) -> None:
         self.runner.let_go(self.app.clock())
