@@ -59,7 +59,8 @@ class Tab:
                        mobile=False)
 
     async def press(self, key: str) -> None:
-        """A key by its DOM name, or a single character."""
+        """A key by its DOM name, Space, or a single character."""
+        key = " " if key == "Space" else key
         code = KEY_CODES.get(key, ord(key[-1].upper()))
         text = {} if key in KEY_CODES and key != "Enter" else {"text": "\r" if key == "Enter" else key}
         await self.ask("Input.dispatchKeyEvent", type="keyDown", key=key, windowsVirtualKeyCode=code, **text)
