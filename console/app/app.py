@@ -16,7 +16,7 @@ from textual.widgets import Input
 from textual.worker import Worker
 
 from console.app import actions, themes, words
-from console.app.action import ANYWHERE, REPLAY, RUN
+from console.app.action import ANYWHERE, JOB, REPLAY, RUN
 from console.app.alarms import Bell, entries
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
@@ -29,6 +29,7 @@ from console.app.replay_job import ReplayJob
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
+from console.app.screens.job import JobScreen
 from console.app.screens.page import Page
 from console.app.screens.replay import ReplayScreen
 from console.app.services import Services
@@ -129,6 +130,12 @@ class TopdressApp(App[None], inherit_bindings=False):
     def replay_page(self) -> ReplayScreen:
         page = self.pages[REPLAY]
         assert isinstance(page, ReplayScreen)
+        return page
+
+    @property
+    def job_page(self) -> JobScreen:
+        page = self.pages[JOB]
+        assert isinstance(page, JobScreen)
         return page
 
     def on_mount(self) -> None:
@@ -422,9 +429,12 @@ class TopdressApp(App[None], inherit_bindings=False):
 
         def answer(filled_kg: float | None) -> None:
             if filled_kg is not None:
-                self.give(Do.REFILL, filled_kg)
+                self.give(Do.REFILL, round(filled_kg, 1))
+                self.job_page.refill.done()
 
-        self.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, to_si=unit.to_si), answer)
+        seen_kg = self.job_page.refill.seen_kg
+        typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
+        self.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, to_si=unit.to_si, typed=typed), answer)
 
     def _do_mark(self) -> None:
         self.give(Do.MARK, "mark")

@@ -3,11 +3,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 
 def check(
@@ -67,6 +70,10 @@ def _check(files: list[str]) -> None:
         except ConfigError as error:
             wrong += error.lines
             continue
+        trouble = _of_keymap(loaded.model)
+        if trouble:
+            wrong.append(f"{loaded.path}: {trouble}")
+            continue
         typer.echo(f"{loaded.path}: ok ({kind.format})")
         read.append((kind, loaded))
         for warning in getattr(loaded.model, "warnings", ()):
@@ -77,3 +84,12 @@ def _check(files: list[str]) -> None:
                       for line in wheel_disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
+
+
+def _of_keymap(model: BaseModel) -> str:
+    """What is wrong with the keys of a settings file, one line; empty for files of other kinds."""
+    from drivers.files.settings import Settings
+    if not isinstance(model, Settings) or not model.keymap:
+        return ""
+    from console.app.settings import keymap_problem
+    return keymap_problem(model.keymap)

@@ -178,7 +178,7 @@ async def test_a_strip_is_driven_stored_and_the_worker_started_with_it(job_app, 
         assert desk.asked == [("strip", "0.710"), ("restart",)] and app.source is later and not app.gone
 
 
-async def test_a_working_machine_is_not_started_again(job_app, desk, source):
+async def test_a_working_machine_is_not_started_again(job_app, desk, source, shown):
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
@@ -186,6 +186,16 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source):
         await settled(app, pilot)
         assert desk.asked == [("take", "machine", "machines/bench.yaml")]
         assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
+        assert any("for the next start: bench.yaml" in row for row in shown(app))
+        desk.known = replace(FACTS, machine_file="machines/bench.yaml")
+        feed(app, source, [{"state": "off"}])
+        await pilot.press("f2")
+        await on_job(app, pilot)
+        app.page._looked_s = None
+        await settled(app, pilot)
+        await pilot.press("m", "2", "enter")
+        await pilot.pause()
+        assert isinstance(app.screen, Confirm), "chosen already: only the start is asked"
 
 
 async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):
@@ -274,7 +284,7 @@ async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app,
         assert source.orders == [Order(Do.MARK, "job finished")]
         assert desk.asked == [("export", "run.csv", ".geojson"), ("report", "run.csv")]
         text = "\n".join(shown(app))
-        assert "written: run-applied.geojson" in text and "written: run-report.html" in text
+        assert "written: run-applied.geojson in ." in text and "written: run-report.html" in text
 
 
 async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, shown):

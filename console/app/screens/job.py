@@ -40,6 +40,7 @@ class JobScreen(Page):
         self.trouble = ""
         self.free_bytes: int | None = None
         self.said: list[str] = []               # what was done, the newest last
+        self.pending = ""                       # a file that was taken and that no worker has yet
         self.progress = ""
         self._work: Worker[tuple[str, ...]] | None = None
         self._looked_s: float | None = None
@@ -118,6 +119,8 @@ class JobScreen(Page):
             notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
         if tally is not None and tally.finished:
             notes.append(JobNote(_("this job is ended; more work still counts to it")))
+        if self.pending:
+            notes.append(JobNote(_("for the next start: {name}").format(name=self.pending)))
         return (*notes, *(JobNote(text) for text in self.said[-NOTES_KEPT:]))
 
     def say(self, text: str) -> None:
@@ -228,6 +231,8 @@ class JobScreen(Page):
         choices = [Choice(one.value, one.label) for one in files]
 
         def answer(value: str | None) -> None:
+            if value == now and self.pending:
+                self._ask_restart(value)
             if value is None or value == now:
                 return
 
@@ -240,7 +245,7 @@ class JobScreen(Page):
         self.app.push_screen(ChoiceDialog(title, choices, now), answer)
 
     def _ask_restart(self, taken: str) -> None:
-        self.say(_("for the next start: {name}").format(name=taken))
+        self.pending = file_name(taken)
         self._looked_s = None
         frame = self.app.arrival.frame
         if self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART:
@@ -249,6 +254,7 @@ class JobScreen(Page):
 
         def answer(yes: bool | None) -> None:
             if yes and self.desk is not None:
+                self.pending = ""
                 self.app.restart(self.desk.restart)
 
         self.app.push_screen(Confirm(_("Start the control worker again with it?"),
@@ -311,7 +317,8 @@ class JobScreen(Page):
             if event.state is WorkerState.ERROR:
                 self.say(_("not written: {why}").format(why=_one_line(worker.error)))
             for path in worker.result or () if event.state is WorkerState.SUCCESS else ():
-                self.say(_("written: {path}").format(path=path))
+                name = file_name(path)
+                self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
         elif worker.group == "job-look" and event.state is WorkerState.SUCCESS and worker.result is not None:
             self.facts, self.trouble, self.free_bytes = worker.result
         elif worker.group == "job-take":
