@@ -40,6 +40,7 @@ TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case t
 REFILL_SD_KG = 0.5          # of what the operator wrote down
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 OUTLIER = 4.5
+DEAD_TIME_HALVINGS = 5      # of its tolerance, when a dead time is looked for
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
 
@@ -187,7 +188,7 @@ class Group:
         for off in now + step * np.arange(-2.0, 3.0):
             if abs(off) <= 3.0 * n.sd:
                 tried[float(off)] = value(float(off))
-        for _ in range(2):
+        for _ in range(DEAD_TIME_HALVINGS):
             step *= 0.5
             middle = max(tried, key=lambda off: tried[off])
             for off in (middle - step, middle + step):
