@@ -185,8 +185,10 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
         page = await opened(pilot)
         await pilot.press("f8")
         await pilot.press("r", "r", "r", "y", "s", "o", "w", "b", "f", "n", "right")
+        app.notice_text = ""
         await hold_mouse(pilot, page, "cal_run")
         await pilot.pause()
+        assert "locked" in app.notice_text
         assert source.orders == [] and len(app.screen_stack) == 2 and page.at == 0
         await pilot.press("space", "x")
         await pilot.pause()
