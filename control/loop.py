@@ -248,6 +248,7 @@ class ControlLoop:
             self._bench = BenchSetting()
         elif do is Do.START:                # the operator wants flow from here on, also where some lies already
             self._landed_to_m = self._spread_to_m = float("-inf")
+            self._overlap.started()
 
     def _sources(self) -> tuple[TargetSource, ...]:
         """Those that can be ordered: map and point only where the job has them."""

@@ -28,6 +28,7 @@ class Overlap:
         self._aside = (np.arange(outlets) + 0.5) / outlets * coverage.width_m - 0.5 * coverage.width_m
         self._ahead = np.arange(0.0, LOOK_M, STEP_M)
         self._done_here = False                 # where it was looked from
+        self._wanted_here = False               # since START, until ground without material is reached
         self._looked: tuple[float, float] | None = None         # track and heading of that place
         self._falling: deque[tuple[float, bool]] = deque()      # when it lands, whether there is any
         self._lands = False
@@ -45,6 +46,10 @@ class Overlap:
         self._coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
                            heading_deg if heading_deg is not None and known else 0.0, self._lands)
 
+    def started(self) -> None:
+        """The operator wants flow from here on: the done ground that the machine stands on gets it."""
+        self._wanted_here, self._looked = True, None
+
     def look(self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float) -> None:
         """Look from the outlets straight ahead. An edge up to `fired_to_m`, where changes have been made, stays where
         it was seen then."""
@@ -56,6 +61,10 @@ class Overlap:
             return
         self._looked = track_m, heading_deg
         over = self._over(place, heading_deg)
+        if self._wanted_here:
+            ends = np.flatnonzero(~over)
+            self._wanted_here = bool(over[0])
+            over[:int(ends[0]) if len(ends) else len(over)] = False
         self._done_here = bool(over[0])
         seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
         made = [known for known in self.places_m if known <= fired_to_m]

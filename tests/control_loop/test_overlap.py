@@ -133,5 +133,11 @@ def test_edges_of_done_ground_lie_where_they_are_seen() -> None:
     assert overlap.inside(10.0) and not overlap.inside(15.0) and overlap.inside(16.5)
     overlap.look(15.0, (0.0, 10.0), 0.0, float("-inf"))
     assert not overlap.inside(15.0) and overlap.inside(17.0)
+    overlap.started()
+    overlap.look(15.0, (0.0, 10.0), 0.0, float("-inf"))
+    assert overlap.inside(15.0), "ordered to start on done ground: it gets some"
+    overlap.look(17.0, (0.0, 12.0), 0.0, float("-inf"))
+    overlap.look(13.0, (0.0, 8.0), 0.0, float("-inf"))
+    assert not overlap.inside(14.5), "once off it, it is done ground again"
     overlap.look(15.0, None, None, float("-inf"))
     assert overlap.inside(15.0), "no place known: nothing counts as done"
