@@ -101,7 +101,7 @@ def sentence(found: Found) -> str:
 def _doubtful(cause: CauseShown) -> str:
     """One cause, and how many others it could be."""
     if not cause.rivals:
-        return f"{title(cause)}."
+        return _("{first}.").format(first=title(cause))
     if len(cause.rivals) == 1:
         return _("{first}, or: {other}. This data cannot tell.").format(first=title(cause),
                                                                        other=_(cause.rivals[0].title))
