@@ -23,6 +23,8 @@ CHANNELS = ("shaft", "gate", "scale", "speed", "heads")
 SD = {"shaft": 0.3, "gate": 0.1, "scale": 0.15, "speed": 0.036, "heads": 0.009}
 FAST_S = {"shaft": 0.1, "gate": 0.1, "scale": 1.0, "speed": 0.2, "heads": 0.2}
 ROUNDS = 3                        # of noise and fit in turn
+SETTLED = 3                       # times that the tolerances are fitted and the traces taken anew
+FEW = 0.05                        # share of repeated readings, up to which a repetition is a dropout
 
 
 class Linear(NamedTuple):
@@ -170,27 +172,34 @@ def evidence(columns: dict[str, Any]) -> Evidence:
     seen = {"shaft": columns["shaft_rpm"], "gate": columns["opening_mm"], "scale": columns["hopper_kg"],
             "wheel": columns["wheel_speed_mps"], "gnss": columns["speed_mps"],
             "heads": np.array([columns[f"ndvi_{k + 1}"] for k in range(nom.HEADS)])}
-    seen = {k: np.array([_filled(r) for r in v]) if v.ndim == 2 else _filled(v) for k, v in seen.items()}
     fresh = {"gnss": _held(columns["speed_mps"]), "heads": _held(columns["ndvi_1"])}
     weighed = ~poured(columns)
     row_s = plant.drive.row_s
     steps = {"speed": row_s * fresh["gnss"], "heads": row_s * fresh["heads"]}
 
+    known = {k: np.array([_told(r) for r in np.atleast_2d(v)]) for k, v in seen.items()}
+
     def changed(readings: dict[str, Floats], base: dict[str, Floats]) -> dict[str, Floats]:
         return _stack({k: readings[k] - base[k] for k in seen}, fresh, weighed)
+
+    def left(base: dict[str, Floats]) -> dict[str, Floats]:
+        """Residual where something was read, straight lines over what was not."""
+        rows = {k: np.array([_bridged(r, told) for r, told in zip(np.atleast_2d(seen[k] - base[k]), known[k],
+                                                                  strict=True)]) for k in seen}
+        return _stack({k: r if k == "heads" else r[0] for k, r in rows.items()}, fresh, weighed)
 
     def banded(rows: list[dict[str, Floats]]) -> list[_Bands]:
         return [_Bands(c, [row[c] for row in rows], steps.get(c, row_s)) for c in CHANNELS]
 
     around = Physics()
     moved = np.zeros(len(nom.TOLERANCE) + nom.HEADS + 2)
-    for last in (False, True):
+    for last in (*[False] * SETTLED, True):
         base = plant.run(around)
         nuisances = [changed(plant.run(p), base) for p in _off_nominal(around)]
         nuisances += _levels(nuisances[0], _after_refill(plant.drive)[weighed])
-        target = changed(seen, base)
+        target = left(base)
         if not last:
-            theta = _fitted(banded([target, *nuisances]), np.ones(len(moved)), np.zeros(len(moved)))
+            theta = _fitted(banded([target, *nuisances]), np.ones(len(moved)), -moved)
             around = _moved(around, theta)
             moved[:len(nom.TOLERANCE)] = [(getattr(around, k) - getattr(Physics(), k)) / sd
                                           for k, sd in nom.TOLERANCE.items()]
@@ -211,6 +220,17 @@ def _off_nominal(around: Physics) -> list[Physics]:
     heads = [around._replace(heads_ratio=tuple(1.0 + nom.HEAD_TOLERANCE * (h == m) for h in range(nom.HEADS)))
              for m in range(nom.HEADS)]
     return [*(around._replace(**{k: getattr(around, k) + sd}) for k, sd in nom.TOLERANCE.items()), *heads]
+
+
+def _told(reading: Floats) -> npt.NDArray[np.bool_]:
+    """Rows that hold a reading of their own: neither empty nor, in a column where that is rare, the last one again."""
+    again = np.r_[False, reading[1:] == reading[:-1]] & (reading != 0.0)
+    return np.isfinite(reading) & ~(again & (again.mean() < FEW))
+
+
+def _bridged(series: Floats, told: npt.NDArray[np.bool_]) -> Floats:
+    rows = np.arange(series.size)
+    return np.interp(rows, rows[told], series[told])
 
 
 def _levels(like: dict[str, Floats], after: Floats) -> list[dict[str, Floats]]:
