@@ -4,8 +4,8 @@
 
 or, without our diagnosis beside them, `python benchmarks/diagnosis/peers.py --test 200`. Needs the extra `benchmark`;
 SysIdentPy runs in an environment of its own. Every peer gets evidence.py's linear problem, whitened with the noise
-model of the diagnosis; some also without. Calibrated alike: each threshold is the highest value among sixty runs of the tuning
-half with nothing hidden. The runs are the first of the timetable, of both halves.
+model of the diagnosis; some also without. Calibrated alike: each threshold is the highest value among sixty runs of
+the tuning half with nothing hidden. The runs are the first of the timetable, of both halves.
 """
 from __future__ import annotations
 
