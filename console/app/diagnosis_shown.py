@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from console.app import diagnosis_words as words
-from console.app.diagnosis_data import CauseShown, ChannelShown, Curve, Found
+from console.app.diagnosis_data import CauseShown, ChannelShown, Curve, Found, GainShown
 from console.app.units import Units
 from console.app.widgets.causes import CauseLine, CausesView
 from console.app.widgets.channel_table import ChannelLine, ChannelsView
@@ -46,8 +46,13 @@ def channels(found: Found) -> ChannelsView:
         for channel, variable, share in found.left]
     left += [_("on data not used for naming: {channel} {before} to {after} ({metric})").format(
         channel=words.channel_word(gain.channel), before=words.number(gain.before), after=words.number(gain.after),
-        metric=gain.metric) for gain in found.gains[:MOST_GAIN_LINES]]
+        metric=gain.metric) for gain in _own(found.gains)[:MOST_GAIN_LINES]]
     return ChannelsView(tuple(_channel(one) for one in found.channels), (*left, *found.notes), in_use())
+
+
+def _own(gains: tuple[GainShown, ...]) -> list[GainShown]:
+    """Those of the causes themselves; what is compared with them stands in the report."""
+    return [gain for gain in gains if not any(word in gain.metric for word in ("nameless", "placebo"))]
 
 
 def _channel(one: ChannelShown) -> ChannelLine:

@@ -314,6 +314,13 @@ def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():
     assert not lines["gate"].wrong and lines["gate"].beyond == "-" and lines["flow"].after == ""
 
 
+def test_only_the_gain_of_the_causes_is_told():
+    found = sample_found()
+    gain = found.gains[0]
+    found = found._replace(gains=(gain, gain._replace(metric="rmse, r/min, placebo shaft.gain", after=9.0)))
+    assert diagnosis_shown.channels(found).left == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
+
+
 def test_the_interval_bar_has_zero_in_its_middle():
     bar = interval_bar((0.6, 0.8, 1.0))
     assert len(bar) == 24 and bar[12] == "|" and bar.count("#") == 1 and bar.index("#") > 12
