@@ -114,7 +114,7 @@ def _holds(group: Group, found: Refit, k: int, gain: float, threshold: float) ->
             slow_share(trace.coefficients[c.name], c, found.noise[c.name]) > SLOW_ENERGY
             for c in group.channels if c.name in trace.coefficients):
         return False
-    tried = [c for c in group.candidates if c.part.id != part.id]
+    tried = [c for c in group.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     every = scores(group, found.parts, found.noise, [group.candidate_column(others, c) for c in tried])
     return chance(null_of_maximum(every), gain) < FALSE_ALARMS
 

@@ -101,7 +101,7 @@ def null_of_maximum(seen: Scores) -> Array:
     """Largest gain (twice the log-likelihood) over all traces in each replicate: (REPLICATES,), sorted."""
     signs = np.random.default_rng(SEED).choice((-1.0, 1.0), (REPLICATES, len(seen.score)))
     energy = np.maximum(seen.energy.sum(axis=0), 1e-12)
-    return np.sort(((signs @ without_fit(seen)) ** 2 / energy).max(axis=1))
+    return np.sort(((signs @ without_fit(seen)) ** 2 / energy).max(axis=1, initial=0.0))
 
 
 def chance(null: Array, gain: float) -> float:
