@@ -223,6 +223,19 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
         assert "cancelled" in "\n".join(shown(app))
 
 
+async def test_leaving_the_console_ends_the_work(source, clock):
+    service = Slow()
+    app = TopdressApp(source, clock, live=False, services=Services(diagnosis=service))
+    async with app.run_test(size=(80, 24)) as pilot:
+        page = await opened(app, pilot)
+        await pilot.press("enter")
+        await pilot.pause()
+        assert page.busy
+        app.exit()
+    begun = time.monotonic()
+    assert service.ended.wait(4.0) and time.monotonic() - begun < 2.0
+
+
 async def test_an_error_is_said_in_one_line_and_stays(desk, service, shown):
     service.refuse = "run.csv: no usable time column\nand a trace"
     async with desk.run_test(size=(80, 24)) as pilot:

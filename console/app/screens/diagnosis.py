@@ -359,7 +359,9 @@ class DiagnosisScreen(Page):
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
         elif state is WorkerState.ERROR and not isinstance(worker.error, Stopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
-        if state in (WorkerState.SUCCESS, WorkerState.ERROR, WorkerState.CANCELLED):
+        if state is WorkerState.CANCELLED:              # the app ends: its process must not outlive it
+            self.cancel()
+        elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
             self._look()
 
