@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
-from control.calibration.response import response_s
+from control.calibration.response import ramp_s, response_s
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 
@@ -32,11 +32,12 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     label = np.full(int(keep.sum()), "") if table.label is None else table.label[keep]
     roles = roles_of(label)
 
+    rig = name == "drop_s" and "response_s" in table.columns
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
         scale = 1.0 + m.fall.speed_scale_percent / 100.0 if by_distance else 1.0
-        return predicted(m, rpm, name, roles) * scale
+        return predicted(m, rpm, name, roles) * scale + (_ramps(m, rpm) if rig else 0.0)
 
     drops = name != "response_s"
     choices = ["lag.offset", "lag.rebound"] if drops else []
@@ -69,6 +70,12 @@ def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
         total += [drop_s(fall, n) for n in rpm.tolist()]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
     return total
+
+
+def _ramps(machine: Machine, rpm: Array) -> Array:
+    """What a lag rig adds to each drop time, s: it counts from 2 r/min on, while the shaft still speeds up."""
+    speeds, place = np.unique(rpm, return_inverse=True)
+    return np.array([ramp_s(machine, machine.fall, n) for n in speeds.tolist()])[place]
 
 
 def rises(rpm: Array) -> Array:
