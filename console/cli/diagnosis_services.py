@@ -178,7 +178,7 @@ def _source(path: Path) -> Source:
     names = tuple(name.strip().strip('"') for name in (lines[0] if lines else "").replace(";", ",").split(","))
     kind: str | None = "run"
     if "time_s" not in names:
-        from control.calibration.bench_table import recognise       # takes a second: only where there is such a file
+        from control.calibration.bench_table import recognise  # takes a second: only where there is such a file
         kind = recognise(names)
     if kind is None:
         raise ValueError(f"{path}: neither a run log (column time_s) nor a bench table")
