@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from control.diagnosis import null, stages_data
+from control.diagnosis import data_gate, noise, null, open_set, search, stages_data
 from control.diagnosis.extend import extend, refuse_to_adopt
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.next_run import manoeuvres, separation
+from control.diagnosis.residuals import channels
 from control.diagnosis.run import Cancelled, diagnose_run
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.flow import FlowInput, FlowOutput, flow_start
@@ -34,7 +35,7 @@ def a_run(machine, seed=1, seconds=600.0, still_opening=False):
     """Columns of a run of `machine` with its noise: random set-points, headlands, a slope, a wandering supply."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, STEP_S)
-    n, noise = len(time), machine.noise
+    n, sd = len(time), machine.noise
     work = (time % 120.0) > 12.0
     shaft_cmd = np.where(work, levels(rng, time, 30.0, 90.0, 4.0), 0.0)
     gate_cmd = np.full(n, 25.0) if still_opening else levels(rng, time, 15.0, 40.0, 5.0)
@@ -57,24 +58,24 @@ def a_run(machine, seed=1, seconds=600.0, still_opening=False):
     speed = speed_run(speeds, no_switch(), speed_start(1.3), SpeedOutput(1.3, 1.3),
                       input_rows(SpeedInput, n, speed_mps=true_speed, working=work.astype(float), pitch_deg=pitch),
                       time, MOST_STEP_S)
-    keep = np.exp(-STEP_S / noise.scale_correlation_s)
+    keep = np.exp(-STEP_S / sd.scale_correlation_s)
     slow = np.empty(n)
-    slow[0] = noise.scale_kg * rng.standard_normal()
-    kicks = noise.scale_kg * np.sqrt(1.0 - keep * keep) * rng.standard_normal(n)
+    slow[0] = sd.scale_kg * rng.standard_normal()
+    kicks = sd.scale_kg * np.sqrt(1.0 - keep * keep) * rng.standard_normal(n)
     for k in range(1, n):
         slow[k] = keep * slow[k - 1] + kicks[k]
     ndvi = 0.5 + 0.05 * np.sin(time / 11.0)
     columns = {
         "time_s": time, "shaft_rpm_cmd": shaft_cmd, "opening_mm_cmd": gate_cmd, "supply_v": supply, "pitch_deg": pitch,
         "roll_deg": np.cos(time / 33.0), "heading_deg": np.where(np.floor(time / 120.0) % 2 < 1, 0.0, 180.0),
-        "shaft_rpm": shaft[:, 1] + noise.shaft_rpm * rng.standard_normal(n),
-        "opening_mm": gate[:, 1] + noise.opening_mm * rng.standard_normal(n),
+        "shaft_rpm": shaft[:, 1] + sd.shaft_rpm * rng.standard_normal(n),
+        "opening_mm": gate[:, 1] + sd.opening_mm * rng.standard_normal(n),
         "hopper_kg": np.round((scale + slow) / 0.05) * 0.05,
-        "wheel_speed_mps": speed[:, 0] + noise.wheel_mps * rng.standard_normal(n),
-        "speed_mps": speed[:, 1] + noise.gnss_mps * rng.standard_normal(n),
+        "wheel_speed_mps": speed[:, 0] + sd.wheel_mps * rng.standard_normal(n),
+        "speed_mps": speed[:, 1] + sd.gnss_mps * rng.standard_normal(n),
     }
     for head in range(1, 7):
-        columns[f"ndvi_{head}"] = ndvi + noise.ndvi * rng.standard_normal(n)
+        columns[f"ndvi_{head}"] = ndvi + sd.ndvi * rng.standard_normal(n)
     return columns
 
 
@@ -248,14 +249,39 @@ def test_a_gate_stuck_while_its_moves_are_small_is_named():
     assert cause.onset_s == pytest.approx(250.0, abs=4.0)
 
 
-def test_drift_of_a_reading_is_no_dependence():
-    """Slow noise of a shaft sensor follows the time, the falling hopper, whatever changes slowly. Nothing is named."""
-    columns = a_run(Machine(), seed=19, seconds=500.0)
-    rng, time = np.random.default_rng(4), columns["time_s"]
-    drift = sum(np.sin(2.0 * np.pi * (k * time / 500.0 + rng.random())) for k in (1.5, 3.5, 6.0, 9.0, 13.0))
-    columns["shaft_rpm"] = columns["shaft_rpm"] + 0.12 * drift
-    found = diagnose_run(columns, Machine())
-    assert found.verdict == "none", (ids(found), found.unexplained)
+def a_gate_alone(machine, dead_time_off_s=0.0):
+    """The gate of a run whose moves are shorter than a row, judged by a machine file with the nominal dead time."""
+    gate = machine.gate._replace(dead_time_s=machine.gate.dead_time_s + dead_time_off_s)
+    rng, time = np.random.default_rng(5), np.arange(0.0, 200.0, 0.05)
+    moves = np.where(np.arange(len(time)) % 8 == 0, 0.3 * rng.choice((-1.0, 1.0), len(time)), 0.0)
+    command = np.clip(np.round(25.0 + np.cumsum(moves), 1), 15.0, 35.0)
+    read = gate_run((gate,), no_switch(), gate_start(command[0]), GateOutput(command[0], command[0]),
+                    input_rows(GateInput, len(time), command_mm=command), time, MOST_STEP_S)[:, 1]
+    columns = {"time_s": time, "opening_mm_cmd": command, "opening_mm": read + 0.05 * rng.standard_normal(len(time))}
+    data = stages_data.run_data(data_gate.gate(columns), machine)
+    return search.Group([channels(data, machine)["gate"]], machine, data)
+
+
+def test_drift_that_stays_beside_a_smooth_structure_makes_it_drift():
+    group = a_gate_alone(Machine())
+    channel = group.channels[0]
+    before = noise.Noise((np.log(0.05), np.log(0.02), np.log(0.05), np.log(60.0)))
+    without_drift = before._replace(theta=(*before.theta[:2], np.log(0.001), before.theta[3]))
+    along = channel.grid.even_s / channel.grid.even_s[-1]
+    slow = noise.coefficients(np.cos(np.pi * along), channel.cut)
+    quick = noise.coefficients(np.cos(300.0 * np.pi * along), channel.cut)
+    assert open_set._slow_noise(group, "gate", slow, before, before)
+    assert not open_set._slow_noise(group, "gate", slow, before, without_drift)
+    assert not open_set._slow_noise(group, "gate", quick, before, before)
+    assert null.slow_share(slow, channel, without_drift) == 0.0
+
+
+@pytest.mark.parametrize("off_s", [-0.012, -0.006])
+def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s):
+    """Such a move has begun or is over when it is read: the likelihood has a kink, and its slope leads nowhere."""
+    group = a_gate_alone(Machine(), off_s)
+    group.settle(())
+    assert group._off["gate dead time"] == pytest.approx(off_s, abs=0.004)
 
 
 def test_one_stretch_alone_is_no_evidence():
@@ -268,19 +294,6 @@ def test_one_stretch_alone_is_no_evidence():
     late = columns["speed_mps"] / stop * np.interp(time - 0.6, time, stop)
     columns["speed_mps"] = np.where((time > 203.0) & (time < 207.0), late, columns["speed_mps"])
     assert "speed.gnss_latency" not in ids(diagnose_run(columns, Machine()))
-
-
-def test_a_dead_time_within_its_tolerance_is_no_effect():
-    """Moves shorter than a row have begun or are over when they are read: the likelihood has a kink there."""
-    machine = Machine()
-    early = machine.model_copy(update={"gate": machine.gate._replace(dead_time_s=machine.gate.dead_time_s - 0.016)})
-    columns = a_run(early, seed=21, seconds=300.0)
-    rng, time = np.random.default_rng(5), columns["time_s"]
-    command = np.round(25.0 + 8.0 * np.sin(time / 9.0) + 4.0 * np.sin(time / 3.0), 1)
-    gate = gate_run((early.gate,), no_switch(), gate_start(command[0]), GateOutput(command[0], command[0]),
-                    input_rows(GateInput, len(time), command_mm=command), time, MOST_STEP_S)
-    columns["opening_mm_cmd"], columns["opening_mm"] = command, gate[:, 1] + 0.05 * rng.standard_normal(len(time))
-    assert [name for name in ids(diagnose_run(columns, machine)) if name.startswith("gate")] == []
 
 
 def test_short_bridges_show_by_the_mass_that_stayed():
