@@ -115,6 +115,8 @@ class Frame:
     lag_test: LagTestView | None = None
     tally: Tally | None = None
     bench: BenchRun | None = None                 # while calibrating: set-points as sent, seconds gone and left
+    no_double: bool = True                        # ground that has its material gets no more
+    threshold_m: float | None = None              # of point mode, as learned, at the present speed
 
 
 _NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun,

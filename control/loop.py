@@ -7,10 +7,10 @@ from typing import NamedTuple
 from control.agronomy import fusion
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
-from control.field.coverage import Coverage
+from control.field.coverage import Coverage, Raster
 from control.field.job import Job
 from control.field.totals import Sums, Totaliser, Totals
-from control.geodesy import TangentPlane
+from control.geodesy import TangentPlane, offset
 from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
 from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.machine.fall import drop_s
@@ -82,6 +82,8 @@ class Tick(NamedTuple):
     allow: Allowances
     head_ndvi: tuple[float | None, ...]     # as many as there are heads, left to right; None: silent
     bench: BenchRun | None                  # while calibrating
+    no_double: bool                         # ground that has its material gets no more
+    threshold_m: float | None               # of point mode, as learned, at this speed
 
 
 class ControlLoop:
@@ -175,13 +177,13 @@ class ControlLoop:
         """On which places are told; None before the first fix where neither field nor map has one."""
         return self._sensing.plane
 
-    def go_on(self, sums: Sums, flow_trim: float, fence: Fence | None, plane: TangentPlane | None) -> None:
-        """Before the first tick: go on with a job that was cut off. fence: the field less what is done."""
+    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None) -> None:
+        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
         self._flow_trim.value = flow_trim
         if self._sensing.plane is None:
             self._sensing.plane = plane
-        self._fence = fence
+        self._overlap.seed(done)
 
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
@@ -333,8 +335,13 @@ class ControlLoop:
         notes = [f"limited_{pair.limited}"] if pair.limited else []
         if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
             notes.append("lag_out_of_range")
-        if self._no_double and rate <= 0.0 and not self._overlap.inside(sensed.track_m + speed * lag.total_s):
+        if by_point:
+            spread = self._dosed_earlier(sensed)
+        else:
+            spread = self._no_double and rate <= 0.0 and not self._overlap.inside(sensed.track_m + speed * lag.total_s)
+        if spread:
             notes.append("already_spread")
+        threshold_m = self._points.mode.threshold.at(speed) if by_point and self._points is not None else None
         place = None
         if sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
@@ -344,7 +351,7 @@ class ControlLoop:
                     self._totals.area_ha, self._totals.applied_kg, sensed.gnss_age_s, hz,
                     usable if speed > usable else None, self._look_ahead, self._flow_trim_on, place, tuple(notes),
                     verdict.why_state, self.safety.memory.allow, tuple(_fresh(r, now, HEAD_SILENT_S) for r in m.ndvi),
-                    self._bench_run(command, now) if calibrating else None)
+                    self._bench_run(command, now) if calibrating else None, self._no_double, threshold_m)
 
     # -- parts of a tick -----------------------------------------------------------------------------------------
 
@@ -421,7 +428,7 @@ class ControlLoop:
         """The dose to be commanded now; doses and misses become events of the row."""
         assert self._points is not None
         due = self._points.tick(sensed.time_s, sensed.track_m, sensed.speed_mps or 0.0, dt, verdict.flow_allowed,
-                                verdict.state is State.WORKING)
+                                verdict.state is State.WORKING and not self._dosed_earlier(sensed))
         self._events += [f"dose_missed {why}" for why in due.missed]
         if due.dose is None:
             return None
@@ -431,6 +438,14 @@ class ControlLoop:
             self._dose_ahead_m = self._points.given[-1].plant_m - sensed.track_m
             self._events.append(f"dose {dose.angle_deg:g}")
         return dose
+
+    def _dosed_earlier(self, sensed: Sensed) -> bool:
+        """Whether the plant of a dose commanded now has its dose from an earlier part of the job."""
+        if (not self._no_double or self._points is None or sensed.east_m is None or sensed.north_m is None
+                or sensed.heading_deg is None):
+            return False
+        ahead_m = self._points.reach_m(sensed.speed_mps or 0.0)
+        return self._overlap.earlier(offset((sensed.east_m, sensed.north_m), sensed.heading_deg, ahead_m))
 
     def _dosed_rate(self, c: Conditions) -> float:
         """What the doses amount to, kg/ha, at the mean spacing of the last ones; 0 before there are two."""

@@ -70,7 +70,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
     if before is not None:
-        go_on(loop, job, before)
+        go_on(loop, before)
     meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
                     started_utc=now_utc,
                     extra={"job_folder": str(setup.folder)} | (

@@ -197,7 +197,8 @@ class Host:
             devices=self._devices, notes=tick.notes,
             why_no_flow=tick.why_no_flow, why_state=tick.why_state, allow=tick.allow, totals=self._totals,
             head_ndvi=tick.head_ndvi, bench=tick.bench, lag_test=self.lag.view(),
-            tally=None if self._keeper is None else self._keeper.tally)
+            tally=None if self._keeper is None else self._keeper.tally, no_double=tick.no_double,
+            threshold_m=tick.threshold_m)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}

@@ -9,16 +9,13 @@ from pathlib import Path
 from console.worker import resume
 from console.worker.program import Options
 from console.worker.resume import Snapshot
-from console.worker.resume_ground import Undone
 from console.worker.resume_tail import with_tail
-from control.field.boundary import Boundary
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.loop import ControlLoop
 from control.machine.machine import Machine
 from control.orders import Strategy
 from control.simulation.tractor import field_path
-from control.targets.fence import Fence
 
 SEARCH_M = 0.5              # along the simulated tractor's way
 
@@ -45,11 +42,10 @@ def job_to_go_on(job: Job, machine: Machine, before: Snapshot) -> Job:
     return job.model_copy(update=update | {"simulated": job.simulated.model_copy(update=simulated)})
 
 
-def go_on(loop: ControlLoop, job: Job, before: Snapshot) -> None:
-    """Totals and trim as they were; where something lies already counts as outside the field."""
-    field = Boundary(job.field.boundary_m) if job.field.boundary_m else None
+def go_on(loop: ControlLoop, before: Snapshot) -> None:
+    """Totals and trim as they were; where something lies already the loop's guard against a second dose knows it."""
     plane = None if before.origin_deg is None else TangentPlane(*before.origin_deg)
-    loop.go_on(before.sums, before.flow_trim, Fence(Undone(before.ground, field)), plane)
+    loop.go_on(before.sums, before.flow_trim, before.ground, plane)
 
 
 def begun(options: Options, log: Path, names: tuple[str, str, str], simulated: bool, now_utc: str,

@@ -1,22 +1,19 @@
-"""Ground that is done: as it grows, as it is kept in a file, and as an edge that the loop takes care not to pass."""
+"""Ground that is done: as it grows, and as it is kept in a file."""
 from __future__ import annotations
 
 import base64
 import zlib
 from collections import deque
-from math import cos, hypot, isfinite, radians, sin
-from typing import Any, NamedTuple
+from math import hypot
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from control.field.coverage import Coverage, Raster
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
-from control.targets.fence import Edge
 
 CELL_M = 0.25               # at most a sixth of the width
-STEP_M = 0.1                # along a line that is searched for done ground
 TRACK_STEP_M = 1.0          # places kept for the map: at least this far apart ...
 TRACK_PLACES = 8_000        # ... and no more than these; then every other one goes and the step doubles
 NOTHING_DONE = Raster(0.0, 0.0, CELL_M, np.zeros((1, 1), dtype=np.bool_))
@@ -107,52 +104,3 @@ def unpacked(data: dict[str, Any]) -> Raster:
         raise ValueError(f"ground: {bits.size} bytes of cells for {rows} x {columns}")
     done = np.unpackbits(bits, count=rows * columns).reshape(rows, columns).astype(np.bool_)
     return Raster(float(data["west_m"]), float(data["south_m"]), cell_m, done)
-
-
-class Undone(NamedTuple):
-    """The field less what is done, as an edge for `control.targets.fence.Fence`. field: None where none is known.
-
-    The middle of the outlets counts: ground beside a pass that it only overlaps is not done.
-    """
-
-    ground: Raster
-    field: Edge | None
-
-    def contains(self, east_m: float, north_m: float) -> bool:
-        if self.field is not None and not self.field.contains(east_m, north_m):
-            return False
-        return not bool(self._done(np.array([east_m]), np.array([north_m]))[0])
-
-    def crossings_m(self, east_m: float, north_m: float, heading_deg: float, farthest_m: float) -> list[float]:
-        """Distances ahead at which the way passes between what is to be done and what is not, rising. About 60 us."""
-        if not (isfinite(east_m) and isfinite(north_m) and isfinite(heading_deg)):
-            return []
-        ahead = np.arange(0.0, farthest_m + 0.5 * STEP_M, STEP_M)
-        angle = radians(heading_deg)
-        done = self._done(east_m + ahead * sin(angle), north_m + ahead * cos(angle))
-        changes = [float(place) for place in ahead[1:][done[1:] != done[:-1]]]
-        if self.field is None:
-            return changes
-        edges = self.field.crossings_m(east_m, north_m, heading_deg, farthest_m)
-        if not changes and not done[0]:
-            return edges
-        inside, open_now, found = self.field.contains(east_m, north_m), self.contains(east_m, north_m), []
-        covered = bool(done[0])
-        for place, of_field in sorted([(p, True) for p in edges] + [(p, False) for p in changes]):
-            if of_field:
-                inside = not inside
-            else:
-                covered = not covered
-            if (inside and not covered) != open_now:
-                open_now = not open_now
-                found.append(place)
-        return found
-
-    def _done(self, east_m: npt.NDArray[np.float64], north_m: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-        g = self.ground
-        column = np.floor((east_m - g.west_m) / g.cell_m).astype(np.int64)
-        row = np.floor((north_m - g.south_m) / g.cell_m).astype(np.int64)
-        there = (row >= 0) & (row < g.done.shape[0]) & (column >= 0) & (column < g.done.shape[1])
-        found = np.zeros(east_m.shape, dtype=np.bool_)
-        found[there] = g.done[row[there], column[there]]
-        return found

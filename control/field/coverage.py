@@ -17,6 +17,7 @@ from control.geodesy import Place, apart_m, offset
 Floats = npt.NDArray[np.float64]
 
 _TILE = 256          # cells on a side
+_EARLIER = -math.inf # stamp of what an earlier run has done
 _EDGE_M = 1e-9       # a cell centre this far outside still counts, so that touching stretches leave no gap
 
 
@@ -65,6 +66,24 @@ class Coverage:
         self._bar: _Bar | None = None              # where the last stretch ended
         self._saved: _Bar | None = None            # worked up to here since, less than half a cell on
 
+    def seed(self, ground: Raster) -> None:
+        """Ground that an earlier run has done, with cells of any size: covered, and never just passed over.
+
+        A cell here counts when its centre lies in a done cell there.
+        """
+        rows, columns = ground.done.shape
+        south, west = (math.floor(edge / self.cell_m) for edge in (ground.south_m, ground.west_m))
+        north, east = (math.floor((edge + count * ground.cell_m) / self.cell_m)
+                       for edge, count in ((ground.south_m, rows), (ground.west_m, columns)))
+        there = [np.floor(((np.arange(first, last + 1) + 0.5) * self.cell_m - edge) / ground.cell_m).astype(np.int64)
+                 for first, last, edge in ((south, north, ground.south_m), (west, east, ground.west_m))]
+        inside = [(index >= 0) & (index < count) for index, count in zip(there, (rows, columns), strict=True)]
+        done = np.zeros((len(there[0]), len(there[1])), dtype=np.bool_)
+        done[np.ix_(*inside)] = ground.done[np.ix_(there[0][inside[0]], there[1][inside[1]])]
+        for row in range(south // _TILE, north // _TILE + 1):
+            for column in range(west // _TILE, east // _TILE + 1):
+                self._mark(row, column, south, west, done, _EARLIER)
+
     def lay(self, place: Place, heading_deg: float, flowing: bool) -> None:
         """The middle of the outlets is here; `flowing`: material has been landing since the last call.
 
@@ -99,8 +118,16 @@ class Coverage:
 
     def applied(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """`already_applied` for places (n, 2) -> (n,). Some 20 us for a few hundred places near each other."""
+        return self._travelled_m - self._stamps(places) > self.revisit_m
+
+    def applied_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether an earlier run has covered each place (n, 2) -> (n,), and this run has not since."""
+        return np.isneginf(self._stamps(places))
+
+    def _stamps(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """How far the machine had travelled when each place (n, 2) was covered last; NaN: never."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-        found = np.zeros(len(points), dtype=np.bool_)
+        found = np.full(len(points), np.nan)
         known = np.flatnonzero(np.isfinite(points[:, 0] + points[:, 1]))
         if not self._tiles or not len(known):
             return found
@@ -113,8 +140,7 @@ class Coverage:
                 if tile is None:
                     continue
                 here = (tiles[:, 0] == column) & (tiles[:, 1] == row)
-                stamps = tile[cells[here, 1] % _TILE, cells[here, 0] % _TILE]
-                found[known[here]] = self._travelled_m - stamps > self.revisit_m
+                found[known[here]] = tile[cells[here, 1] % _TILE, cells[here, 0] % _TILE]
         return found
 
     def raster(self) -> Raster:
@@ -126,7 +152,7 @@ class Coverage:
         done = np.zeros(((max(rows) - south + 1) * _TILE, (max(columns) - west + 1) * _TILE), dtype=np.bool_)
         for (row, column), tile in self._tiles.items():
             r, c = (row - south) * _TILE, (column - west) * _TILE
-            done[r:r + _TILE, c:c + _TILE] = np.isfinite(tile)
+            done[r:r + _TILE, c:c + _TILE] = ~np.isnan(tile)
         return Raster(west * _TILE * self.cell_m, south * _TILE * self.cell_m, self.cell_m, done)
 
     def _end_stretch(self, bar: _Bar | None) -> None:
@@ -146,9 +172,10 @@ class Coverage:
                   | _in_triangle(centre_e, centre_n, before.left, now.right, now.left))
         for row in range(south // _TILE, north // _TILE + 1):
             for column in range(west // _TILE, east // _TILE + 1):
-                self._mark(row, column, south, west, passed)
+                self._mark(row, column, south, west, passed, self._travelled_m)
 
-    def _mark(self, row: int, column: int, south: int, west: int, passed: npt.NDArray[np.bool_]) -> None:
+    def _mark(self, row: int, column: int, south: int, west: int, passed: npt.NDArray[np.bool_],
+              stamp: float) -> None:
         """Enter the part of `passed` (its corner at cell south, west) that lies in one tile."""
         r0, c0 = row * _TILE, column * _TILE
         r = slice(max(south, r0), min(south + passed.shape[0], r0 + _TILE))
@@ -163,7 +190,7 @@ class Coverage:
         stamps = view[here]
         self._cells += int(np.count_nonzero(np.isnan(stamps)))
         self._again += int(np.count_nonzero(self._travelled_m - stamps > self.revisit_m))
-        view[here] = self._travelled_m
+        view[here] = stamp
 
 
 def _in_triangle(east: Floats, north: Floats, a: Place, b: Place, c: Place) -> npt.NDArray[np.bool_]:

@@ -19,7 +19,7 @@ class Totals(NamedTuple):
     cv_percent: float | None             # area-weighted standard deviation over the mean
     cuc_percent: float | None            # Christiansen's uniformity, paper A, eq 1, weighted by area
     error_percent: float | None          # applied over target - 1, on the area whose target was known
-    covered_ha: float | None = None      # each place once; since the console's start
+    covered_ha: float | None = None      # each place once, earlier parts of the job too
     overlap_ha: float | None = None      # passed over again, every time; since the console's start
     metres_left_m: float | None = None   # with what the hopper holds, at the present rate
     doses: int | None = None             # of point mode

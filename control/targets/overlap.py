@@ -2,10 +2,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
-from control.field.coverage import Coverage, Covered
+from control.field.coverage import Coverage, Covered, Raster
 from control.geodesy import Place, direction
 
 LOOK_M = 16.0           # changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
@@ -46,8 +47,17 @@ class Overlap:
         self._coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
                            heading_deg if heading_deg is not None and known else 0.0, self._lands)
 
+    def seed(self, ground: Raster) -> None:
+        """What an earlier part of the job has done. START does not lift this: only the job's `no_double` does."""
+        self._coverage.seed(ground)
+        self._looked = None
+
+    def earlier(self, place: Place) -> bool:
+        """Whether an earlier part of the job has spread here."""
+        return bool(self._coverage.applied_earlier([place])[0])
+
     def started(self) -> None:
-        """The operator wants flow from here on: the done ground that the machine stands on gets it."""
+        """The operator wants flow from here on: the ground that it stands on, done in this run, gets it."""
         self._wanted_here, self._looked = True, None
 
     def look(self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float) -> None:
@@ -60,11 +70,12 @@ class Overlap:
                 (heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG:
             return
         self._looked = track_m, heading_deg
-        over = self._over(place, heading_deg)
+        over = self._over(place, heading_deg, self._coverage.applied)
         if self._wanted_here:
             ends = np.flatnonzero(~over)
             self._wanted_here = bool(over[0])
-            over[:int(ends[0]) if len(ends) else len(over)] = False
+            meant = slice(int(ends[0]) if len(ends) else len(over))
+            over[meant] = self._over(place, heading_deg, self._coverage.applied_earlier)[meant]
         self._done_here = bool(over[0])
         seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
         made = [known for known in self.places_m if known <= fired_to_m]
@@ -75,13 +86,13 @@ class Overlap:
         crossed = sum(1 for edge in self.places_m if edge <= place_m)
         return self._done_here == (crossed % 2 == 1)
 
-    def _over(self, place: Place, heading_deg: float) -> np.ndarray:
-        """Whether the machine would be over done ground, at each step ahead (k,)."""
+    def _over(self, place: Place, heading_deg: float, done_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Whether the machine would be over ground that `done_at` (n, 2) -> (n,) calls done, each step ahead (k,)."""
         east, north = direction(heading_deg)
         places = np.empty((len(self._ahead), len(self._aside), 2))
         places[..., 0] = place[0] + self._ahead[:, None] * east + self._aside * north
         places[..., 1] = place[1] + self._ahead[:, None] * north - self._aside * east
-        done = self._coverage.applied(places.reshape(-1, 2)).reshape(places.shape[:2])
+        done = done_at(places.reshape(-1, 2)).reshape(places.shape[:2])
         over = done.mean(axis=1) >= SHARE
         return without_short(over, round(SHORTEST_M / STEP_M))
 

@@ -141,3 +141,15 @@ def test_edges_of_done_ground_lie_where_they_are_seen() -> None:
     assert not overlap.inside(14.5), "once off it, it is done ground again"
     overlap.look(15.0, None, None, float("-inf"))
     assert overlap.inside(15.0), "no place known: nothing counts as done"
+
+
+def test_start_lifts_ground_of_this_run_only() -> None:
+    earlier = Coverage(WIDTH_M, 0.25)
+    for k in range(400):
+        earlier.lay((0.1 * k - 20.0, 10.0), 90.0, True)
+    overlap = Overlap(Coverage(WIDTH_M), 6)
+    overlap.seed(earlier.raster())
+    overlap.started()
+    overlap.look(15.0, (0.0, 10.0), 0.0, float("-inf"))
+    assert not overlap.inside(15.0) and overlap.inside(17.0)
+    assert overlap.earlier((0.0, 10.0)) and not overlap.earlier((0.0, 13.0))

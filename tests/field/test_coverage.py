@@ -126,3 +126,22 @@ def test_standing_still_does_nothing():
 def test_cells_that_do_not_fit_are_refused(width, cell):
     with pytest.raises(ValueError, match="allowed is a cell"):
         Coverage(width, cell)
+
+
+@pytest.mark.parametrize("cell_m", [0.2, 0.25, 0.4])
+def test_what_an_earlier_run_has_done_is_done_and_done_again_is_overlap(cell_m):
+    earlier = Coverage(2.4, cell_m)
+    straight(earlier, (-31.3, 7.1), 20.0, 60.0)
+    coverage = Coverage(2.4)
+    coverage.seed(earlier.raster())
+    assert coverage.covered.area_ha == pytest.approx(earlier.covered.area_ha, rel=0.02)
+    assert coverage.covered.overlap_ha == 0.0
+    along = [offset((-31.3, 7.1), 20.0, ahead, aside) for ahead in (1.0, 35.0, 59.0) for aside in (-0.9, 0.0, 0.9)]
+    beside = [offset((-31.3, 7.1), 20.0, ahead, aside) for ahead, aside in ((-1.0, 0.0), (30.0, 1.8), (61.0, 0.0))]
+    assert coverage.applied(along).all() and coverage.applied_earlier(along).all()
+    assert not coverage.applied(beside).any() and not coverage.applied_earlier(beside).any()
+    assert coverage.raster().done.sum() * 0.04 == pytest.approx(144.0, rel=0.03)
+    straight(coverage, offset((-31.3, 7.1), 20.0, 20.0), 20.0, 10.0)
+    assert coverage.covered.overlap_ha * 1e4 == pytest.approx(24.0, rel=0.06)
+    assert coverage.applied_earlier(along).tolist() == [True] * 9
+    assert not coverage.applied_earlier([offset((-31.3, 7.1), 20.0, 25.0)])[0], "now this run has done it"

@@ -14,7 +14,9 @@ from typer.testing import CliRunner
 from console.cli import app
 from console.worker.assemble import assemble
 from console.worker.program import Options
+from control.field.coverage import Raster
 from control.field.job import Camera, Job, Plants, Wanted
+from control.field.totals import NOTHING
 from control.geodesy import TangentPlane
 from control.orders import Do, Order, TargetSource
 from control.readings import DoseOrder, PlantSeen
@@ -83,6 +85,32 @@ def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Se
     missed = events(ticks)["dose_missed no_flow"]
     assert missed >= 5, "the plants before the field's edge"
     assert found.missed <= missed
+
+
+@pytest.mark.parametrize("no_double", [True, False])
+def test_plants_dosed_before_a_power_cut_are_passed_by(bench: Setup, no_double: bool) -> None:
+    job = job_of(bench, {"passes": 1}, learn_threshold=False, camera=None)
+    plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
+    plants = PlantList([plane.to_deg(0.0, way) for way in np.arange(2.0, 40.0, 0.4)], plane)
+    plant = simulated_machine(bench.machine, job, 1, TICK_S, plants=plants)
+    loop = control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
+    loop.go_on(NOTHING, 1.0, Raster(-3.0, 6.0, 0.25, np.ones((24, 24), dtype=np.bool_)), plane)
+    loop.order(Order(Do.NO_DOUBLE, no_double))
+    dosed, missed, spread = [], [], 0
+    for step in simulated_run(plant, loop, 45.0, [(4.0, Order(Do.READY)), (4.1, Order(Do.START))]):
+        tick = step.tick
+        spread += "already_spread" in tick.notes
+        if "dose_missed" in (tick.row.events or "") and tick.place_m is not None:
+            missed.append(tick.place_m[1])
+        if tick.command.dose is not None and tick.place_m is not None:
+            dosed.append(tick.place_m[1] + loop.dose_ahead_m)
+    again = [north for north in dosed if 6.2 < north < 11.8]
+    assert any(north < 5.8 for north in dosed) and any(north > 12.2 for north in dosed), dosed[-1]
+    if no_double:
+        assert not again and spread > 50
+        assert not [north for north in missed if 6.2 < north < 11.0], "nothing is missed where nothing is owed"
+    else:
+        assert len(again) >= 8 and spread == 0
 
 
 def test_held_and_off_the_shaft_gets_no_dose(bench: Setup) -> None:

@@ -96,7 +96,9 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     assert abs(north[0] - before[-1].place_m[1]) < 3.0, "the simulated tractor stands where it stopped"
 
 
-def test_what_is_done_gets_nothing_a_second_time(morning, tmp_path):
+@pytest.mark.parametrize(("told", "second_dose"), [
+    (None, False), (Order(Do.ALLOW_OUTSIDE, True), False), (Order(Do.NO_DOUBLE, False), True)])
+def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(morning, tmp_path, told, second_dose):
     """The machine stands 30 m before the place where it stopped, and works."""
     before, parts = morning
     kept = resume.read(resume.beside(parts.writer.path))
@@ -106,12 +108,12 @@ def test_what_is_done_gets_nothing_a_second_time(morning, tmp_path):
     data["time_s"] = data["sums_s"] = 1e9            # the tail is in it
     moved = tmp_path / "moved.resume.json"
     moved.write_text(json.dumps(data))
-    _frames, later = run(tmp_path / "c.csv", 45.0, resumed=moved)
+    _frames, later = run(tmp_path / "c.csv", 45.0, resumed=moved, orders={} if told is None else {2.0: told})
     plane_rows = [row for row in read_log(later.writer.path).rows() if row.state == "working" and row.lat_deg]
     north = [(row.lat_deg - 34.28) * 110_920.0 - 2.0 for row in plane_rows]           # of the outlets
     given = [(n, row.shaft_rpm or 0.0) for n, row in zip(north, plane_rows, strict=True)]
     done_to = stopped - 8.0                          # the last 5 s are not in this snapshot
-    assert max(rpm for n, rpm in given if n < done_to - 3.0) < 5.0
+    assert (max(rpm for n, rpm in given if n < done_to - 3.0) > 20.0) is second_dose
     assert max(rpm for n, rpm in given if n > stopped + 3.0) > 20.0
 
 

@@ -46,6 +46,8 @@ class FakeTick:
     allow: Allowances = field(default_factory=lambda: Allowances(outside=True))
     head_ndvi: tuple[float | None, ...] = (0.5, None)
     bench: BenchRun | None = field(default_factory=lambda: BenchRun(50.0, 20.0, 3.0, 117.0))
+    no_double: bool = False
+    threshold_m: float | None = -0.12
 
 
 class FakeBench:
