@@ -341,6 +341,9 @@ class ControlLoop:
             spread = self._no_double and rate <= 0.0 and not self._overlap.inside(sensed.track_m + speed * lag.total_s)
         if spread:
             notes.append("already_spread")
+        if self._headland is not None and self._headland_target is not None and not self._headland.inside(
+                sensed.track_m + speed * lag.total_s):
+            notes.append("on_headland")
         threshold_m = self._points.mode.threshold.at(speed) if by_point and self._points is not None else None
         place = None
         if sensed.east_m is not None and sensed.north_m is not None:

@@ -18,6 +18,7 @@ from textual.worker import Worker
 from console.app import actions, themes, words
 from console.app.action import ANYWHERE, JOB, REPLAY, RUN
 from console.app.alarms import Bell, entries
+from console.app.allowing import allow_choices
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
 from console.app.fields import FieldPictures
@@ -443,15 +444,10 @@ class TopdressApp(App[None], inherit_bindings=False):
         def answer(value: str | None) -> None:
             if value is not None:
                 do, _colon, yes = value.partition(":")
-                self.give(Do(do), yes == "yes")
+                self.give(Do(do), yes == "True")
 
-        self.push_screen(ChoiceDialog(_("Allow"), (
-            Choice(f"{Do.ALLOW_REVERSE}:yes", _("flow while reversing: allow")),
-            Choice(f"{Do.ALLOW_REVERSE}:no", _("flow while reversing: forbid")),
-            Choice(f"{Do.ALLOW_OUTSIDE}:yes", _("flow outside the field: allow")),
-            Choice(f"{Do.ALLOW_OUTSIDE}:no", _("flow outside the field: forbid")),
-            Choice(f"{Do.GO_ON_UNLOGGED}:yes", _("work without a log: allow")),
-            Choice(f"{Do.GO_ON_UNLOGGED}:no", _("work without a log: forbid"))), ""), answer)
+        self.push_screen(ChoiceDialog(_("Allow"), allow_choices(self.arrival.frame), "", _(
+            "All but the second dose end with STOP.")), answer)
 
     def _do_look_ahead(self) -> None:
         frame = self.arrival.frame

@@ -6,9 +6,10 @@ from typing import NamedTuple
 from console.app import words
 from console.app.job_desk import Facts
 from console.app.units import Units
-from console.app.view import STALE_S, Item, Shown, duration, wall_clock
+from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
 from console.locale import N_, _
+from control.field.totals import Totals
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
@@ -158,17 +159,25 @@ def totals(frame: Frame | None, age_s: float, units: Units) -> tuple[Item, ...]:
     items = [
         Item(_("area"), Shown(units.area.full(t.area_ha), old)),
         Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
-        Item(_("against target"), Shown(error, old)),
+        Item(_("covered"), Shown(_covered(t, units), old)),
         Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
         Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
-        Item(_("CV"), Shown(cv, old)),
-        Item(_("evenness C_uc"), Shown(cuc, old)),
+        *(point_items(frame, old, units) or (
+            Item(_("against target"), Shown(error, old)),
+            Item(_("CV, C_uc"), Shown(f"{cv}  {cuc}", old)))),
         Item(_("working"), Shown(duration(t.worked_s), old)),
         Item(_("held"), Shown(duration(held_s), old)),
         Item(_("gate moves"), Shown("--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),
                                     old)),
         Item(_("filled in"), Shown("--" if filled is None else units.mass.full(filled), old))]
     return tuple(items)
+
+
+def _covered(t: Totals, units: Units) -> str:
+    """Ground that got something, each place once, and what was passed over again."""
+    if t.covered_ha is None or t.overlap_ha is None:
+        return "--"
+    return f"{units.area.full(t.covered_ha)}  {_('twice {area}').format(area=units.area.full(t.overlap_ha))}"
 
 
 def refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str, ...]:

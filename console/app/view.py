@@ -19,6 +19,7 @@ RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but neve
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
 LAG_NOTE = "lag_out_of_range"
+PLACE_NOTES = ("already_spread", "on_headland")      # of the ground ahead: told while working only
 ERROR_SPAN = 0.30             # the error bar's end
 
 
@@ -165,7 +166,7 @@ def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:
 def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]) -> StatusView:
     row = frame.row
     state = row.state or ""
-    own = (_("SIMULATED"),) if frame.simulated else ()
+    own = ((_("SIMULATED"),) if frame.simulated else ()) + words.allowed_words(frame.allow)
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
     return StatusView(state, words.STATE_SYMBOLS.get(state, " "), words.state_word(row.state),
                       words.strategy_word(row.strategy), words.source_word(row.target_source), "", own + marks,
@@ -198,7 +199,18 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
                      Shown(units.rate.text(row.applied_rate_kg_ha), old), units.rate.name, nudge,
                      Shown("--" if error is None else signed_percent(100 * error), old),
                      None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2), level,
-                     ", ".join(words.note_word(note) for note in frame.notes if note != LAG_NOTE))
+                     why_other_rate(frame))
+
+
+def why_other_rate(frame: Frame) -> str:
+    """Why nothing flows while working, else why the rate is not the one wanted; in words, empty where all is plain."""
+    row, at_work = frame.row, frame.row.state in (None, "working")
+    notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or note not in PLACE_NOTES)]
+    if at_work and frame.why_no_flow:
+        notes = list(frame.why_no_flow)
+    elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:
+        notes = ["rate_is_zero"]
+    return ", ".join(words.note_word(note) for note in notes)
 
 
 def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
@@ -254,15 +266,28 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
     unsure = f"  ! {_('range')}" if LAG_NOTE in frame.notes else ""
     lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}{unsure}"
     trim = "--" if row.flow_trim is None else f"{row.flow_trim:.3f}"
+    by_plant = point_items(frame, old, units)
     return (
         Item(_("GNSS"), Shown(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)),
         Item(_("fix age"), Shown(f"{age} s  {hz} Hz", gnss_old)),
         Item(_("look-ahead"), Shown(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)),
-        Item(_("scale trim"), Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old)),
-        Item(_("done"), Shown(units.area.full(frame.area_ha), old)),
+        *(by_plant or (
+            Item(_("scale trim"), Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old)),
+            Item(_("done"), Shown(units.area.full(frame.area_ha), old)))),
         Item(_("applied"), Shown(f"{units.mass.full(frame.applied_kg)}  "
                                  f"{_('mean {rate}').format(rate=units.rate.full(mean))}", old)),
     )
+
+
+def point_items(frame: Frame, old: bool, units: Units) -> tuple[Item, ...]:
+    """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where not in point mode."""
+    t = frame.totals
+    if frame.threshold_m is None or t is None or t.doses is None:
+        return ()
+    metres = units.fine_distance._replace(decimals=2)
+    return (Item(_("doses"), Shown(_("{count}  missed {missed}").format(count=t.doses, missed=t.doses_missed or 0),
+                                   old)),
+            Item(_("threshold"), Shown(f"{frame.threshold_m * metres.per_si:+.{metres.decimals}f} {metres.name}", old)))
 
 
 def _device_old(frame: Frame, name: str) -> bool:

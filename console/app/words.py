@@ -7,7 +7,7 @@ from typing import NamedTuple
 from console.app.units import METRIC, Unit, Units
 from console.locale import N_, _
 from control.orders import Alarm, Severity
-from control.safety import ALARMS, REFUSALS, read_refusal
+from control.safety import ALARMS, REFUSALS, Allowances, read_refusal
 
 STATES = {
     "off": N_("OFF"), "ready": N_("READY"), "working": N_("WORKING"), "held": N_("HELD"),
@@ -36,7 +36,9 @@ NOTES = {
     "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
     "outside_field": N_("lands outside field"), "work_switch_up": N_("work switch is up"),
     "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
+    "already_spread": N_("already spread"), "on_headland": N_("headland"), "rate_is_zero": N_("rate here is zero"),
 }
+ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK")}
 
 ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "no_lag_rig": N_("No lag rig is heard."),
@@ -114,6 +116,11 @@ def answer_words(why: str) -> str:
 def note_word(note: str) -> str:
     """A note of the loop or an interlock in a word or two; the id where it is not known here."""
     return _(NOTES.get(note, note))
+
+
+def allowed_words(allow: Allowances) -> tuple[str, ...]:
+    """What the operator told safety to put up with, a mark each."""
+    return tuple(_(word) for name, word in ALLOWANCES.items() if getattr(allow, name))
 
 
 def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:

@@ -104,8 +104,19 @@ def test_totals_in_words(frames):
     worked_s = frame.totals.worked_s
     assert shown["held"] == "02:10" and shown["filled in"] == "275 kg"
     assert shown["gate moves"] == ("--" if worked_s < 60.0 else f"{60 * 3600 / worked_s:.0f} an hour")
-    assert shown["mean rate"].endswith("kg/ha") and shown["CV"].endswith("%") and shown["evenness C_uc"].endswith("%")
+    assert shown["mean rate"].endswith("kg/ha") and shown["CV, C_uc"].count("%") == 2
+    assert shown["covered"] == "--"
     assert all(item.value.stale for item in totals(frame, 3.0, METRIC))
+
+
+def test_ground_covered_and_doses_in_words(frames):
+    sums = frames[-1].totals._replace(covered_ha=1.184, overlap_ha=0.023, doses=412, doses_missed=3)
+    by_rate = {item.label: item.value.text for item in totals(replace(frames[-1], totals=sums), 0.0, METRIC)}
+    assert by_rate["covered"] == "1.18 ha  twice 0.02 ha" and "doses" not in by_rate
+    by_plant = {item.label: item.value.text for item in totals(
+        replace(frames[-1], totals=sums, threshold_m=-0.083), 0.0, METRIC)}
+    assert (by_plant["doses"], by_plant["threshold"]) == ("412  missed 3", "-0.08 m")
+    assert "CV, C_uc" not in by_plant and len(by_plant) == len(by_rate)
 
 
 async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(job_app, desk, shown):

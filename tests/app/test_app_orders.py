@@ -62,8 +62,9 @@ ASKED = [
     (("t", "2", "enter"), Order(Do.STRATEGY, "speed_first")),
     (("t", "down", "down", "enter"), Order(Do.STRATEGY, "balanced")),
     (("o", "4", "enter"), Order(Do.SOURCE, "manual")),
-    (("h", "3", "enter"), Order(Do.ALLOW_OUTSIDE, True)),
-    (("h", "2", "enter"), Order(Do.ALLOW_REVERSE, False)),
+    (("h", "2", "enter"), Order(Do.ALLOW_OUTSIDE, True)),
+    (("h", "1", "enter"), Order(Do.ALLOW_REVERSE, True)),
+    (("h", "4", "enter"), Order(Do.NO_DOUBLE, False)),
     (("f", "2", "5", "0", "enter"), Order(Do.REFILL, 250.0)),
 ]
 

@@ -8,13 +8,14 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.gallery import StillSource
 from console.app.screens.gone import GoneScreen
-from console.app.view import STALE_S
+from console.app.view import STALE_S, why_other_rate
 from console.app.widgets.alarm_bar import AlarmBar
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import Panel
 from console.app.widgets.rates import Rates
 from console.link import WorkerGone
 from control.orders import Alarm, Do, Order, Severity
+from control.safety import Allowances
 
 SIZE = (120, 40)
 
@@ -278,6 +279,37 @@ async def test_why_no_flow_stands_beside_the_applied_rate(app, source, frames, s
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
         assert any("applied" in row and "lands outside field" in row for row in shown(app))
+
+
+def state_of(frame, state, **more):
+    return replace(frame, row=frame.row._replace(state=state, target_rate_kg_ha=0.0), **more)
+
+
+@pytest.mark.parametrize(("state", "seen", "says"), [
+    ("working", {"why_no_flow": ("low_speed",), "notes": ("limited_zero",)}, "too slow"),
+    ("working", {"why_no_flow": ("outside_field", "reversing")}, "lands outside field, reversing"),
+    ("working", {"notes": ("already_spread",)}, "already spread"),
+    ("working", {"notes": ("on_headland", "lag_out_of_range")}, "headland"),
+    ("working", {}, "rate here is zero"),
+    ("held", {"why_no_flow": ("not_working",), "notes": ("already_spread",)}, ""),
+])
+def test_why_nothing_flows_in_words(frames, state, seen, says):
+    assert why_other_rate(state_of(frames[-1], state, **seen)) == says
+
+
+async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, source, frames, shown):
+    source.newest = replace(frames[-1], allow=Allowances(outside=True), no_double=False)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        assert "OUTSIDE OK" in shown(app)[0] and "REVERSE OK" not in shown(app)[0]
+        await pilot.press("h")
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "flow outside the field: ALLOWED now, forbid" in text
+        assert "flow while reversing: forbidden now, allow" in text
+        await pilot.press("4", "enter")
+        await pilot.pause()
+        assert source.orders == [Order(Do.NO_DOUBLE, True)]
 
 
 async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown):
