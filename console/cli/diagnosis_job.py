@@ -25,7 +25,6 @@ VIEW, RESULT, REPORT, MACHINE_FILE = "view.json", "result.json", "report.html", 
 RUN_LOG = "separating.csv"
 DRIVING = 0.55                  # share of the whole that simulating takes
 LEAST_STEP = 0.004              # of the share, that is worth a line
-MOVES_MPS = 0.3                 # slower, the machine stands
 NICE = 10                       # the control loop comes first
 
 
@@ -112,9 +111,9 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
         from control.diagnosis.run import diagnose_run
         from drivers.files.read_log import read_log
         log = read_log(data)
-        columns, left_out = without_standing(dict(log.columns))
+        columns = dict(log.columns)
         found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
-        found = dataclasses.replace(found, findings=(*map(str, log.findings), *left_out, *found.findings))
+        found = dataclasses.replace(found, findings=(*map(str, log.findings), *found.findings))
         tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
     else:
         from control.diagnosis.tables.diagnose import diagnose_tables
@@ -129,17 +128,6 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
     write_atomically(folder / VIEW, json.dumps(to_plain(view)))
     tell(0.9, "report")
     _report(found, tools, folder / REPORT)
-
-
-def without_standing(columns: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The columns without speeds and canopy heads where the machine stood all the time: wheel and GNSS then show their
-    noise alone, and each head its own piece of canopy. Besides, what is said of that."""
-    import numpy as np
-    speeds = [np.asarray(columns[name], np.float64) for name in ("speed_mps", "wheel_speed_mps") if name in columns]
-    if not speeds or any(np.nanmax(speed, initial=0.0) >= MOVES_MPS for speed in speeds):
-        return columns, ()
-    kept = {name: values for name, values in columns.items() if "speed" not in name and not name.startswith("ndvi")}
-    return kept, ("the machine stood all the time: its speeds and canopy heads are left out",)
 
 
 def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:

@@ -22,6 +22,7 @@ NEEDED = {
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
 LEAST_ROWS = 40
+MOVES_MPS = 0.3             # a log whose speeds never exceed this stood all the time
 HELD_AT_MOST_S = 3.0
 
 
@@ -57,8 +58,13 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
     _units(found, findings)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = _without_held(name, found[name], float(np.median(np.diff(time))), findings)
+    stood = _stood(found)
+    if stood:
+        findings.append("the machine stood all the time: its speeds and canopy heads are left out")
     stages = []
     for stage, needed in NEEDED.items():
+        if stood and stage in ("speed", "heads"):
+            continue
         missing = [name for name in needed if np.isfinite(found[name]).sum() < LEAST_ROWS]
         if missing:
             findings.append(f"stage {stage} is left out: column {missing[0]} is missing or nearly empty")
@@ -117,6 +123,15 @@ def _units(found: dict[str, Array], findings: list[str]) -> None:
             findings.append(f"column {name}: values look like km/h (median {typical[name]:.1f}); divided by 3.6")
             found[name] = found[name] / 3.6
             return
+
+
+def _stood(found: dict[str, Array]) -> bool:
+    """Whether it never moved, single outliers apart.
+
+    Then wheel and GNSS show their noise alone, and each head its own piece of canopy.
+    """
+    known = [found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()]
+    return bool(known) and all(float(np.nanquantile(speed, 0.98)) < MOVES_MPS for speed in known)
 
 
 def _without_held(name: str, values: Array, step_s: float, findings: list[str]) -> Array:

@@ -26,6 +26,7 @@ RIVAL_SHARE = 0.03          # ... and within this share of what the cause explai
 TANGLED = 0.97              # two effects whose sizes hang together like this are not two findings
 FALSE_ALARMS = 0.002        # of one group of channels in one log
 LEAST_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
+LEAST_SHARE_WITHOUT_BLOCK = 0.2     # of the gain
 DRIFT_FACTOR = 1.6          # of the threshold, for what is as slow as the drift that the log has
 REFITTED = 4                # best of a scan that are refitted in full
 
@@ -108,7 +109,8 @@ def _holds(group: Group, found: Refit, k: int, gain: float, threshold: float) ->
     others = (*found.parts[:k], *found.parts[k + 1:])
     trace = group.trace(found.parts, k)
     seen = scores(group, others, found.noise, [trace])
-    if without_best_block(seen, 0) < LEAST_WITHOUT_BLOCK * threshold or gain < threshold * spread_over(seen, 0) ** 0.5:
+    least = max(LEAST_WITHOUT_BLOCK * threshold, LEAST_SHARE_WITHOUT_BLOCK * gain)
+    if without_best_block(seen, 0) < least or gain < threshold * spread_over(seen, 0) ** 0.5:
         return False
     if gain < DRIFT_FACTOR * threshold and any(
             slow_share(trace.coefficients[c.name], c, found.noise[c.name]) > SLOW_ENERGY
@@ -190,8 +192,10 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
         reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
         found = []
-        for f in _one_of_each(group.scan(others, alone.noise))[:8]:
-            if f.part.id == part.id or f.gain < gain - 3.0 * reach - 10.0:
+        scanned = _one_of_each(group.scan(others, alone.noise))[:8]
+        own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
+        for f in scanned:
+            if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:
                 continue
             tried = group.refit((*others, f.part), now.noise)
             behind = 2.0 * (now.log_likelihood - tried.log_likelihood)

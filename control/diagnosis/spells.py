@@ -69,6 +69,10 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     spread = 1.4826 * float(np.median(np.abs(ratio[moving] - 1.0)))
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
     deep = max(LEAST_DIP, DIP_SD * spread)
+    if not (moving & (ratio < usual - deep)).any():
+        return s, None
+    usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
+    deep = max(deep, 0.5 * usually)         # a GNSS outlier this large upwards is as odd as a dip is
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
     starts, odd = _starts(dips), _starts(rises)
     if starts < LEAST_DIPS + 3 * odd:

@@ -11,7 +11,6 @@ import pytest
 import yaml
 
 from console.app.diagnosis_data import Stop, Stopped
-from console.cli import diagnosis_job
 from console.cli.diagnosis_services import DiagnosisFiles
 from console.cli.diagnosis_view import sorted_out
 from console.cli.separating_run import _DRIVES, drive_of, run_id
@@ -141,15 +140,6 @@ def test_scoped_late_and_sizeless_effects_are_refused():
     assert kept == ("flow.gain",)
     assert [why.split(":")[0] for why in refused] == ["lag.offset", "shaft.stall", "scale.gain", "shaft.gain"]
     assert "holds in the rows of t.csv after only" in refused[0] and "during the run" in refused[1]
-
-
-def test_a_log_of_a_machine_that_stood_keeps_no_speeds():
-    columns = {"time_s": np.arange(4.0), "speed_mps": np.full(4, 0.01), "wheel_speed_mps": np.zeros(4),
-               "ndvi_1": np.ones(4), "hopper_kg": np.ones(4)}
-    kept, said = diagnosis_job.without_standing(columns)
-    assert set(kept) == {"time_s", "hopper_kg"} and "stood" in said[0]
-    moving = columns | {"speed_mps": np.array([0.0, 0.0, 1.2, np.nan])}
-    assert diagnosis_job.without_standing(moving) == (moving, ())
 
 
 # --- the separating run ----------------------------------------------------------------------------------------------

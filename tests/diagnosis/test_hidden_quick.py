@@ -78,8 +78,6 @@ def test_single_effects_are_named(exam: Any) -> None:
     assert sum(m.honest for m in marks) >= len(marks) - 1, _said(marks)
 
 
-@pytest.mark.xfail(strict=False, reason="0 of 2 right: case 4 gate.stuck right, but scale.gain 2.8 % called "
-                                        "flow.fill_falloff -7.6 %; case 6 both right, and missed_pulses 2.8 % on top")
 def test_two_at_once_are_named(exam: Any) -> None:
     marks = exam.marks(PAIR, "pair")
     assert all(m.z >= STRONG_Z for m in marks), "the generator changed: pick the numbers anew"

@@ -1,0 +1,31 @@
+"""What the data gate leaves out, and that it says so."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.diagnosis.data_gate import gate
+
+ROWS = 400
+
+
+def columns(speed_mps):
+    rng = np.random.default_rng(1)
+    heads = {f"ndvi_{k}": rng.normal(0.5, 0.01, ROWS) for k in range(1, 7)}
+    return {"time_s": 0.1 * np.arange(ROWS), "speed_mps": speed_mps, "wheel_speed_mps": np.zeros(ROWS),
+            "shaft_rpm_cmd": np.full(ROWS, 50.0), "shaft_rpm": rng.normal(50.0, 0.3, ROWS)} | heads
+
+
+def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads():
+    speed_mps = np.abs(np.random.default_rng(2).normal(0.0, 0.02, ROWS))
+    speed_mps[77] = 4.0                                       # an outlier of the receiver is no journey
+    clean = gate(columns(speed_mps))
+    assert clean.stages == ("shaft",)
+    assert any("stood all the time" in text for text in clean.findings)
+
+
+def test_a_machine_that_stood_for_most_of_it_did_move():
+    speed_mps = np.zeros(ROWS)
+    speed_mps[:60] = 1.3
+    clean = gate(columns(speed_mps))
+    assert clean.stages == ("shaft", "speed", "heads")
+    assert not any("stood" in text for text in clean.findings)
