@@ -15,7 +15,7 @@ def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
     found = ((Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
              (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
              (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),
-             (Do.NO_DOUBLE, _("a second dose on ground that has its material"), not no_double))
+             (Do.NO_DOUBLE, _("a second dose on done ground"), not no_double))
     return tuple(Choice(f"{do.value}:{allowed if do is Do.NO_DOUBLE else not allowed}", _line(what, allowed))
                  for do, what, allowed in found)
 

@@ -262,6 +262,19 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
         assert Order(Do.STOP) not in source.orders, "an x in a name is a letter"
 
 
+async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, frames, opened):
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot)
+        frame = standing(frames[-1])
+        for step in range(60):
+            row = frame.row._replace(time_s=frame.row.time_s + 0.2 * step, shaft_rpm=70.0 if step < 50 else 0.0,
+                                     state="working" if step < 50 else "held")
+            source.newest = replace(frame, seq=frame.seq + 1 + step, row=row)
+            clock.now_s += 0.2
+            app.tick()
+        assert page.desk.test.turned.revolutions == 0.0 and page.desk.test.phase == "settle"
+
+
 async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(app, opened, shown):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)

@@ -9,6 +9,8 @@ from console.app.app import TopdressApp
 from console.app.log_files import LogFile
 from console.app.replay_job import ReplayJob
 from console.app.services import Services
+from console.app.widgets.field_map import FieldMap
+from console.app.widgets.trend import Trend
 
 
 class Shelf:
@@ -67,3 +69,14 @@ async def test_no_log_yet_is_said(app_with):
         await pilot.press("f7", "o")
         await pilot.pause()
         assert "no log yet" in app.notice_text
+
+
+async def test_before_a_log_is_open_nothing_of_the_machine_is_shown_as_its_own(app_with):
+    app = app_with()
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("f7")
+        await pilot.pause()
+        page = app.replay_page
+        assert page.query_one("#trend", Trend).view.points == ()
+        assert page.query_one("#map", FieldMap).view.worked.box is None
+        assert page.query_one("#map", FieldMap).view.picture is None

@@ -107,6 +107,11 @@ class CatchTest:
         if self.points:
             self.points.pop()
 
+    def pause(self) -> None:
+        """The machine does other things: what the shaft turns now is no catch."""
+        self._last = None
+        self._resting_kg.clear()
+
     def see(self, time_s: float, shaft_rpm: float | None, opening_mm: float | None, hopper_kg: float | None,
             running: bool) -> None:
         """One frame. running: a run is going on; the shaft is counted until it stands again."""

@@ -16,6 +16,7 @@ from control.orders import Do, Order
 
 SPEEDS_APART_RPM = 1.0        # closer settings are one setting
 OPENINGS_APART_MM = 0.5
+BENCH_STATES = ("calibrating", "ready")      # let go of, a run is over at once, and the shaft stands a little later
 
 
 class CatchDesk(Desk):
@@ -32,7 +33,11 @@ class CatchDesk(Desk):
 
     def see(self, seen: Seen) -> None:
         frame = seen.frame
-        if frame is not None:
+        if frame is None:
+            return
+        if frame.row.state not in BENCH_STATES:
+            self.test.pause()
+        else:
             self.test.see(frame.row.time_s, frame.row.shaft_rpm, frame.row.opening_mm, frame.row.hopper_kg,
                           seen.calibrating)
 

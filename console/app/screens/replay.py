@@ -12,11 +12,14 @@ from textual.worker import Worker, WorkerState
 from console.app import words
 from console.app.action import REPLAY
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
-from console.app.history import LogHistory
+from console.app.field_picture import FieldPicture
+from console.app.history import LogHistory, Point
 from console.app.replay_job import ReplayJob, WhatIf
 from console.app.screens.base import PanelScreen
+from console.app.screens.log_page import EMPTY_GROUND
 from console.app.view import RunView, duration
 from console.app.widgets.replay_bar import ReplayBar, ReplayView
+from console.app.worked import Worked
 from console.frame import Frame
 from console.locale import _
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
@@ -74,6 +77,12 @@ class ReplayScreen(PanelScreen):
 
     def replayed(self) -> ReplayJob | None:
         return self.job
+
+    def points(self) -> tuple[Point, ...]:
+        return () if self.job is None else super().points()
+
+    def ground(self, frame: Frame | None) -> tuple[Worked, FieldPicture | None]:
+        return (EMPTY_GROUND, None) if self.job is None else super().ground(frame)
 
     def history(self) -> LogHistory:
         """What is remembered of the frames that are played now."""
