@@ -294,7 +294,7 @@ class Rules(RuleBasedStateMachine):
         sent = limited(DriveCommand(shaft_rpm, opening_mm), limits, self.verdict.flow_allowed, opening_now_mm=20.0)
         assert sent.shaft_rpm == 0.0 or limits.shaft_min_rpm <= sent.shaft_rpm <= limits.shaft_max_rpm
         assert limits.opening_min_mm <= sent.opening_mm <= limits.opening_max_mm
-        assert self.verdict.flow_allowed or sent == (0.0, 20.0)
+        assert self.verdict.flow_allowed or sent == (0.0, 20.0, None)
 
     @invariant()
     def state_agrees(self):
