@@ -82,7 +82,8 @@ def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
             machine="huanghai", crop="winter wheat", log_path="run.csv", simulated=True, place_m=(east, north),
             devices=tuple(DeviceView(name, f"sim://{name}", name, True, 0.05, 10.0, index, 0)
                           for name in ("gnss", "heads", "board")),
-            totals=worked.snapshot(), tally=Tally(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z")))
+            totals=worked.snapshot()._replace(covered_ha=0.97 * area_ha, overlap_ha=0.03 * area_ha),
+            tally=Tally(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z")))
     return frames
 
 

@@ -105,7 +105,7 @@ def test_totals_in_words(frames):
     assert shown["held"] == "02:10" and shown["filled in"] == "275 kg"
     assert shown["gate moves"] == ("--" if worked_s < 60.0 else f"{60 * 3600 / worked_s:.0f} an hour")
     assert shown["mean rate"].endswith("kg/ha") and shown["CV, C_uc"].count("%") == 2
-    assert shown["covered"] == "--"
+    assert shown["covered"].startswith(f"{0.97 * frame.area_ha:.2f} ha  twice")
     assert all(item.value.stale for item in totals(frame, 3.0, METRIC))
 
 
