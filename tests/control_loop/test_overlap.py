@@ -100,7 +100,10 @@ def test_the_headland_has_its_own_rate_or_none(setup: Setup) -> None:
     square = ((-20.0, 0.0), (20.0, 0.0), (20.0, 60.0), (-20.0, 60.0))
     way = [Leg(0.0, -20.0, 0.0, 120.0, 0.0)]
     for rate in (0.0, 150.0):
-        _, land, _ = driven(setup, job_of(square, headland_m=12.0, headland_rate_kg_ha=rate), way, 70.0)
+        notes: list[str] = []
+        job = job_of(square, headland_m=12.0, headland_rate_kg_ha=rate)
+        _, land, _ = driven(setup, job, way, 70.0, notes=notes)
+        assert 250 < notes.count("on_headland") < 1100, "said where it is, not in the middle of the field"
         place = land.ground.centres_m() - 20.0
         inner = land.landed_kg_ha[(place > 13.0) & (place < 47.0)]
         head = land.landed_kg_ha[((place > 1.0) & (place < 11.0)) | ((place > 49.0) & (place < 59.0))]
