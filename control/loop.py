@@ -276,7 +276,8 @@ class ControlLoop:
         if self._time_s is None:
             self._begun_s = now
             self._expected_shaft = shaft_start(0.0, now)
-            opening = m.opening_mm.value if m.opening_mm is not None else self.machine.set_points.opening_mm
+            read = self._opening(m)
+            opening = read.value if read is not None else self.machine.set_points.opening_mm
             self._expected_gate = gate_start(opening, now)
             self._expected = Pair(0.0, opening)
         self._time_s = now
@@ -322,7 +323,7 @@ class ControlLoop:
         enabled = verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
         if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             self._drive_trim.update(now, dt, self._expected.shaft_rpm, m.shaft_rpm,
-                                    self._expected.opening_mm, m.opening_mm)
+                                    self._expected.opening_mm, self._opening(m))
         if model_flow is not None and self._flow_trim_on:
             self._flow_trim.update(now, dt, model_flow, m.hopper_kg)
         bare = pair if verdict.flow_allowed else Pair(0.0, pair.opening_mm)
@@ -524,10 +525,16 @@ class ControlLoop:
                           None if m.supply_v is None else m.supply_v.value,
                           self._refilled, self._flow_trim.value if self._flow_trim_on else 1.0)
 
+    def _opening(self, m: Measurements) -> Reading | None:
+        """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""
+        read = m.opening_mm
+        return None if read is None else read._replace(value=read.value - self.machine.gate.offset_mm)
+
     def _measured_flow(self, m: Measurements, c: Conditions) -> float | None:
-        if m.shaft_rpm is None or m.opening_mm is None:
+        opening = self._opening(m)
+        if m.shaft_rpm is None or opening is None:
             return None
-        return flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, m.opening_mm.value), c)
+        return flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, opening.value), c)
 
     def _expect(self, command: DriveCommand, c: Conditions, dt: float) -> None:
         """What the drives as the model knows them do with the untrimmed set-points."""

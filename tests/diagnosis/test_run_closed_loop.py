@@ -93,3 +93,13 @@ def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> N
     told = asked.output[asked.output.index("closed loop, simulated 60 s"):].splitlines()
     assert told[1].split()[:2] == ["not", "known"] and told[2].split()[0] == "known"
     assert told[1].split("landed")[1] != told[2].split("landed")[1]
+
+
+def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: Setup) -> None:
+    shifted = (Planted("gate.offset", 1.5),)
+    known = with_effect(setup.machine, "gate.offset", 1.5)
+    job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
+    gain = closed_loop_gain(setup.machine, known, shifted, setup.crop, setup.rule, job, 200.0, seed=1)
+    before, after = gain.before, gain.after
+    assert before.bias_kg_ha / before.mean_target_kg_ha < -0.05
+    assert abs(after.bias_kg_ha) < 0.1 * abs(before.bias_kg_ha)
