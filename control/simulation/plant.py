@@ -27,6 +27,7 @@ from .plant_rows import along_way, simulated_plants
 from .tractor import Driver, Path, Pose, field_boundary, field_path
 from .vision import Vision
 
+LEAVES_S = 6.0                  # after a refill: the lid is closed first
 MODEL_STEPS = 4             # model steps a control tick
 BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)      # the decision paper's day of topdressing
 SUPPLY_WANDER_V = 0.25      # engine speed and consumers, 1 s.d.
@@ -93,6 +94,7 @@ class Plant:
         self._dose: DoseOrder | None = None
         self._begins_s: deque[float] = deque()      # when the shaft will begin the doses that were accepted
         self._doses = 0
+        self._leaves_s = 0.0
         self.parked = False                         # the driver stops, or does not start
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
@@ -176,15 +178,19 @@ class Plant:
         return turned_deg / (6.0 * step_s)
 
     def _stopped(self) -> bool:
+        return self.time_s < self._leaves_s or self._is_empty()
+
+    def _is_empty(self) -> bool:
         return self._sim.refill_at_kg > 0.0 and self._flow.hopper_kg <= self._sim.refill_at_kg
 
     def _refill(self, speed: float, dt: float) -> float:
-        if not self._stopped() or speed > 0.0:
+        if not self._is_empty() or speed > 0.0:
             self._standing_s = 0.0
             return 0.0
         self._standing_s += dt
         if self._standing_s < self._sim.refill_stop_s:
             return 0.0
+        self._leaves_s = self.time_s + LEAVES_S
         return self._true.flow.full_kg - self._flow.hopper_kg
 
     def _move(self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float) -> float:
