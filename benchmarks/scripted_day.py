@@ -1,7 +1,8 @@
 """A day at the console, key by key, in a pseudo-terminal: `python benchmarks/scripted_day.py --out day/`
 
-The real program on the simulated machine, in real time, some seven minutes. The hopper is nearly empty, so that it
-must be refilled; 15 % of the flow is missing, so that there is something to diagnose. Writes `keys.log` (time, keys,
+The real program through all its drivers on `topdress serve-machine`, in real time, some eight minutes. The hopper is
+nearly empty, so that it must be refilled; 15 % of the flow is missing, so that there is something to diagnose; the
+receiver is unplugged for a while. Writes `keys.log` (time, keys,
 what was waited for) and the screens as they stood, as text. POSIX only.
 """
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -22,19 +24,37 @@ from console.frame import Frame
 from drivers.files.read_log import read_log
 
 HIDDEN = "flow.gain=-15"
+PORT = 4300
+UNPLUGGED_S, FOR_S = 75.0, 8.0          # the receiver, since the machine was switched on
 KEYS = {"F2": "\x1bOQ", "F3": "\x1bOR", "F5": "\x1b[15~", "F7": "\x1b[18~", "F9": "\x1b[20~", "F10": "\x1b[21~",
         "Enter": "\r", "Space": " ", "Down": "\x1b[B", "Ctrl+Q": "\x11"}
 
 
 class DayConsole(Console):
-    """With a hopper that will be empty soon, and a machine that is not what its file says."""
+    """A machine of its own behind TCP: its hopper will be empty soon, and it is not what its file says."""
+
+    machine: subprocess.Popen[bytes] | None = None
 
     def open(self) -> Terminal:
-        job = yaml.safe_load(self.job.read_text(encoding="utf-8"))
-        job["simulated"] |= {"hopper_kg": 30.0, "refill_at_kg": 22.0, "refill_stop_s": 12.0}
-        self.job.write_text(yaml.safe_dump(job), encoding="utf-8")
-        program = Path(sys.executable).parent / "topdress"
-        return Terminal([str(program), "run", "--config", str(self.job), "--effect", HIDDEN], self.environment)
+        program = str(Path(sys.executable).parent / "topdress")
+        cab = self.folder / "cab.yaml"
+        if self.machine is None:
+            job = yaml.safe_load(self.job.read_text(encoding="utf-8"))
+            job["simulated"] |= {"hopper_kg": 31.0, "refill_at_kg": 22.0, "refill_stop_s": 15.0}
+            self.job.write_text(yaml.safe_dump(job), encoding="utf-8")
+            shipped = (Path(__file__).parents[1] / "configs" / "cabs" / "virtual.yaml").read_text(encoding="utf-8")
+            cab.write_text(shipped.replace("127.0.0.1:41", f"127.0.0.1:{PORT // 100}"), encoding="utf-8")
+            self.machine = subprocess.Popen(
+                [program, "serve-machine", "--port", str(PORT), "--job", str(self.job), "--effect", HIDDEN,
+                 "--fault", f"unplug:gnss@{UNPLUGGED_S:g}+{FOR_S:g}"], env=self.environment, stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL)
+        return Terminal([program, "run", "--config", str(self.job), "--config", str(cab)], self.environment)
+
+    def end_worker(self) -> None:
+        super().end_worker()
+        if self.machine is not None:
+            self.machine.terminate()
+            self.machine.wait()
 
 
 class Day:
@@ -116,13 +136,13 @@ class Day:
         self.until("opening first", lambda: self.frame.row.strategy == "opening_first")
 
     def sensor_loss(self) -> None:
-        """The receiver's line is let go on the Devices page; work goes on by the wheel."""
+        """The receiver is unplugged; work goes on by the wheel. Disconnecting by key is refused while working."""
         self.press("F5", "c")
         self.answer("Disconnect", "Enter")
-        self.until("an alarm for the receiver", lambda: any("gnss" in a.id for a in self.frame.alarms))
+        self.shows("refused", 10.0)
+        self.until("an alarm for the receiver", lambda: any("gnss" in a.id for a in self.frame.alarms),
+                   90.0)
         self.picture("receiver-gone")
-        time.sleep(3.0)
-        self.press("c")
         self.until("no such alarm", lambda: not any("gnss" in a.id for a in self.frame.alarms))
         self.press("a", "F2")
 
@@ -136,7 +156,7 @@ class Day:
         full_kg = self.frame.row.hopper_kg or 0.0
         self.until("the hopper is filled", lambda: (self.frame.row.hopper_kg or 0.0) > full_kg + 50.0, 60.0)
         self.press("F10")
-        self.shows("filled in", 40.0)
+        self.shows("the scale saw", 40.0)
         self.picture("refill-seen")
         self.press("f")
         self.answer("Enter records it", "Enter")
