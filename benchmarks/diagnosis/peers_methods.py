@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from evidence import Evidence, Linear
+from hidden.nominal import IDS, Effect
 
 Floats = npt.NDArray[np.float64]
 MOST_CAUSES = 3
@@ -22,7 +23,7 @@ PETAB_CANDIDATES = 8              # ids that it may choose from, the best by the
 
 class Small(NamedTuple):
     """Least squares of sizes alone: `x` (m, effects) and `y` (m,) with the nuisances taken out; `use`: columns of `x`
-    that anything is left of."""
+    that anything is left of, and whose size by itself is possible."""
 
     x: Floats
     y: Floats
@@ -49,7 +50,15 @@ def small(e: Evidence, linear: Linear) -> Small:
     jq, _ = np.linalg.qr(design[:, len(linear.traces):])
     x = design[:, :len(linear.traces)]
     x, y = x - jq @ (jq.T @ x), y - jq @ (jq.T @ y)
-    return Small(x, y, np.flatnonzero(np.linalg.norm(x, axis=0) > 1e-6))
+    use = [k for k, e_k in enumerate(e.effects) if np.linalg.norm(x[:, k]) > 1e-6
+           and _possible(e_k, float(x[:, k] @ y / (x[:, k] @ x[:, k])))]
+    return Small(x, y, np.array(use, np.int64))
+
+
+def _possible(effect: Effect, times: float) -> bool:
+    """By itself, the effect would have a size that the catalogue allows: a gate that stands still shows no play."""
+    kind, size = IDS[effect.id], effect.size * times
+    return abs(size) <= kind.most and (kind.sign == 0 or size * kind.sign > 0.0)
 
 
 def left(s: Small, picks: Sequence[int]) -> float:
