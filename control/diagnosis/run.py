@@ -42,6 +42,9 @@ from .whole import on_the_whole
 Progress = Callable[[float, str], None]
 Z90 = 1.645
 STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
+MOVE_SHAPED = {"gate.slow", "gate.backlash", "gate.lost_steps", "shaft.slow", "shaft.dead_time"}
+TICK_S = 0.05               # control's usual tick
+LOST_SHARE = 0.01           # of the rows
 
 
 class Cancelled(Exception):
@@ -74,6 +77,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
         step(0.1 + 0.2 * k, word)
         named.append(name(Group(members, machine, data)))
     findings += on_the_whole(log, named, machine)
+    findings += _between_rows(log, {part.id for one in named for part in one.found.parts})
     step(0.9, "result")
     return _result(log, data, machine, named, seen_off, path, tuple(findings))
 
@@ -85,6 +89,19 @@ def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
         if word in seen and (error := step_error(seen[word], plan)) > STEP_SHARE:
             found.append(f"stage {word}: halving the model's step changes the prediction by {error:.2f} of the noise")
     return found
+
+
+def _between_rows(log: Clean, ids: set[str]) -> list[str]:
+    """Said of small faults of the drives where the log may not hold every command that was given."""
+    steps = np.diff(log.time_s)
+    lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
+    doubtful = sorted(ids & MOVE_SHAPED)
+    if not doubtful or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
+        return []
+    why = f"{100.0 * lost:.0f} % of the rows are missing" if lost >= LOST_SHARE else \
+        f"rows come every {log.step_s:.2g} s, and control may decide more often"
+    return [f"{', '.join(doubtful)}: {why}: a command given between two rows is not in the log, and can look like "
+            "this; a log of every tick would tell"]
 
 
 def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], seen_off: tuple[Seen, ...],
