@@ -8,7 +8,7 @@ from control.machine.machine import CATALOGUE
 from .likelihood import projected
 from .naming import THRESHOLD, Named
 from .result import Detectable, NotShown
-from .sensitivities import LADDERS, THRESHOLDS
+from .sensitivities import LADDERS, THRESHOLDS, tolerance_of
 
 
 def not_shown(one: Named) -> list[NotShown]:
@@ -25,7 +25,7 @@ def not_shown(one: Named) -> list[NotShown]:
         effect_id = candidate.part.id
         if CATALOGUE[effect_id].effect.onset_only or stiff <= 0.0:
             continue
-        size = float(np.sqrt(THRESHOLD / stiff))
+        size = float(np.sqrt(THRESHOLD * (1.0 / stiff + tolerance_of(effect_id, group.machine) ** 2)))
         if effect_id in THRESHOLDS:
             size = abs(candidate.part.size) if size <= abs(candidate.part.size) else np.inf
         if effect_id in LADDERS and size > abs(candidate.part.size) * 2.0:

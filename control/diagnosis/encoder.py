@@ -1,4 +1,7 @@
-"""A shaft speed that is read in whole steps: found by the saw-tooth that rounding leaves over the true speed."""
+"""A shaft speed that is read in steps, noise on top: found by the saw-tooth that rounding leaves over the true speed.
+
+Without noise on top the steps are read off the readings themselves (`whole_steps`).
+"""
 from __future__ import annotations
 
 import numpy as np
@@ -17,7 +20,7 @@ LEAST = 40.0                # of the saw-tooth's squared score, over all steps t
 
 def encoder_steps(group: Group) -> list[Candidate]:
     """The step that fits best, where there is one; looked for among speeds above 5 r/min."""
-    if "shaft" not in group.names:
+    if "shaft" not in group.names or group.data.shaft is None or group.data.shaft.step > 0.0:
         return []
     predicted = group.predicted(())["shaft"]
     left = group.residual(())["shaft"]

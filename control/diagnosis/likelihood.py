@@ -14,6 +14,10 @@ from .residuals import Channel
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+MOST_ROUNDS = 15
+SLOWER = 5.0                # times, at least, that the slow part of a noise remembers longer than the fast one
+SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round
+
 
 class Column(NamedTuple):
     """What one unit of something does to the channels: cosine coefficients by channel (absent: nothing)."""
@@ -79,17 +83,45 @@ def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Arr
     return _solve(normal, right, p, chosen)
 
 
-def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = 3) -> Fit:
-    """Most probable amplitudes and noise together: each in turn, `rounds` times."""
+def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MOST_ROUNDS) -> Fit:
+    """Most probable amplitudes and noise together: each in turn until nothing is gained, at most `rounds` times.
+
+    A drift and a constant can stand for each other, so that the way from one to the other is slow.
+    """
     now = dict(noise)
     amplitude, covariance = solved(p, chosen, now)
+    before = -np.inf
     for _ in range(rounds):
         for one in p.products:
             channel = one.channel
             now[channel.name] = noises.fit(_power(one, chosen, amplitude), now[channel.name], channel.prior,
                                            channel.cut, channel.grid.step_s)
         amplitude, covariance = solved(p, chosen, now)
+        value = _value(p, chosen, amplitude, now)
+        if value - before < SETTLED:
+            break
+        before = value
     return Fit(amplitude, covariance, _value(p, chosen, amplitude, now), now)
+
+
+def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[Channel]) -> Fit:
+    """The better of two fits: from the noise given and from its calm version.
+
+    What one hypothesis left of the noise may be far from where another must start.
+    """
+    return max((fitted(p, chosen, start) for start in (noise, calm(noise, channels))),
+               key=lambda fit: fit.log_likelihood)
+
+
+def calm(noise: Mapping[str, Noise], channels: Sequence[Channel]) -> dict[str, Noise]:
+    """A noise whose slow part is no stronger than the machine file's: where a fit must start that is to tell a steady
+    effect from a drift."""
+    found = {}
+    for channel in channels:
+        here, usual = noise[channel.name].theta, noises.start(channel.prior).theta
+        fast = here[:2] if here[1] < here[3] and here[1] < usual[3] - np.log(SLOWER) else usual[:2]
+        found[channel.name] = Noise((*fast, min(here[2], usual[2]), usual[3]))
+    return found
 
 
 def _solve(normal: Array, right: Array, p: Problem, chosen: Indices) -> tuple[Array, Array]:
@@ -108,8 +140,7 @@ def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
     inside = chosen < len(full)
     full[chosen[inside]] = amplitude[inside]
     vector = np.concatenate(([1.0], -full[one.columns]))
-    power: Array = np.einsum("bij,i,j->b", one.gram, vector, vector, optimize=True)
-    return np.maximum(1e-300, power)
+    return np.maximum(1e-300, (one.gram @ vector) @ vector)
 
 
 def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:

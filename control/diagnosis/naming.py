@@ -10,11 +10,12 @@ from control.machine.machine import CATALOGUE
 
 from .encoder import encoder_steps
 from .hypothesis import Part, Parts
-from .likelihood import Column, fitted
-from .null import chance, null_of_maximum, scores, slow_share, spread_over, without_best_block
+from .likelihood import Column, best_fitted
+from .null import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
 from .onset import blocked, refined, stops, with_onset
-from .open_set import SLOW_ENERGY, Table, best_table, significant
+from .open_set import SLOW_ENERGY, Table, best_table, holds, significant
 from .search import Found, Group, Refit
+from .sensitivities import THRESHOLDS
 
 Array = npt.NDArray[np.float64]
 
@@ -28,6 +29,7 @@ FALSE_ALARMS = 0.002        # of one group of channels in one log
 LEAST_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
 LEAST_SHARE_WITHOUT_BLOCK = 0.2     # of the gain
 DRIFT_FACTOR = 1.6          # of the threshold, for what is as slow as the drift that the log has
+BEGUN_IN_DRIFT = 2.4        # of the threshold, for what begins at a time of its own in a log that drifts without it
 REFITTED = 4                # best of a scan that are refitted in full
 
 
@@ -76,10 +78,10 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
         current = _without_chance(group, current, threshold)
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
     table = best_table(group, current)
-    if table is not None and significant(table, explained):
+    if table is not None and significant(table, explained) and holds(group, current, table, explained):
         current = _beside_table(group, current, table, threshold)
         table = best_table(group, current)
-    if table is not None and not significant(table, explained):
+    if table is not None and not (significant(table, explained) and holds(group, current, table, explained)):
         table = None
     gains, rivals = _rivals(group, current)
     return Named(group, null, current, gains, rivals, tuple(first), table)
@@ -87,38 +89,48 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
 
 def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
     """The hypothesis with one more part, where that gains more than the threshold."""
-    ranked = [f for f in _one_of_each(group.scan(now.parts, now.noise)) if f.gain > 0.5 * threshold][:REFITTED]
+    found = _one_of_each(group.scan(now.parts, now.noise))
+    ranked = [f for f in found if f.gain > 0.5 * threshold][:REFITTED]
+    # How a drive runs down is nobody's effect: a column has it, a refit leaves it out.
+    ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only and f not in ranked]
     tried = [r for r in (group.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
     if not tried:
         return None
     for best in sorted(tried, key=lambda r: -r.log_likelihood):
         gain = 2.0 * (best.log_likelihood - now.log_likelihood)
-        if gain > threshold and _holds(group, best, len(now.parts), gain, threshold):
+        if gain > threshold and _holds(group, best, len(now.parts), now, threshold):
             return best
     return None
 
 
-def _holds(group: Group, found: Refit, k: int, gain: float, threshold: float) -> bool:
+def _holds(group: Group, found: Refit, k: int, without: Refit, threshold: float) -> bool:
     """Whether a part's evidence is more than this log's own noise gives: in size, over time, and beside its drift.
 
     A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must show once only.
     """
-    part = found.parts[k]
+    part, gain = found.parts[k], 2.0 * (found.log_likelihood - without.log_likelihood)
     if CATALOGUE[part.id].effect.onset_only or part.id == "shaft.coarse_encoder":
         return True
     others = (*found.parts[:k], *found.parts[k + 1:])
     trace = group.trace(found.parts, k)
     seen = scores(group, others, found.noise, [trace])
-    least = max(LEAST_WITHOUT_BLOCK * threshold, LEAST_SHARE_WITHOUT_BLOCK * gain)
+    share = 0.0 if part.id in THRESHOLDS else LEAST_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
+    least = max(LEAST_WITHOUT_BLOCK * threshold, share * gain)
     if without_best_block(seen, 0) < least or gain < threshold * spread_over(seen, 0) ** 0.5:
         return False
-    if gain < DRIFT_FACTOR * threshold and any(
-            slow_share(trace.coefficients[c.name], c, found.noise[c.name]) > SLOW_ENERGY
-            for c in group.channels if c.name in trace.coefficients):
+    if gain < DRIFT_FACTOR * threshold and _slow(group, trace, found):
+        return False
+    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * threshold and _slow(group, trace, without):
         return False
     tried = [c for c in group.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     every = scores(group, found.parts, found.noise, [group.candidate_column(others, c) for c in tried])
-    return chance(null_of_maximum(every), gain) < FALSE_ALARMS
+    return chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
+
+
+def _slow(group: Group, trace: Column, under: Refit) -> bool:
+    """Whether a trace is as slow as the drift that a hypothesis leaves."""
+    return any(slow_share(trace.coefficients[c.name], c, under.noise[c.name]) > SLOW_ENERGY
+               for c in group.channels if c.name in trace.coefficients)
 
 
 def _one_of_each(found: list[Found]) -> list[Found]:
@@ -159,7 +171,7 @@ def _without_chance(group: Group, now: Refit, threshold: float) -> Refit:
     """Parts whose evidence does not hold beside the others are dropped."""
     for k in reversed(range(len(now.parts))):
         without = group.refit((*now.parts[:k], *now.parts[k + 1:]), now.noise)
-        if not _holds(group, now, k, 2.0 * (now.log_likelihood - without.log_likelihood), threshold):
+        if not _holds(group, now, k, without, threshold):
             now = without
     return now
 
@@ -180,10 +192,15 @@ def _beside_table(group: Group, now: Refit, table: Table, threshold: float) -> R
 def _with_table(group: Group, parts: Parts, now: Refit, table: Table) -> float:
     columns: list[Column] = group.forms(table.stage, table.variable)
     p, before = group.compressed(parts, columns)
-    return fitted(p, np.arange(before + len(columns)), now.noise).log_likelihood
+    return best_fitted(p, np.arange(before + len(columns)), now.noise, group.channels).log_likelihood
 
 
 def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+    """Gain of each part, and what could stand in its place.
+
+    Rivals are held against the noise that the best hypothesis leaves: a noise of its own, grown by what a rival does
+    not explain, would excuse it.
+    """
     gains: list[float] = []
     rivals: list[tuple[RivalOf, ...]] = []
     for k, part in enumerate(now.parts):
@@ -198,7 +215,7 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
             if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:
                 continue
             tried = group.refit((*others, f.part), now.noise)
-            behind = 2.0 * (now.log_likelihood - tried.log_likelihood)
+            behind = 2.0 * (group.under(now.parts, now.noise) - group.under(tried.parts, now.noise))
             if behind < reach:
                 found.append(RivalOf(tried.parts[-1], behind))
         gains.append(gain)

@@ -25,6 +25,7 @@ Array = npt.NDArray[np.float64]
 BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
 REPLICATES = 1000
 SEED = 20260101
+UNEVEN = 1.5                # times the variance of even noise between blocks: less is chance
 LEAST_DRIFT = 0.12          # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
 
@@ -98,10 +99,14 @@ def without_fit(seen: Scores) -> Array:
 
 
 def null_of_maximum(seen: Scores) -> Array:
-    """Largest gain (twice the log-likelihood) over all traces in each replicate: (REPLICATES,), sorted."""
+    """Largest gain (twice the log-likelihood) over all traces in each replicate: (REPLICATES,), sorted.
+
+    Each trace's gain is in units of its own unevenness: one that carries noise itself would drown all others.
+    """
     signs = np.random.default_rng(SEED).choice((-1.0, 1.0), (REPLICATES, len(seen.score)))
     energy = np.maximum(seen.energy.sum(axis=0), 1e-12)
-    return np.sort(((signs @ without_fit(seen)) ** 2 / energy).max(axis=1, initial=0.0))
+    uneven = np.array([unevenness(seen, k) for k in range(seen.score.shape[1])])
+    return np.sort(((signs @ without_fit(seen)) ** 2 / (energy * uneven)).max(axis=1, initial=0.0))
 
 
 def chance(null: Array, gain: float) -> float:
@@ -113,6 +118,12 @@ def spread_over(seen: Scores, k: int) -> float:
     """How uneven trace k's evidence is: its variance between blocks over that of even noise, at least 1."""
     left = without_fit(seen)[:, k]
     return max(1.0, float(np.sum(left ** 2) / max(float(seen.energy[:, k].sum()), 1e-12)))
+
+
+def unevenness(seen: Scores, k: int) -> float:
+    """The same where it is more than the chance of BLOCKS blocks, else 1."""
+    spread = spread_over(seen, k)
+    return spread if spread > UNEVEN else 1.0
 
 
 def without_best_block(seen: Scores, k: int) -> float:

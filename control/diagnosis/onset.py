@@ -17,6 +17,10 @@ Array = npt.NDArray[np.float64]
 TIMES = 16                  # onsets tried over the working time
 STILL_S = 3.0               # a drive must disobey for this long in all
 STILL_GAIN = 60.0           # of twice the log-likelihood, for one constant against the model
+STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
+STUCK_MM = 0.02             # worth as much as STUCK_WITHIN_S
+SAME_PLACE_SD = 1.0         # of one reading
+STOP_SD_S = 0.5             # how sharply a stop is seen
 ONSET_SHARE = 0.08          # of what the effect explains: forms are never quite right
 NEVER_WITH_ONSET = frozenset({"flow.batch", "flow.moisture_drift", "scale.drift", "gate.lost_steps"})
 
@@ -56,6 +60,8 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
                 least = int(np.ceil(STILL_S / channel.grid.step_s))
                 at = _still_from(channel.measured, predicted["gate"], noise, least)
             effect = "gate.stuck"
+            if at is not None:
+                at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s)
         else:
             continue
         if at is not None and at > 0:
@@ -66,16 +72,43 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
     """Sample from which a reading is better told by one constant than by its prediction, to the end of the log.
 
-    Moves smaller than the noise of one reading add up: sums of squares from every sample to the end are compared.
+    Moves smaller than the noise of one reading add up: sums of squares from every sample to the end are compared, each
+    about its own mean, for a gate that stands a little off its command is not stuck.
     """
     count = np.arange(len(measured), 0, -1)
     ahead = np.cumsum(measured[::-1])[::-1]
     about_mean = np.cumsum((measured ** 2)[::-1])[::-1] - ahead ** 2 / count
-    about_model = np.cumsum(((measured - predicted) ** 2)[::-1])[::-1]
+    left = (measured - predicted)[::-1]
+    about_model = (np.cumsum(left ** 2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
     better = (about_model - about_mean)[:-least] / noise ** 2
     if len(better) < 1 or float(better.max()) < STILL_GAIN:
         return None
     return int(np.argmax(better))
+
+
+def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
+    """Sample about `at` at which the gate passed the place where it stands ever after: there it stopped."""
+    level = float(np.median(measured[at:]))
+    near = np.arange(max(0, at - round(STUCK_WITHIN_S / step_s)),
+                     min(len(measured), at + round(STUCK_WITHIN_S / step_s) + 1))
+    away = np.abs(predicted[near] - level) / STUCK_MM + np.abs(near - at) * step_s / STUCK_WITHIN_S
+    return int(near[np.argmin(away)])
+
+
+def stop_interval(group: Group, part: Part) -> tuple[float, float]:
+    """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
+    channel = next(c for c in group.channels if c.name == part.id.split(".")[0])
+    at_s = float(part.onset_s or 0.0)
+    asked, even_s = group.predicted(())[channel.name], channel.grid.even_s
+    at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))
+    level = float(np.median(channel.measured[at:]))
+    away = np.flatnonzero(np.abs(asked - level) > SAME_PLACE_SD * channel.prior.fast_sd)
+    before, after = away[away < at], away[away > at]
+    low = float(even_s[before[-1]]) if len(before) else float(even_s[0])
+    high = float(even_s[after[0]]) if len(after) else float(even_s[-1])
+    if at in away:
+        low, high = at_s, at_s
+    return min(low, at_s - STOP_SD_S), max(high, at_s + STOP_SD_S)
 
 
 def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], step_s: float) -> int | None:

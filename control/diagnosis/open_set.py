@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from control.machine.elements import Table as Nodes
 
-from .likelihood import fitted, power_left
+from .likelihood import Column, best_fitted, power_left
 from .noise import Noise
-from .null import slow_share
+from .null import scores, slow_share, spread_over, without_best_block
 from .search import Group, Refit
 from .sensitivities import FORM_CHANNEL
 from .smooth import LEAST_RANGE, SHAPES, TABLES, Span, shape, span
@@ -18,9 +18,14 @@ from .smooth import LEAST_RANGE, SHAPES, TABLES, Span, shape, span
 OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, over all stages and variables
 LEAST_SHARE = 0.005         # of what is left; a structure below this and below LEAST_FIELD_PERCENT is nobody's worry
 LEAST_FIELD_PERCENT = 0.1   # of the dose
-TIME_FACTOR = 2.0           # slow noise is smooth in time by its nature
+TIME_FACTOR = 2.0           # slow noise is smooth in time by its nature ...
+TIME_TIE = 0.7              # of the gain over the hopper's level, from which on the time is named in its place
+TIME_LIKE = frozenset({"time_s", "hopper_kg"})      # ... and in what only falls with time
 SLOW_ENERGY = 0.5           # of a structure, in bands where the slow noise is stronger than the fast
 DRIFT_LEFT = 0.2            # of the slow noise's variance, once the structure is taken out
+SHIFTS = 7                  # of a slow variable along the log: what it gains then is what drift gives
+SHIFT_MARGIN = 1.5          # times the most that it gains then
+LEAST_WITHOUT_BLOCK = 0.4   # of the evidence, once the best block is left out
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
 
 # Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
@@ -45,21 +50,25 @@ class Table(NamedTuple):
     values: Nodes               # in the unit of the stage's table
     explained_share: float      # of what the named causes and the tolerances leave, as variance
     field_percent: float        # of the dose, r.m.s. over the working rows; a scale's error moves no dose
-    slow_noise: bool = False    # as slow as the channel's drift, which remains without it
+    slow: bool = False          # as slow as the channel's drift
+    slow_noise: bool = False    # ... which remains once it is taken out
+    trace: Column = Column("", {}, np.inf)      # what it does to its channel
 
 
 def best_table(group: Group, now: Refit) -> Table | None:
-    """The strongest smooth dependence left at a hypothesis, over every stage of the group and recorded variable."""
-    best: Table | None = None
-    for stage in TABLES:
-        if FORM_CHANNEL[stage] not in group.names:
-            continue
-        for variable in LEAST_RANGE:
-            if variable in DOWNSTREAM[stage]:
-                continue
-            found = _table(group, now, stage, variable)
-            if found is not None and not found.slow_noise and (best is None or found.gain > best.gain):
-                best = found
+    """The strongest smooth dependence left at a hypothesis, over every stage of the group and recorded variable.
+
+    A hopper that only empties tells the time: of the two, nearly as good, the plain one is named.
+    """
+    in_steps = group.data.shaft is not None and group.data.shaft.step > 0.0     # rounding is a dependence of its own
+    tried = [_table(group, now, stage, variable) for stage in TABLES
+             if FORM_CHANNEL[stage] in group.names and not (stage == "shaft" and in_steps)
+             for variable in LEAST_RANGE if variable not in DOWNSTREAM[stage]]
+    found = [table for table in tried if table is not None and not table.slow_noise]
+    best = max(found, key=lambda table: table.gain, default=None)
+    if best is not None and best.variable == "hopper_kg":
+        return next((table for table in found if table.stage == best.stage and table.variable == "time_s"
+                     and table.gain > TIME_TIE * best.gain), best)
     return best
 
 
@@ -67,8 +76,33 @@ def significant(table: Table, explained: float) -> bool:
     """Whether a dependence is worth a verdict. `explained`: gain of the named causes, twice the log-likelihood."""
     if table.explained_share < LEAST_SHARE and table.field_percent < LEAST_FIELD_PERCENT:
         return False
-    factor = TIME_FACTOR if table.variable == "time_s" else 1.0
+    factor = TIME_FACTOR if table.variable in TIME_LIKE else 1.0
     return table.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
+
+
+def holds(group: Group, now: Refit, table: Table, explained: float) -> bool:
+    """Whether a dependence shows all over the log, and not in a stretch or at a few moments of it.
+
+    One as slow as drift must gain more than it does with its variable moved along the log, where it can mean nothing.
+    """
+    seen = scores(group, now.parts, now.noise, [table.trace])
+    whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
+    least = max(OPEN_THRESHOLD, OPEN_SHARE * explained)
+    if without_best_block(seen, 0) < LEAST_WITHOUT_BLOCK * whole or table.gain < least * spread_over(seen, 0):
+        return False
+    if not table.slow or table.variable in TIME_LIKE:
+        return True
+    elsewhere = max(_moved_gain(group, now, table, k / (SHIFTS + 1.0)) for k in range(1, SHIFTS + 1))
+    return table.gain > SHIFT_MARGIN * elsewhere
+
+
+def _moved_gain(group: Group, now: Refit, table: Table, share: float) -> float:
+    """Gain of a dependence once its variable is moved along the log by a share of it, round the end."""
+    columns = group.moved_forms(table.stage, table.variable, share)
+    p, before = group.compressed(now.parts, columns)
+    plain = best_fitted(p, np.arange(before), now.noise, group.channels)
+    full = best_fitted(p, np.arange(before + len(columns)), plain.noise, group.channels)
+    return 2.0 * (full.log_likelihood - plain.log_likelihood)
 
 
 def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
@@ -78,8 +112,8 @@ def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
         return None
     p, before = group.compressed(now.parts, columns)
     fixed = np.arange(before)
-    plain = fitted(p, fixed, now.noise, rounds=1)
-    full = fitted(p, np.arange(before + SHAPES), plain.noise, rounds=2)
+    plain = best_fitted(p, fixed, now.noise, group.channels)
+    full = best_fitted(p, np.arange(before + SHAPES), plain.noise, group.channels)
     weights = full.amplitude[before:]
     values = np.array([shape(k) for k in range(1, SHAPES + 1)]).T @ weights
     name = FORM_CHANNEL[stage]
@@ -88,18 +122,20 @@ def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
     share = float(np.clip(np.sum(series ** 2) / max(1e-300, left), 0.0, 1.0))
     return Table(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
                  tuple(values.tolist()), share, _field_percent(group, stage, over, values),
-                 _slow_noise(group, name, series, plain.noise[name], full.noise[name]))
+                 *_slow_noise(group, name, series, plain.noise[name], full.noise[name]),
+                 Column(f"{stage} over {variable}", {name: series}, np.inf))
 
 
-def _slow_noise(group: Group, name: str, series: npt.NDArray[np.float64], before: Noise, after: Noise) -> bool:
-    """Whether a structure lives where the slow noise does and the slow noise is there with it as without it.
+def _slow_noise(group: Group, name: str, series: npt.NDArray[np.float64], before: Noise,
+                after: Noise) -> tuple[bool, bool]:
+    """Whether a structure lives where the slow noise does, and whether that is there with it as without it.
 
     Drift is a few slow waves over the length of a log, and four smooth shapes of anything that itself changes slowly
     follow some of them; a dependence that is really there leaves no drift behind.
     """
     channel = next(c for c in group.channels if c.name == name)
     slow = slow_share(series, channel, before) > SLOW_ENERGY
-    return slow and after.slow_sd ** 2 > DRIFT_LEFT * before.slow_sd ** 2
+    return slow, slow and after.slow_sd ** 2 > DRIFT_LEFT * before.slow_sd ** 2
 
 
 def _field_percent(group: Group, stage: str, over: Span, values: npt.NDArray[np.float64]) -> float:

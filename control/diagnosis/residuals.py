@@ -61,7 +61,7 @@ def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | No
         out = shaft_run(sets, rows, shaft_start(first, drive.clock_s[0]), ShaftOutput(first, first), inputs,
                         drive.clock_s, step_s)
         return drive.grid.of(out[:, 1])
-    floor = _floor(drive.measured)
+    floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0))
     return _channel("shaft", "r/min", drive.grid, drive.measured, predict,
                     NoisePrior(machine.noise.shaft_rpm, WHITE_S, max(floor, 0.02 * machine.noise.shaft_rpm)))
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from .gain import measure_gain
 from .hypothesis import schedule, stages_of
 from .naming import Named, name
 from .next_run import next_run
+from .onset import stop_interval
+from .residuals import Channel as ChannelSeries
 from .residuals import channels, step_error
 from .result import (
     Cause,
@@ -33,11 +36,12 @@ from .result import (
     Verdict,
 )
 from .search import Group
-from .sensitivities import GROUPS
+from .sensitivities import GROUPS, tolerance_of
 from .shown import shown
 from .spells import Seen, without_spells
 from .stages_data import RunData, run_data
 from .whole import on_the_whole
+from .whole_steps import without_steps
 
 Progress = Callable[[float, str], None]
 Z90 = 1.645
@@ -45,6 +49,7 @@ STEP_SHARE = 0.1            # halving the model's step may change a prediction b
 MOVE_SHAPED = {"gate.slow", "gate.backlash", "gate.lost_steps", "shaft.slow", "shaft.dead_time"}
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
+TOGETHER = 2                # groups of channels judged at the same time
 
 
 class Cancelled(Exception):
@@ -67,19 +72,38 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
             progress(share, word)
     step(0.0, "data")
     log = gate(columns)
-    data, seen_off = without_spells(run_data(log, machine), machine)
+    log, in_steps = without_steps(log, machine)
+    data = run_data(log, machine)
+    if in_steps is not None and data.shaft is not None:
+        data = data._replace(shaft=data.shaft._replace(step=in_steps.part.size))
+    data, in_spells = without_spells(data, machine)
+    seen_off = in_spells if in_steps is None else (in_steps, *in_spells)
     seen = channels(data, machine)
     findings = [*log.findings, *_step_findings(seen, machine)]
     step(0.1, "model")
-    named: list[Named] = []
-    groups = {g: [seen[c] for c in names if c in seen] for g, names in GROUPS.items()}
-    for k, (word, members) in enumerate((g, m) for g, m in groups.items() if m):
-        step(0.1 + 0.2 * k, word)
-        named.append(name(Group(members, machine, data)))
+    named = _named({word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}, machine, data, step)
     findings += on_the_whole(log, named, machine)
     findings += _between_rows(log, {part.id for one in named for part in one.found.parts})
     step(0.9, "result")
     return _result(log, data, machine, named, seen_off, path, tuple(findings))
+
+
+def _named(groups: Mapping[str, list[ChannelSeries]], machine: Machine, data: RunData,
+           step: Callable[[float, str], None]) -> list[Named]:
+    """Each group of channels judged, two at a time: they share nothing but the log."""
+    def judged(members: list[ChannelSeries]) -> Named:
+        return name(Group(members, machine, data))
+
+    with ThreadPoolExecutor(TOGETHER) as pool:
+        jobs = {pool.submit(judged, members): word for word, members in groups.items() if members}
+        try:
+            for done, job in enumerate(as_completed(jobs)):
+                job.result()
+                step(0.1 + 0.8 * (done + 1) / len(jobs), jobs[job])
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [job.result() for job in jobs]
 
 
 def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
@@ -158,8 +182,9 @@ def _cause(one: Named, k: int, machine: Machine, data: RunData) -> Cause:
     nothing = float(chi2.sf(one.gains[k], 1.0))
     shares = weights / (weights.sum() + nothing)
     if entry.effect.onset_only:
-        size = Size(part.onset_s, part.onset_s, part.onset_s, unit)
+        size = Size(part.onset_s, *stop_interval(one.group, part), unit)
     else:
+        sd = float(np.hypot(sd, tolerance_of(part.id, machine)))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
     rivals = tuple(Rival(r.part.id, float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True))

@@ -12,7 +12,7 @@ from control.machine.over_log import MOST_STEP_S
 
 from . import noise as noises
 from .hypothesis import Part, Parts, bounds, schedule, stages_of
-from .likelihood import Column, Fit, Problem, fitted, problem, projected, solved
+from .likelihood import Column, Fit, Problem, best_fitted, calm, fitted, problem, projected, solved
 from .noise import Noise, coefficients, series_of
 from .residuals import FINE_S, Channel
 from .sensitivities import (
@@ -29,10 +29,12 @@ from .sensitivities import (
 )
 from .smooth import TABLES, series, span
 from .stages_data import RunData
+from .tails import tail_excess
 
 Array = npt.NDArray[np.float64]
 
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
+RIVAL_FORM_SHARE = 0.1      # the same where names are held against each other
 SIBLINGS = {"shaft.slow": ("shaft.dead_time",), "shaft.dead_time": ("shaft.slow",)}
 ROUNDS = 4
 SETTLE_ROUNDS = 4
@@ -40,8 +42,14 @@ TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case t
 REFILL_SD_KG = 0.5          # of what the operator wrote down
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 OUTLIER = 4.5
+ANSWERED_S = 2.0            # after a command, a drive has answered it
+FITTED_FROM = 4.0           # of twice the log-likelihood under a given noise, from which on the noise is fitted too
 DEAD_TIME_HALVINGS = 5      # of its tolerance, when a dead time is looked for
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
+ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
+UNSEEN_IN_STEPS = frozenset({"shaft.dead_time", "shaft.slow"})      # a reading in steps has its own way of being late
+THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size
+THRESHOLD_Z = 1.645         # half an interval of 90 % in s.d.
 LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
 
 
@@ -140,7 +148,7 @@ class Group:
         for _ in range(SETTLE_ROUNDS):
             before = dict(self._off)
             p, count = self.compressed(parts)
-            amplitude = fitted(p, np.arange(count), self.noise).amplitude
+            amplitude = fitted(p, np.arange(count), self.noise, rounds=3).amplitude
             step = {n.key: (n, amplitude[p.keys.index(n.key)]) for c in self.channels
                     for n in nuisances(c.name, self.machine)}
             sizes = {int(key.split()[1]): amplitude[k] for k, key in enumerate(p.keys) if key.startswith("slope ")}
@@ -238,6 +246,9 @@ class Group:
                 found.append(column._replace(mean=-self._off.get(n.key, 0.0)))
                 if channel.name == "shaft" and n.field != "gain_percent":
                     found += self._by_speed_and_way(n.key, change, now["shaft"], TRAIT_SHARE * n.sd)
+            if channel.name == "shaft" and self.data.shaft is not None and self.data.shaft.step > 0.0:
+                turning = (now["shaft"] > self.data.shaft.step).astype(np.float64)
+                found.append(self.column("rounding", {"shaft": turning}, ROUNDING_SHARE * self.data.shaft.step))
             if channel.name == "scale" and self.data.hopper is not None:
                 count = len(channel.measured)
                 found.append(self.column("level", {"scale": np.ones(count)}, 20.0))
@@ -265,16 +276,21 @@ class Group:
     def forms(self, stage: str, variable: str) -> list[Column]:
         """Columns of the smooth shapes of a stage over a variable (empty: the variable hardly moves)."""
         if (stage, variable) not in self._forms:
-            over = span(self.data, variable)
-            name = FORM_CHANNEL[stage]
-            made: list[Column] = []
-            if over is not None and name in self.names:
-                channel = next(c for c in self.channels if c.name == name)
-                unit = self._units.get(stage, np.ones(1))
-                rows = series(stage, over, channel, unit, self.data, self.base, self.machine)
-                made = [self.column(f"{stage} over {variable} {k + 1}", {name: row}) for k, row in enumerate(rows)]
-            self._forms[(stage, variable)] = made
+            self._forms[(stage, variable)] = self._made_forms(stage, variable, self.data)
         return self._forms[(stage, variable)]
+
+    def moved_forms(self, stage: str, variable: str, share: float) -> list[Column]:
+        """The same with the variable moved along the log by a share of it, round the end."""
+        moved = np.roll(self.data.variables[variable], round(share * len(self.data.time_s)))
+        return self._made_forms(stage, variable, self.data._replace(variables={**self.data.variables, variable: moved}))
+
+    def _made_forms(self, stage: str, variable: str, data: RunData) -> list[Column]:
+        over, name = span(data, variable), FORM_CHANNEL[stage]
+        if over is None or name not in self.names:
+            return []
+        channel = next(c for c in self.channels if c.name == name)
+        rows = series(stage, over, channel, self._units.get(stage, np.ones(1)), data, self.base, self.machine)
+        return [self.column(f"{stage} over {variable} {k + 1}", {name: row}) for k, row in enumerate(rows)]
 
     def series_columns(self, parts: Parts) -> dict[str, list[tuple[Column, Array]]]:
         """By channel: every column of a refit that touches it, beside its series over the channel's grid."""
@@ -354,10 +370,10 @@ class Group:
         left = self.residual(parts)
         return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
 
-    def base_columns(self, parts: Parts) -> list[Column]:
+    def base_columns(self, parts: Parts, share: float = FORM_SHARE) -> list[Column]:
         """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
         slope = self.slopes(parts)
-        return [*self._fixed, *slope, *self.form_columns(parts, slope)]
+        return [*self._fixed, *slope, *self.form_columns(parts, slope, share)]
 
     def trace(self, parts: Parts, k: int) -> Column:
         """What the whole of part k does, the others in place."""
@@ -376,26 +392,36 @@ class Group:
         columns = [self.candidate_column(parts, c) for c in tried]
         p, before = self.compressed(parts, columns)
         fixed = np.arange(before)
-        null = fitted(p, fixed, noise, rounds=2)
-        normal, right = projected(p, fixed, null.noise)
+        null = best_fitted(p, fixed, noise, self.channels)
+        starts = [null.noise, calm(null.noise, self.channels)]
+        normals = [projected(p, fixed, start) for start in starts]
         best: dict[tuple[str, int | None, float | None], Found] = {}
         for k, c in enumerate(tried):
-            at = before + k
-            stiff = normal[at, at]
-            if stiff <= 0.0:
-                continue
-            size = float(np.clip(right[at] / stiff, c.low, c.high))
-            gain = 2.0 * right[at] * size - stiff * size * size
-            if gain > 4.0:
-                full = fitted(p, np.append(fixed, at), null.noise, rounds=2)
-                size = float(np.clip(full.amplitude[-1], c.low, c.high))
-                if size == full.amplitude[-1]:
-                    gain = 2.0 * (full.log_likelihood - null.log_likelihood)
+            found = Found(c.part, -np.inf)
+            for start, (normal, right) in zip(starts, normals, strict=True):
+                tried_one = self._added(p, before + k, c, null, start, normal, right)
+                found = max(found, tried_one, key=lambda f: f.gain)
             name = (c.part.id, c.part.member, c.part.onset_s)
-            found = Found(c.part._replace(size=size), float(gain))
             if name not in best or found.gain > best[name].gain:
                 best[name] = found
         return sorted(best.values(), key=lambda f: -f.gain)
+
+    def _added(self, p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], normal: Array,
+               right: Array) -> Found:
+        """One candidate column beside the fixed ones, its noise fitted from `start` where the gain may matter."""
+        stiff, before = normal[at, at], len(null.amplitude)
+        if stiff <= 0.0:
+            return Found(c.part, -np.inf)
+        size = float(np.clip(right[at] / stiff, c.low, c.high))
+        gain = 2.0 * right[at] * size - stiff * size * size
+        if gain > FITTED_FROM:
+            full = fitted(p, np.append(np.arange(before), at), start)
+            size = float(np.clip(full.amplitude[-1], c.low, c.high))
+            gain = 2.0 * (full.log_likelihood - null.log_likelihood) if size == full.amplitude[-1] else \
+                min(gain, 2.0 * (full.log_likelihood - null.log_likelihood))
+        elif start is not null.noise:
+            return Found(c.part, -np.inf)
+        return Found(c.part._replace(size=size), float(gain))
 
     def refit(self, parts: Parts, noise: dict[str, Noise] | None = None) -> Refit:
         """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes stand still."""
@@ -422,15 +448,20 @@ class Group:
                 break
             now = tuple(moved)
         assert best is not None
-        if any(part.id in THRESHOLDS for part in best.parts):
-            best = self._threshold(best)
-        return best._replace(parts=tuple(moved) if biggest < 0.05 else best.parts)
+        best = best._replace(parts=tuple(moved) if biggest < 0.05 else best.parts)
+        return self._threshold(best) if any(part.id in THRESHOLDS for part in best.parts) else best
+
+    def under(self, parts: Parts, noise: dict[str, Noise]) -> float:
+        """Log-likelihood of a refitted hypothesis under a given noise, its forms held closer to the catalogue's."""
+        base = self.base_columns(parts, RIVAL_FORM_SHARE)
+        p = problem(self.channels, self.data_of(parts), base)
+        return fitted(p, np.arange(len(base)), noise, rounds=0).log_likelihood
 
     def _fit(self, parts: Parts, noise: dict[str, Noise]) -> tuple[Fit, list[tuple[int, int]], Problem]:
         p, count = self.compressed(parts)
         chosen = np.arange(count)
         slopes_at = [(k, k) for k, key in enumerate(p.keys) if key.startswith("slope ")]
-        return fitted(p, chosen, noise), slopes_at, p
+        return best_fitted(p, chosen, noise, self.channels), slopes_at, p
 
     def _tangled(self, p: Problem, places: list[int], noise: dict[str, Noise]) -> float:
         """Largest likeness of two parts' traces, nuisances taken out and their forms as the catalogue has them."""
@@ -442,12 +473,40 @@ class Group:
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
     def _threshold(self, found: Refit) -> Refit:
+        """Thresholds moved, in ever smaller steps, to where they fit best; their interval is what the log leaves open.
+
+        A threshold acts on the commands that were given: between two of them every value is as good.
+        """
         best = found
-        for factor in (0.85, 0.92, 0.97, 1.03, 1.08, 1.15):
-            parts = tuple(p._replace(size=p.size * factor) if p.id in THRESHOLDS else p for p in found.parts)
-            fit, _, _ = self._fit(parts, found.noise)
-            if fit.log_likelihood > best.log_likelihood:
-                best = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+        for k, part in enumerate(found.parts):
+            if part.id not in THRESHOLDS or self.data.shaft is None:
+                continue
+            low, high = bounds(part.id)
+            given = np.unique(np.round(self.data.shaft.command, 3))
+            edges = np.unique(np.concatenate(([low], given[(given > low) & (given < high)], [high])))
+            tried: dict[int, Refit] = {}
+
+            def at(k: int, place: int, edges: Array = edges, tried: dict[int, Refit] = tried) -> float:
+                if place not in tried:
+                    size = 0.5 * float(edges[place] + edges[place + 1])
+                    parts = (*found.parts[:k], found.parts[k]._replace(size=size), *found.parts[k + 1:])
+                    fit, _, _ = self._fit(parts, found.noise)
+                    tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+                return tried[place].log_likelihood
+
+            last = len(edges) - 2
+            here = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last))
+            step = max(1, last // 8)
+            while step:
+                near = [place for place in (here - step, here + step) if 0 <= place <= last]
+                better = max([here, *near], key=lambda place: at(k, place))
+                step, here = (step, better) if better != here else (step // 2, here)
+            as_good = [place for place in tried if at(k, place) > at(k, here) - 0.5 * THRESHOLD_GAP]
+            low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
+            best = tried[here]
+            sd = (*best.sd[:k], 0.5 * (high - low) / THRESHOLD_Z, *best.sd[k + 1:])
+            best = best._replace(sd=sd, parts=(*best.parts[:k], best.parts[k]._replace(size=0.5 * (low + high)),
+                                               *best.parts[k + 1:]))
         return best
 
     def tame(self, parts: Parts) -> None:
@@ -465,7 +524,23 @@ class Group:
             for size, column in zip(amplitude, every, strict=True):
                 if channel.name in column.coefficients:
                     left -= size * column.coefficients[channel.name]
-            self._excess[channel.name] = _lone(series_of(left, channel.cut))
+            rest = series_of(left, channel.cut)
+            lone, free = _lone(rest), self._at_ease(channel)
+            tails = np.zeros(len(rest))
+            for begin, end in channel.cut.bounds if free.any() else ():
+                tails[begin:end] = tail_excess((rest - lone)[begin:end], free[begin:end])
+            self._excess[channel.name] = lone + tails
+
+    def _at_ease(self, channel: Channel) -> npt.NDArray[np.bool_]:
+        """Samples whose deviations are noise and nothing else: no drive answers a command there."""
+        free = np.full(len(channel.measured), channel.name != "scale")
+        drive = {"shaft": self.data.shaft, "gate": self.data.gate}.get(channel.name)
+        if drive is not None:
+            changes = np.concatenate(([-np.inf], drive.time_s[1:][np.diff(drive.command) != 0.0], [np.inf]))
+            after = np.searchsorted(changes, channel.grid.even_s, side="right")
+            free &= (channel.grid.even_s - changes[after - 1] > ANSWERED_S) & (
+                changes[np.minimum(after, len(changes) - 1)] - channel.grid.even_s > channel.grid.step_s)
+        return free
 
 
 def _excited(candidate: Candidate, data: RunData) -> bool:
@@ -475,6 +550,8 @@ def _excited(candidate: Candidate, data: RunData) -> bool:
     """
     if candidate.part.id == "speed.missed_pulses" and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
+    if candidate.part.id in UNSEEN_IN_STEPS and data.shaft is not None and data.shaft.step > 0.0:
+        return False
     least = LEAST_MOVES_MM.get(candidate.part.id)
     opening = data.variables.get("opening_mm")
     if least is None or opening is None:

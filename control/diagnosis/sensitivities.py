@@ -28,7 +28,7 @@ LADDERS: dict[str, tuple[float, ...]] = {
     "shaft.slow": (0.03, 0.1, 0.3, 0.8),
     "shaft.dead_time": (0.03, 0.1, 0.25, 0.6),
     "shaft.dead_band": (11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0),
-    "gate.backlash": (0.15, 0.4, 1.0, 2.5),
+    "gate.backlash": (0.02, 0.06, 0.15, 0.4, 1.0, 2.5),
     "gate.slow": (1.5, 5.0, 10.0, 15.0),
     "speed.gnss_latency": (0.1, 0.3, 0.8),
 }
@@ -84,6 +84,17 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
     if channel == "speed":
         return (Nuisance("wheel factor", "speed", "radius_percent", 0.2, t.wheel_percent),)
     return ()
+
+
+# Effects that move a nominal value itself: what its tolerance leaves open, their sizes leave open too. Where a row is
+# longer than the tolerance the two have kinks at different places, and no slope says so.
+SAME_VALUE = {"shaft.dead_time": "shaft dead time", "shaft.slow": "shaft time constant", "gate.slow": "gate slew"}
+
+
+def tolerance_of(effect_id: str, machine: Machine) -> float:
+    """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0 where it moves none."""
+    stage = effect_id.split(".")[0]
+    return sum(n.sd for n in nuisances(stage, machine) if n.key == SAME_VALUE.get(effect_id))
 
 
 class Candidate(NamedTuple):

@@ -32,6 +32,7 @@ MOST_UNSEEN = 6.0           # of the mass of the steps seen: further standstills
 UNSEEN_SD = 0.2             # of that mass
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 LEAST_DIP = 0.1
+USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
 FAST_MPS = 0.6
 
 
@@ -65,8 +66,8 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
     if not moving.any():
         return s, None
-    ratio = ratio / float(np.median(ratio[moving]))
-    spread = 1.4826 * float(np.median(np.abs(ratio[moving] - 1.0)))
+    middle, spread = _usual(ratio[moving])
+    ratio, spread = ratio / middle, spread / middle
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
     deep = max(LEAST_DIP, DIP_SD * spread)
     if not (moving & (ratio < usual - deep)).any():
@@ -82,6 +83,19 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / starts)
     return s._replace(wheel_mps=wheel), Seen(Part("speed.missed_pulses", share), float(sd), 10.0 * starts)
+
+
+def _usual(ratio: Array) -> tuple[float, float]:
+    """Where readings lie closest together, and the s.d. above that place: up to half of them may be dips."""
+    ranked = np.sort(ratio)
+    count = max(2, int(np.ceil(USUAL_SHARE * len(ranked))))
+    if count >= len(ranked):
+        return float(np.median(ranked)), 1.4826 * float(np.median(np.abs(ranked - np.median(ranked))))
+    width = ranked[count:] - ranked[:-count]
+    at = int(np.argmin(width))
+    middle = float(np.median(ranked[at:at + count + 1]))
+    above = ranked[ranked > middle] - middle
+    return middle, 1.4826 * float(np.median(above)) if len(above) else 0.0
 
 
 def _starts(on: npt.NDArray[np.bool_]) -> int:

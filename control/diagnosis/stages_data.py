@@ -65,6 +65,7 @@ class Drive(NamedTuple):
     opening_mm: Array
     supply_v: Array
     grid: Grid
+    step: float = 0.0           # in which its readings come, where that is coarser than the log is written
 
 
 class Hopper(NamedTuple):

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from control.diagnosis import data_gate, noise, null, open_set, search, stages_data
@@ -31,13 +32,13 @@ def levels(rng, time, low, high, hold_s):
     return np.round(values[(time / hold_s).astype(int)], 1)
 
 
-def a_run(machine, seed=1, seconds=600.0, still_opening=False):
+def a_run(machine, seed=1, seconds=600.0, still_opening=False, shaft=(30.0, 90.0)):
     """Columns of a run of `machine` with its noise: random set-points, headlands, a slope, a wandering supply."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, STEP_S)
     n, sd = len(time), machine.noise
     work = (time % 120.0) > 12.0
-    shaft_cmd = np.where(work, levels(rng, time, 30.0, 90.0, 4.0), 0.0)
+    shaft_cmd = np.where(work, levels(rng, time, *shaft, 4.0), 0.0)
     gate_cmd = np.full(n, 25.0) if still_opening else levels(rng, time, 15.0, 40.0, 5.0)
     supply = 13.2 + 0.5 * np.sin(time / 40.0)
     pitch = 3.0 * np.sin(time / 60.0)
@@ -45,12 +46,12 @@ def a_run(machine, seed=1, seconds=600.0, still_opening=False):
     gate = gate_run(gates, no_switch(), gate_start(gate_cmd[0]), GateOutput(gate_cmd[0], gate_cmd[0]),
                     input_rows(GateInput, n, command_mm=gate_cmd), time, MOST_STEP_S)
     shafts = (machine.shaft,)
-    shaft = shaft_run(shafts, no_switch(), shaft_start(0.0), ShaftOutput(0.0, 0.0),
+    turns = shaft_run(shafts, no_switch(), shaft_start(0.0), ShaftOutput(0.0, 0.0),
                       input_rows(ShaftInput, n, command_rpm=shaft_cmd, opening_mm=gate[:, 0], supply_v=supply), time,
                       MOST_STEP_S)
     flows = (machine.flow,)
     flow = flow_run(flows, no_switch(), flow_start(280.0), FlowOutput(0.0, 280.0),
-                    input_rows(FlowInput, n, shaft_rpm=shaft[:, 0], opening_mm=gate[:, 0], pitch_deg=pitch), time,
+                    input_rows(FlowInput, n, shaft_rpm=turns[:, 0], opening_mm=gate[:, 0], pitch_deg=pitch), time,
                     MOST_STEP_S)
     scale = scale_run(machine.scale, input_rows(ScaleInput, n, hopper_kg=flow[:, 1], time_s=time, pitch_deg=pitch))
     true_speed = 1.3 + 0.2 * np.sin(time / 7.0)
@@ -68,7 +69,7 @@ def a_run(machine, seed=1, seconds=600.0, still_opening=False):
     columns = {
         "time_s": time, "shaft_rpm_cmd": shaft_cmd, "opening_mm_cmd": gate_cmd, "supply_v": supply, "pitch_deg": pitch,
         "roll_deg": np.cos(time / 33.0), "heading_deg": np.where(np.floor(time / 120.0) % 2 < 1, 0.0, 180.0),
-        "shaft_rpm": shaft[:, 1] + sd.shaft_rpm * rng.standard_normal(n),
+        "shaft_rpm": turns[:, 1] + sd.shaft_rpm * rng.standard_normal(n),
         "opening_mm": gate[:, 1] + sd.opening_mm * rng.standard_normal(n),
         "hopper_kg": np.round((scale + slow) / 0.05) * 0.05,
         "wheel_speed_mps": speed[:, 0] + sd.wheel_mps * rng.standard_normal(n),
@@ -270,9 +271,9 @@ def test_drift_that_stays_beside_a_smooth_structure_makes_it_drift():
     along = channel.grid.even_s / channel.grid.even_s[-1]
     slow = noise.coefficients(np.cos(np.pi * along), channel.cut)
     quick = noise.coefficients(np.cos(300.0 * np.pi * along), channel.cut)
-    assert open_set._slow_noise(group, "gate", slow, before, before)
-    assert not open_set._slow_noise(group, "gate", slow, before, without_drift)
-    assert not open_set._slow_noise(group, "gate", quick, before, before)
+    assert open_set._slow_noise(group, "gate", slow, before, before) == (True, True)
+    assert open_set._slow_noise(group, "gate", slow, before, without_drift) == (True, False)
+    assert open_set._slow_noise(group, "gate", quick, before, before) == (False, False)
     assert null.slow_share(slow, channel, without_drift) == 0.0
 
 
@@ -330,6 +331,70 @@ def test_replicates_have_the_maximum_that_noise_has():
     assert np.quantile(replicates, 0.95) == pytest.approx(known, rel=0.15)
     assert null.chance(replicates, known) == pytest.approx(0.05, abs=0.03)
     assert null.chance(replicates, 60.0) < 0.002
+
+
+def test_an_uneven_trace_does_not_set_the_bar_for_all():
+    rng = np.random.default_rng(7)
+    traces = rng.standard_normal((64, 50, 10))
+    score, energy = (rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1)
+    even = null.null_of_maximum(null.Scores(score, energy))
+    score[:, 3] *= 6.0
+    assert null.spread_over(null.Scores(score, energy), 3) > 20.0
+    assert np.quantile(null.null_of_maximum(null.Scores(score, energy)), 0.95) < 1.4 * np.quantile(even, 0.95)
+
+
+def test_a_steady_error_is_told_from_drift_from_whichever_side_the_noise_is_fitted():
+    """A wheel off by a constant share, in a log whose first fit takes it for drift."""
+    columns = a_run(with_effect(Machine(), "speed.wheel_radius", -1.6), seed=31, seconds=600.0)
+    columns["speed_mps"] = columns["speed_mps"] + 0.03 * np.random.default_rng(8).standard_normal(6000)
+    found = diagnose_run(columns, Machine())
+    assert ids(found) == ["speed.wheel_radius"]
+    assert found.causes[0].size.low < -1.6 < found.causes[0].size.high
+
+
+def drifting(columns, sd, seed):
+    """The log with a gate reading that drifts: a first-order process that remembers for ninety seconds."""
+    memory = np.exp(-float(np.median(np.diff(columns["time_s"]))) / 90.0)
+    fresh = np.random.default_rng(seed).standard_normal(len(columns["time_s"])) * np.sqrt(1.0 - memory ** 2)
+    return {**columns, "opening_mm": columns["opening_mm"] + sd * lfilter([1.0], [1.0, -memory], fresh)}
+
+
+def test_a_slow_dependence_must_gain_more_than_with_its_variable_moved_along_the_log():
+    columns = drifting(a_run(Machine(), seed=32, seconds=900.0), 0.06, 9)
+    log = data_gate.gate(columns)
+    data = stages_data.run_data(log, Machine())
+    group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
+    null_fit = group.refit(())
+    plain = [open_set._table(group, null_fit, "gate", "roll_deg")]
+    moved = [open_set._moved_gain(group, null_fit, plain[0], k / 8.0) for k in range(1, 8)]
+    assert plain[0].gain < open_set.SHIFT_MARGIN * max(moved)
+    rolls = {**columns, "opening_mm": columns["opening_mm"] + 0.12 * columns["roll_deg"]}
+    data = stages_data.run_data(data_gate.gate(rolls), Machine())
+    group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
+    null_fit = group.refit(())
+    there = open_set._table(group, null_fit, "gate", "roll_deg")
+    moved = [open_set._moved_gain(group, null_fit, there, k / 8.0) for k in range(1, 8)]
+    assert there.gain > 2.0 * max(moved) and open_set.holds(group, null_fit, there, 0.0)
+
+
+def test_the_interval_of_a_dead_band_is_what_the_commands_leave_open():
+    columns = a_run(with_effect(Machine(), "shaft.dead_band", 17.0), seed=33, seconds=400.0, shaft=(10.0, 60.0))
+    found = diagnose_run(columns, Machine())
+    cause = next(c for c in found.causes if c.id == "shaft.dead_band")
+    given = np.unique(np.round(columns["shaft_rpm_cmd"], 3))
+    assert cause.size.low <= 17.0 <= cause.size.high
+    assert cause.size.high - cause.size.low < 3.0 * np.diff(given[given > 10.0]).max() + 0.5
+
+
+def test_an_encoder_in_whole_steps_is_read_off_and_hides_nothing_of_the_flow():
+    columns = a_run(with_effect(Machine(), "flow.gain", 6.0), seed=34, seconds=900.0)
+    columns["shaft_rpm"] = np.round(np.round(columns["shaft_rpm"] / 2.6) * 2.6, 3)
+    found = diagnose_run(columns, Machine())
+    assert "shaft.coarse_encoder" in ids(found) and "shaft.gain" not in ids(found)
+    step = next(c for c in found.causes if c.id == "shaft.coarse_encoder").size
+    assert step.value == pytest.approx(2.6, abs=0.002)
+    flow = next(c for c in found.causes if c.id.startswith(("flow.", "scale.")))
+    assert "flow.gain" in {flow.id, *(r.id for r in flow.rivals)} and abs(flow.size.value) > 3.0
 
 
 def test_evidence_of_one_block_falls_with_it():

@@ -40,6 +40,9 @@ class Physics(NamedTuple):
 
 TOLERANCE = {"shaft_ratio": 0.0005, "shaft_dead_s": 0.010, "shaft_tau_s": 0.015, "gate_dead_s": 0.010,
              "gate_slew_mm_s": 0.6, "opening_off_mm": 0.01, "flow_ratio": 0.001, "wheel_ratio": 0.0005}
+# Effects that move what a tolerance moves too: the value, and by how much for one unit of the size.
+TWINS = {"shaft.dead_time": ("shaft_dead_s", 1.0), "shaft.slow": ("shaft_tau_s", 1.0),
+         "gate.slow": ("gate_slew_mm_s", -1.0), "gate.home_error": ("opening_off_mm", 1.0)}
 HEAD_TOLERANCE = 0.001
 LEVEL_TOLERANCE_KG = (50.0, 0.05)
 

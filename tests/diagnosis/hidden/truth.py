@@ -43,7 +43,7 @@ def told(e: Effect, z: float, r: dict[str, Any], span: dict[str, float]) -> dict
     """`size_defined`: the data reach the place where the catalogue defines the size, so its interval can be judged."""
     defined = {"flow.fill_falloff": span["shaft_high_rpm"] >= 85.0,
                "shaft.load_droop": span["opening_high_mm"] >= 50.0,
-               "flow.hopper_head": e.form % 3 == 0, "shaft.stall": False, "gate.stuck": False}.get(e.id, True)
+               "flow.hopper_head": e.form % 3 == 0}.get(e.id, True)
     return {"id": e.id, "size": e.size, "unit": IDS[e.id].unit, "onset_s": e.onset_s, "member": e.member,
             "form": e.form, "knob": e.knob, "seed": e.seed, "z": round(z, 3), "size_defined": bool(defined), **r}
 

@@ -1,0 +1,96 @@
+"""A shaft speed of which every reading is a whole number of steps: read off the log, and taken back.
+
+Rounding moves the mean reading by up to half a step, at a speed that hardly changes for good; what is left of the
+readings then serves the shaft's and the flow's stage as any other reading.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtr
+
+from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S
+
+from .data_gate import Clean
+from .hypothesis import Part, schedule, stages_of
+from .residuals import shaft_channel
+from .spells import Seen
+from .stages_data import drives
+
+Array = npt.NDArray[np.float64]
+
+LEAST_STEP_RPM = 0.45       # finer steps are how an ordinary log is written
+ON_STEPS = 0.995            # of the readings
+WRITTEN_RPM = 0.001         # digits of a log
+LEAST_READINGS = 200
+NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
+LEAST_CHANCE = 1e-3         # of a reading: some were taken while the shaft changed its speed
+
+
+class Steps(NamedTuple):
+    """Readings that are whole numbers of one step."""
+
+    step_rpm: float
+    sd_rpm: float
+    readings: int
+
+
+def whole_steps(readings_rpm: Array) -> Steps | None:
+    """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps."""
+    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > LEAST_STEP_RPM)]
+    kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
+    if len(turning) < LEAST_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
+        return None
+    gaps = np.diff(kinds)
+    for parts in (1.0, 2.0, 3.0):
+        step = float(gaps.min()) / parts
+        if step < LEAST_STEP_RPM:
+            return None
+        for _ in range(5):
+            number = np.round(turning / step)
+            step = float((turning @ number) / (number @ number))
+        off = np.abs(turning - step * np.round(turning / step))
+        if np.mean(off < 0.6 * WRITTEN_RPM + 1e-4 * step) >= ON_STEPS:
+            return Steps(step, WRITTEN_RPM / float(np.max(number)), len(turning))
+    return None
+
+
+def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:
+    """Mean of (rounded - true) over readings of `true_rpm` (n,) whose noise is rounded with them."""
+    most = int(np.max(true_rpm, initial=0.0) / step_rpm) + 3
+    mean = np.zeros(len(true_rpm))
+    for k in range(1, most + 1):
+        mean += step_rpm * ndtr((true_rpm - (k - 0.5) * step_rpm) / noise_rpm)
+    return np.where(true_rpm > step_rpm, mean - true_rpm, 0.0)
+
+
+def noise_before_rounding(readings_rpm: Array, true_rpm: Array, step_rpm: float, usual_rpm: float) -> float:
+    """The noise (1 s.d.) under which readings (n,) rounded to steps are most probable at their true speeds (n,)."""
+    steady = np.isfinite(readings_rpm) & (true_rpm > step_rpm) & (np.abs(readings_rpm - true_rpm) < 1.5 * step_rpm)
+    up = readings_rpm[steady] + 0.5 * step_rpm - true_rpm[steady]
+    tried = usual_rpm * NOISE_TRIED
+
+    def log_likelihood(noise: float) -> float:
+        share = ndtr(up / noise) - ndtr((up - step_rpm) / noise)
+        return float(np.sum(np.log(np.maximum(share, LEAST_CHANCE))))
+
+    return float(max(tried, key=log_likelihood)) if steady.any() else usual_rpm
+
+
+def without_steps(log: Clean, machine: Machine) -> tuple[Clean, Seen | None]:
+    """The log with the mean error of rounding taken off its shaft speeds, and the effect that it was."""
+    if "shaft" not in log.stages:
+        return log, None
+    readings = log.columns["shaft_rpm"]
+    steps = whole_steps(readings)
+    if steps is None:
+        return log, None
+    channel = shaft_channel(drives(log, machine, whole=True)["shaft"], machine)
+    asked = np.interp(log.time_s, channel.grid.even_s, channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S))
+    noise = noise_before_rounding(readings, asked, steps.step_rpm, machine.noise.shaft_rpm)
+    columns = {**log.columns, "shaft_rpm": readings - rounding_error(asked, steps.step_rpm, noise)}
+    return (log._replace(columns=columns),
+            Seen(Part("shaft.coarse_encoder", steps.step_rpm), steps.sd_rpm, float(steps.readings)))

@@ -1,0 +1,58 @@
+"""How a log's readings are taken: whole steps of an encoder, heavy tails, a drive that stopped, a threshold passed."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from control.diagnosis.tails import tail_excess
+from control.diagnosis.whole_steps import noise_before_rounding, rounding_error, whole_steps
+
+
+def test_readings_that_are_whole_steps_say_their_step_and_others_say_nothing() -> None:
+    rng = np.random.default_rng(1)
+    true = 40.0 + 30.0 * np.sin(np.linspace(0.0, 40.0, 5000))
+    noisy = true + rng.normal(0.0, 0.3, true.size)
+    step = whole_steps(np.round(np.round(noisy / 1.37) * 1.37, 3))
+    assert step is not None and step.step_rpm == pytest.approx(1.37, abs=0.001) and step.sd_rpm < 0.001
+    assert whole_steps(np.round(noisy, 3)) is None
+    assert whole_steps(np.round(noisy, 1)) is None                        # an ordinary log of one decimal
+    assert whole_steps(np.full(5000, 70.0)) is None                       # one value says nothing of its neighbours
+    assert whole_steps(np.round(np.round(true / 1.37) * 1.37 + rng.normal(0.0, 0.3, true.size), 3)) is None
+
+
+def test_the_mean_error_of_rounding_is_what_many_rounded_readings_show() -> None:
+    rng = np.random.default_rng(2)
+    for speed, noise in ((70.0, 0.3), (69.0, 0.8), (31.2, 0.1)):
+        true = np.full(200_000, speed)
+        read = np.round((true + rng.normal(0.0, noise, true.size)) / 2.47) * 2.47
+        said = rounding_error(true[:1], 2.47, noise)[0]
+        assert said == pytest.approx(read.mean() - speed, abs=0.02)
+    swept = 50.0 + 20.0 * np.sin(np.linspace(0.0, 60.0, 40_000))
+    read = np.round((swept + rng.normal(0.0, 0.45, swept.size)) / 2.47) * 2.47
+    assert noise_before_rounding(read, swept, 2.47, 0.3) == pytest.approx(0.45, rel=0.15)
+
+
+def test_heavy_tails_are_drawn_in_and_a_steady_shift_stays() -> None:
+    rng = np.random.default_rng(3)
+    noise = lfilter([1.0], [1.0, -0.5], rng.standard_t(3.0, 20_000))
+    shift = np.where(np.arange(20_000) > 12_000, 8.0, 0.0)
+    free = np.ones(20_000, bool)
+    better = noise + shift - tail_excess(noise + shift, free)
+    assert np.mean(better[12_100:]) - np.mean(better[:11_900]) == pytest.approx(8.0, abs=0.15)
+    plain, robust = [], []
+    for _ in range(60):
+        one = rng.standard_t(3.0, 2_000)
+        plain.append(one.mean())
+        robust.append((one - tail_excess(one, np.ones(2_000, bool))).mean())
+    assert np.std(robust) < 0.85 * np.std(plain)
+
+
+def test_normal_noise_and_protected_samples_are_left_alone() -> None:
+    rng = np.random.default_rng(4)
+    assert not tail_excess(rng.normal(size=5_000), np.ones(5_000, bool)).any()
+    free = np.arange(5_000) < 4_000
+    noise = rng.standard_t(3.0, 5_000)
+    noise[4_500] = 60.0
+    drawn = tail_excess(noise, free)
+    assert drawn[:4_000].any() and abs(drawn[4_500]) < 1e-6
