@@ -13,9 +13,9 @@ from .hypothesis import Part, Parts
 from .likelihood import Column, best_fitted
 from .null import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
 from .onset import blocked, refined, stops, with_onset
-from .open_set import SLOW_ENERGY, Table, best_table, holds, significant
+from .open_set import SLOW_ENERGY, Table, best_table, gain_elsewhere, holds, significant
 from .search import Found, Group, Refit
-from .sensitivities import THRESHOLDS
+from .sensitivities import THRESHOLDS, tolerance_of
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +30,10 @@ LEAST_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
 LEAST_SHARE_WITHOUT_BLOCK = 0.2     # of the gain
 DRIFT_FACTOR = 1.6          # of the threshold, for what is as slow as the drift that the log has
 BEGUN_IN_DRIFT = 2.4        # of the threshold, for what begins at a time of its own in a log that drifts without it
+ALONG = {"flow.slope": "pitch_deg", "scale.tilt": "pitch_deg", "shaft.voltage_sag": "supply_v"}
+MOVED_MARGIN = 1.5          # times what four smooth shapes of the same variable gain with it moved along the log ...
+SURE = 4.0                  # ... asked of what gains less than so many thresholds
+MOST_RIVALS = 12            # of a scan that are refitted
 REFITTED = 4                # best of a scan that are refitted in full
 
 
@@ -112,6 +116,8 @@ def _holds(group: Group, found: Refit, k: int, without: Refit, threshold: float)
     if CATALOGUE[part.id].effect.onset_only or part.id == "shaft.coarse_encoder":
         return True
     others = (*found.parts[:k], *found.parts[k + 1:])
+    if abs(part.size) < threshold ** 0.5 * tolerance_of(part.id, group.machine):
+        return False
     trace = group.trace(found.parts, k)
     seen = scores(group, others, found.noise, [trace])
     share = 0.0 if part.id in THRESHOLDS else LEAST_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
@@ -121,6 +127,9 @@ def _holds(group: Group, found: Refit, k: int, without: Refit, threshold: float)
     if gain < DRIFT_FACTOR * threshold and _slow(group, trace, found):
         return False
     if part.onset_s is not None and gain < BEGUN_IN_DRIFT * threshold and _slow(group, trace, without):
+        return False
+    if part.id in ALONG and gain < SURE * threshold and \
+            gain < MOVED_MARGIN * gain_elsewhere(group, without, part.id.split(".")[0], ALONG[part.id]):
         return False
     tried = [c for c in group.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     every = scores(group, found.parts, found.noise, [group.candidate_column(others, c) for c in tried])
@@ -209,7 +218,7 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
         reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
         found = []
-        scanned = _one_of_each(group.scan(others, alone.noise))[:8]
+        scanned = _one_of_each(group.scan(others, alone.noise))[:MOST_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
         for f in scanned:
             if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:

@@ -15,6 +15,7 @@ from .stages_data import RunData
 Array = npt.NDArray[np.float64]
 
 TIMES = 16                  # onsets tried over the working time
+CALM = 5                    # samples of a median: an outlier is no turning
 STILL_S = 3.0               # a drive must disobey for this long in all
 STILL_GAIN = 60.0           # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
@@ -43,22 +44,15 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
     """Drives that stood still to the end of the log though commanded."""
     found: list[Candidate] = []
     predicted = group.predicted(())
-    calm = {c.name: median_filter(c.measured, 5) for c in group.channels if c.name in ("shaft", "gate")}
     for channel in group.channels:
         if channel.name == "shaft":
             asked = predicted["shaft"] > 5.0
-            obeyed = asked & (calm["shaft"] > 0.3 * predicted["shaft"])
+            obeyed = asked & (median_filter(channel.measured, CALM) > 0.3 * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = "shaft.stall"
         elif channel.name == "gate":
-            noise = channel.prior.fast_sd
-            final = float(np.median(calm["gate"][-max(5, int(1.0 / channel.grid.step_s)):]))
-            moves = np.abs(calm["gate"] - final) > 5.0 * noise
-            asked = np.abs(predicted["gate"] - final) > 1.0 + 6.0 * noise
-            at = _last_obeyed(asked, moves, channel.grid.step_s)
-            if at is None:
-                least = int(np.ceil(STILL_S / channel.grid.step_s))
-                at = _still_from(channel.measured, predicted["gate"], noise, least)
+            least = int(np.ceil(STILL_S / channel.grid.step_s))
+            at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
             effect = "gate.stuck"
             if at is not None:
                 at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s)
@@ -83,7 +77,9 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     better = (about_model - about_mean)[:-least] / noise ** 2
     if len(better) < 1 or float(better.max()) < STILL_GAIN:
         return None
-    return int(np.argmax(better))
+    level = float(np.median(measured[int(np.argmax(better)):]))
+    gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1]
+    return int(np.argmax(gained[:-least]))
 
 
 def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:

@@ -92,13 +92,19 @@ def holds(group: Group, now: Refit, table: Table, explained: float) -> bool:
         return False
     if not table.slow or table.variable in TIME_LIKE:
         return True
-    elsewhere = max(_moved_gain(group, now, table, k / (SHIFTS + 1.0)) for k in range(1, SHIFTS + 1))
-    return table.gain > SHIFT_MARGIN * elsewhere
+    return table.gain > SHIFT_MARGIN * gain_elsewhere(group, now, table.stage, table.variable)
 
 
-def _moved_gain(group: Group, now: Refit, table: Table, share: float) -> float:
+def gain_elsewhere(group: Group, now: Refit, stage: str, variable: str) -> float:
+    """The most that a stage's dependence on a variable gains with the variable moved along the log."""
+    return max(_moved_gain(group, now, stage, variable, k / (SHIFTS + 1.0)) for k in range(1, SHIFTS + 1))
+
+
+def _moved_gain(group: Group, now: Refit, stage: str, variable: str, share: float) -> float:
     """Gain of a dependence once its variable is moved along the log by a share of it, round the end."""
-    columns = group.moved_forms(table.stage, table.variable, share)
+    columns = group.moved_forms(stage, variable, share)
+    if not columns:
+        return 0.0
     p, before = group.compressed(now.parts, columns)
     plain = best_fitted(p, np.arange(before), now.noise, group.channels)
     full = best_fitted(p, np.arange(before + len(columns)), plain.noise, group.channels)

@@ -366,14 +366,14 @@ def test_a_slow_dependence_must_gain_more_than_with_its_variable_moved_along_the
     group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
     null_fit = group.refit(())
     plain = [open_set._table(group, null_fit, "gate", "roll_deg")]
-    moved = [open_set._moved_gain(group, null_fit, plain[0], k / 8.0) for k in range(1, 8)]
+    moved = [open_set._moved_gain(group, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
     assert plain[0].gain < open_set.SHIFT_MARGIN * max(moved)
     rolls = {**columns, "opening_mm": columns["opening_mm"] + 0.12 * columns["roll_deg"]}
     data = stages_data.run_data(data_gate.gate(rolls), Machine())
     group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
     null_fit = group.refit(())
     there = open_set._table(group, null_fit, "gate", "roll_deg")
-    moved = [open_set._moved_gain(group, null_fit, there, k / 8.0) for k in range(1, 8)]
+    moved = [open_set._moved_gain(group, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
     assert there.gain > 2.0 * max(moved) and open_set.holds(group, null_fit, there, 0.0)
 
 

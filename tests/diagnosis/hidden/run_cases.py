@@ -18,6 +18,7 @@ from .truth import Columns, Made, Relations, share_of, told
 _GROUPS = {"shaft": ("shaft.",), "gate": ("gate.", "flow.", "scale."), "flow": ("gate.", "flow.", "scale."),
            "scale": ("gate.", "flow.", "scale."), "speed": ("speed.",), "canopy": ("canopy.",)}
 _ONSETS = ("shaft.stall", "gate.stuck", "flow.blocked_outlet")
+LEAST_KG = 2.0
 _TRAITS = ("t.gate_bow", "t.shaft_tau", "t.shaft_ripple", "t.shaft_sensor", "t.flow_wave", "t.wheel_wobble")
 
 
@@ -114,6 +115,8 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     traits = traits_of(eye, rng, plant)
     log_seed = int(rng.integers(1 << 30))
     columns = runlog.columns(plant, physics, (*planted, *traits), noises, log_seed)
+    if np.nanmin(columns["hopper_kg"]) < LEAST_KG:
+        return None                                          # stuck wide open it would have run empty
     truth = {"programme": p.name, "noise": noise, "rows": int(d.time_s.size), "outside": outside,
              "causes": [told(e, z, r, _span(d)) for (e, z), r in zip(found, relations, strict=True)],
              "traits": [e._asdict() for e in traits], "physics": physics._asdict()}
