@@ -62,7 +62,10 @@ def rewritten(columns: dict[str, Any], seed: int) -> list[Rewritten]:
 
 
 def line(one: Rewritten, machine: Any, effects: list[tuple[str, float]]) -> str:
-    """One row of the table; where an effect is not named, the smallest size that this log would have shown."""
+    """One row of the table; where an effect is not named, the smallest size that this log would have shown.
+
+    What the diagnosis itself says against its verdict stands beside it.
+    """
     from control.diagnosis.run import diagnose_run
 
     found = diagnose_run(one.columns, machine)
@@ -72,7 +75,9 @@ def line(one: Rewritten, machine: Any, effects: list[tuple[str, float]]) -> str:
     why = [f"{name}: this log shows it from {least[name].value:.3g} {least[name].unit} on"
            if least[name].value is not None else f"{name}: this log cannot show it"
            for name, _ in effects if name in least]
-    return f"| {one.word} | {found.data.rows} | {found.verdict} | {named or '-'} | {'; '.join(why) or '-'} |"
+    doubts = [said for said in found.findings if "a command given between two rows" in said]
+    beside = "; ".join([*why, *doubts]) or "-"
+    return f"| {one.word} | {found.data.rows} | {found.verdict} | {named or '-'} | {beside} |"
 
 
 def main() -> None:
@@ -86,7 +91,7 @@ def main() -> None:
     columns, machine = simulated(effects, args.seconds, args.seed)
     planted = ", ".join(f"{name} = {size:g}" for name, size in effects)
     print(f"{planted}; {args.seconds:g} s simulated, seed {args.seed}\n")
-    print("| rows every | rows | verdict | named, 90 % interval | not named |\n|---|---|---|---|---|")
+    print("| rows every | rows | verdict | named, 90 % interval | not named, or doubted |\n|---|---|---|---|---|")
     for one in rewritten(columns, args.seed):
         print(line(one, machine, effects), flush=True)
 
