@@ -78,8 +78,10 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     if len(better) < 1 or float(better.max()) < STILL_GAIN:
         return None
     level = float(np.median(measured[int(np.argmax(better)):]))
-    gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1]
-    return int(np.argmax(gained[:-least]))
+    gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise ** 2
+    at = int(np.argmax(gained[:-least]))
+    # The end of a move that came a little late speaks for a stop as well, but only for a moment.
+    return at if gained[min(at + least, len(gained) - 1)] > STILL_GAIN else None
 
 
 def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:

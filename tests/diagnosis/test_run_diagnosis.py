@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from control.diagnosis import data_gate, noise, null, open_set, search, stages_data
+from control.diagnosis import data_gate, noise, null, onset, open_set, search, stages_data
 from control.diagnosis.extend import extend, refuse_to_adopt
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.next_run import manoeuvres, separation
@@ -248,6 +248,19 @@ def test_a_gate_stuck_while_its_moves_are_small_is_named():
     found = diagnose_run(columns, Machine())
     cause = next(c for c in found.causes if c.id == "gate.stuck")
     assert cause.onset_s == pytest.approx(250.0, abs=4.0)
+
+
+def test_a_gate_whose_last_move_came_late_is_not_stuck():
+    group = a_gate_alone(Machine(), 0.02)
+    channel = group.channels[0]
+    still = channel.measured.copy()
+    asked = group.predicted(())["gate"].copy()
+    asked[-400:], still[-400:] = 20.0, 20.0 + 0.05 * np.random.default_rng(2).standard_normal(400)
+    asked[-403:-400], still[-403:-400] = 26.0, 27.0
+    still[-500:-403] = asked[-500:-403] = 27.0
+    assert onset._still_from(still, asked, 0.05, 60) is None
+    asked[-300:] += 2.0 * np.sin(np.arange(300) / 20.0)
+    assert onset._still_from(still, asked, 0.05, 60) is not None
 
 
 def a_gate_alone(machine, dead_time_off_s=0.0):
