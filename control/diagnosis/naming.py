@@ -12,7 +12,7 @@ from .encoder import encoder_steps
 from .hypothesis import Part, Parts
 from .likelihood import Column, best_fitted
 from .null import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
-from .onset import blocked, refined, stops, with_onset
+from .onset import blocked, refined, still_disobeys, stops, with_onset
 from .open_set import SLOW_ENERGY, Table, best_table, gain_elsewhere, holds, significant
 from .search import Found, Group, Refit
 from .sensitivities import THRESHOLDS, tolerance_of
@@ -96,7 +96,8 @@ def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
     found = _one_of_each(group.scan(now.parts, now.noise))
     ranked = [f for f in found if f.gain > 0.5 * threshold][:REFITTED]
     # How a drive runs down is nobody's effect: a column has it, a refit leaves it out.
-    ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only and f not in ranked]
+    ranked = [f for f in ranked if not CATALOGUE[f.part.id].effect.onset_only]
+    ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only and still_disobeys(group, now.parts, f.part)]
     tried = [r for r in (group.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
     if not tried:
         return None

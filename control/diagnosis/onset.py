@@ -3,12 +3,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from control.machine.machine import CATALOGUE
 
 from .hypothesis import Part, Parts
-from .search import Group, Refit
+from .search import HALT_S, Group, Refit
 from .sensitivities import Candidate
 from .stages_data import RunData
 
@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 TIMES = 16                  # onsets tried over the working time
 CALM = 5                    # samples of a median: an outlier is no turning
 STILL_S = 3.0               # a drive must disobey for this long in all
+DISOBEYS_SD = 2.0           # of one reading, for the mean of a second
 STILL_GAIN = 60.0           # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
 STUCK_MM = 0.02             # worth as much as STUCK_WITHIN_S
@@ -61,6 +62,15 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
         if at is not None and at > 0:
             found.append(Candidate(Part(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0))
     return found
+
+
+def still_disobeys(group: Group, parts: Parts, stop: Part) -> bool:
+    """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
+    channel = next(c for c in group.channels if c.name == stop.id.split(".")[0])
+    second = max(1, round(1.0 / channel.grid.step_s))
+    off = uniform_filter1d(channel.measured - group.predicted(parts)[channel.name], second)
+    later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
+    return float(np.sum(np.abs(off[later]) > DISOBEYS_SD * channel.prior.fast_sd)) * channel.grid.step_s > STILL_S
 
 
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:

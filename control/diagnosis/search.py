@@ -48,6 +48,7 @@ DEAD_TIME_HALVINGS = 5      # of its tolerance, when a dead time is looked for
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
 UNSEEN_IN_STEPS = frozenset({"shaft.dead_time", "shaft.slow"})      # a reading in steps has its own way of being late
+THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
 THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size
 THRESHOLD_Z = 1.645         # half an interval of 90 % in s.d.
 LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
@@ -87,6 +88,7 @@ class Group:
         self.candidates = [c for c in candidates(self.names, heads, refilled) if _excited(c, data)]
         self._heads = heads
         self._off: dict[str, float] = {}
+        self._sought: set[str] = set()      # thresholds that were looked for all over
         self._fixed = self._nuisance_columns()
         if "scale" in self.names and data.hopper is not None:
             level = channels[self.names.index("scale")]
@@ -412,14 +414,15 @@ class Group:
         stiff, before = normal[at, at], len(null.amplitude)
         if stiff <= 0.0:
             return Found(c.part, -np.inf)
-        size = float(np.clip(right[at] / stiff, c.low, c.high))
+        whole = c.part.id in THRESHOLDS             # half a threshold's column is not what half a threshold does
+        size = c.part.size if whole else float(np.clip(right[at] / stiff, c.low, c.high))
         gain = 2.0 * right[at] * size - stiff * size * size
-        if gain > FITTED_FROM:
+        if gain > FITTED_FROM and not whole:
             full = fitted(p, np.append(np.arange(before), at), start)
             size = float(np.clip(full.amplitude[-1], c.low, c.high))
             gain = 2.0 * (full.log_likelihood - null.log_likelihood) if size == full.amplitude[-1] else \
                 min(gain, 2.0 * (full.log_likelihood - null.log_likelihood))
-        elif start is not null.noise:
+        elif start is not null.noise and not whole:
             return Found(c.part, -np.inf)
         return Found(c.part._replace(size=size), float(gain))
 
@@ -496,7 +499,12 @@ class Group:
 
             last = len(edges) - 2
             here = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last))
-            step = max(1, last // 8)
+            places = [here]
+            if part.id not in self._sought:             # a plateau leads nowhere: look all over once
+                places += np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
+                self._sought.add(part.id)
+            here = max(places, key=lambda place: at(k, place))
+            step = max(1, last // THRESHOLDS_TRIED) if len(places) > 1 else 2
             while step:
                 near = [place for place in (here - step, here + step) if 0 <= place <= last]
                 better = max([here, *near], key=lambda place: at(k, place))

@@ -256,8 +256,8 @@ def test_a_gate_whose_last_move_came_late_is_not_stuck():
     still = channel.measured.copy()
     asked = group.predicted(())["gate"].copy()
     asked[-400:], still[-400:] = 20.0, 20.0 + 0.05 * np.random.default_rng(2).standard_normal(400)
-    asked[-403:-400], still[-403:-400] = 26.0, 27.0
-    still[-500:-403] = asked[-500:-403] = 27.0
+    still[-500:-400] = asked[-500:-400] = 27.0
+    asked[-400] = 21.0
     assert onset._still_from(still, asked, 0.05, 60) is None
     asked[-300:] += 2.0 * np.sin(np.arange(300) / 20.0)
     assert onset._still_from(still, asked, 0.05, 60) is not None
