@@ -12,6 +12,7 @@ import importlib.util
 import resource
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,8 @@ def main() -> None:
     columns, _ = log_of(args.rows)
     held = sum(c.nbytes for c in columns.values()) / 1e6
     began, busy = time.perf_counter(), time.process_time()
-    found = diagnose_run(columns, machine)
+    with ThreadPoolExecutor(2) as pool:             # as `topdress diagnose` does
+        found = diagnose_run(columns, machine, each=pool.map)
     took, busy = time.perf_counter() - began, time.process_time() - busy
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
     print(f"{found.data.rows} rows, {found.data.duration_s / 3600.0:.1f} h: {took:.1f} s, {busy:.1f} s of processor, "

@@ -4,6 +4,7 @@ from __future__ import annotations
 import datetime as dt
 import json
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
     from control.machine.machine import Machine
     from drivers.files.setup import Setup
+
+TOGETHER = 2                # groups of channels judged at the same time
 
 
 def diagnose(
@@ -76,8 +79,9 @@ def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict
     for finding in log.findings:
         typer.echo(f"note: {finding}", err=True)
     columns = dict(log.columns)
-    return diagnose_run(columns, machine, path=str(data[0]), progress=_progress(), seed=seed), {"columns": columns,
-                                                                                               "machine": machine}
+    with ThreadPoolExecutor(TOGETHER) as pool:
+        found = diagnose_run(columns, machine, path=str(data[0]), progress=_progress(), seed=seed, each=pool.map)
+    return found, {"columns": columns, "machine": machine}
 
 
 def _tables(data: list[Path], machine: Machine, kind: str | None, seed: int) -> tuple[Diagnosis, dict[str, Any]]:

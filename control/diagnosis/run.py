@@ -1,8 +1,7 @@
 """Diagnosis of a run log, from columns to verdict."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -44,12 +43,12 @@ from .whole import on_the_whole
 from .whole_steps import without_steps
 
 Progress = Callable[[float, str], None]
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 Z90 = 1.645
 STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
 MOVE_SHAPED = {"gate.slow", "gate.backlash", "gate.lost_steps", "shaft.slow", "shaft.dead_time"}
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
-TOGETHER = 2                # groups of channels judged at the same time
 
 
 class Cancelled(Exception):
@@ -58,11 +57,12 @@ class Cancelled(Exception):
 
 def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
                  progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
-                 seed: int = 0) -> Diagnosis:
+                 seed: int = 0, each: Each = map) -> Diagnosis:
     """What the machine model gets wrong in a run log, and why.
 
     columns : arrays (n,) by the run log's column names and units; float with NaN for not known, texts as objects.
     progress : called with a share 0 to 1 and a word; cancelled : asked between steps, True raises `Cancelled`.
+    each : `map`, or a pool's: the groups of channels may be judged side by side.
     Raises ValueError with one plain line where the log cannot be used at all.
     """
     def step(share: float, word: str) -> None:
@@ -81,7 +81,8 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     seen = channels(data, machine)
     findings = [*log.findings, *_step_findings(seen, machine)]
     step(0.1, "model")
-    named = _named({word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}, machine, data, step)
+    named = _named({word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}, machine, data, step,
+                   each)
     findings += on_the_whole(log, named, machine)
     findings += _between_rows(log, {part.id for one in named for part in one.found.parts})
     step(0.9, "result")
@@ -89,21 +90,17 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
 
 
 def _named(groups: Mapping[str, list[ChannelSeries]], machine: Machine, data: RunData,
-           step: Callable[[float, str], None]) -> list[Named]:
-    """Each group of channels judged, two at a time: they share nothing but the log."""
+           step: Callable[[float, str], None], each: Each) -> list[Named]:
+    """Each group of channels judged: they share nothing but the log."""
     def judged(members: list[ChannelSeries]) -> Named:
         return name(Group(members, machine, data))
 
-    with ThreadPoolExecutor(TOGETHER) as pool:
-        jobs = {pool.submit(judged, members): word for word, members in groups.items() if members}
-        try:
-            for done, job in enumerate(as_completed(jobs)):
-                job.result()
-                step(0.1 + 0.8 * (done + 1) / len(jobs), jobs[job])
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return [job.result() for job in jobs]
+    words = [word for word, members in groups.items() if members]
+    named = []
+    for word, one in zip(words, each(judged, [groups[word] for word in words]), strict=True):
+        named.append(one)
+        step(0.1 + 0.8 * len(named) / len(words), word)
+    return named
 
 
 def _step_findings(seen: Mapping[str, Any], machine: Machine) -> list[str]:
