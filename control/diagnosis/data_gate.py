@@ -22,7 +22,7 @@ NEEDED = {
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
 LEAST_ROWS = 40
-MOVES_MPS = 0.3             # a log whose speeds never exceed this stood all the time
+MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 HELD_AT_MOST_S = 3.0
 
 
@@ -131,7 +131,7 @@ def _stood(found: dict[str, Array]) -> bool:
     Then wheel and GNSS show their noise alone, and each head its own piece of canopy.
     """
     known = [found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()]
-    return bool(known) and all(float(np.nanquantile(speed, 0.98)) < MOVES_MPS for speed in known)
+    return bool(known) and all(float(np.nanquantile(speed, 0.98)) < MOVING_MPS for speed in known)
 
 
 def _without_held(name: str, values: Array, step_s: float, findings: list[str]) -> Array:

@@ -16,7 +16,7 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
 
-from .likelihood import Column, fitted, problem
+from .likelihood import Z90, Column, fitted, problem
 from .naming import Named
 from .noise import Noise, coefficients, segments, series_of
 from .open_set import DOWNSTREAM
@@ -31,7 +31,6 @@ BLOCKS = 8
 HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
 GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
 PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
-Z90 = 1.645
 
 
 def measure_gain(named: Named) -> list[Gain]:

@@ -14,6 +14,7 @@ from .residuals import Channel
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+Z90 = 1.645                 # half an interval of 90 % in s.d.
 MOST_ROUNDS = 15
 SLOWER = 5.0                # times, at least, that the slow part of a noise remembers longer than the fast one
 SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round

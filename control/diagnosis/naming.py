@@ -13,7 +13,7 @@ from .hypothesis import Part, Parts
 from .likelihood import Column, best_fitted
 from .null import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
 from .onset import blocked, refined, still_disobeys, stops, with_onset
-from .open_set import SLOW_ENERGY, Table, best_table, gain_elsewhere, holds, significant
+from .open_set import SLOW_ENERGY, Table, gain_elsewhere, unexplained
 from .search import Found, Group, Refit
 from .sensitivities import THRESHOLDS, tolerance_of
 
@@ -81,12 +81,11 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
         current = _pruned(group, with_onset(group, current, group.data, ONSET_THRESHOLD), threshold)
         current = _without_chance(group, current, threshold)
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
-    table = best_table(group, current)
-    if table is not None and significant(table, explained) and holds(group, current, table, explained):
-        current = _beside_table(group, current, table, threshold)
-        table = best_table(group, current)
-    if table is not None and not (significant(table, explained) and holds(group, current, table, explained)):
-        table = None
+    table = unexplained(group, current, explained)
+    if table is not None:
+        beside = _beside_table(group, current, table, threshold)
+        if beside is not current:
+            current, table = beside, unexplained(group, beside, explained)
     gains, rivals = _rivals(group, current)
     return Named(group, null, current, gains, rivals, tuple(first), table)
 
@@ -213,6 +212,7 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
     """
     gains: list[float] = []
     rivals: list[tuple[RivalOf, ...]] = []
+    own_value = group.under(now.parts, now.noise) if now.parts else 0.0
     for k, part in enumerate(now.parts):
         others = (*now.parts[:k], *now.parts[k + 1:])
         alone = group.refit(others, now.noise)
@@ -225,7 +225,7 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
             if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:
                 continue
             tried = group.refit((*others, f.part), now.noise)
-            behind = 2.0 * (group.under(now.parts, now.noise) - group.under(tried.parts, now.noise))
+            behind = 2.0 * (own_value - group.under(tried.parts, now.noise))
             if behind < reach:
                 found.append(RivalOf(tried.parts[-1], behind))
         gains.append(gain)

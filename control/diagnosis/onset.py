@@ -66,7 +66,7 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
 
 def still_disobeys(group: Group, parts: Parts, stop: Part) -> bool:
     """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
-    channel = next(c for c in group.channels if c.name == stop.id.split(".")[0])
+    channel = group.channel(stop.id.split(".")[0])
     second = max(1, round(1.0 / channel.grid.step_s))
     off = uniform_filter1d(channel.measured - group.predicted(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
@@ -105,7 +105,7 @@ def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
 
 def stop_interval(group: Group, part: Part) -> tuple[float, float]:
     """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
-    channel = next(c for c in group.channels if c.name == part.id.split(".")[0])
+    channel = group.channel(part.id.split(".")[0])
     at_s = float(part.onset_s or 0.0)
     asked, even_s = group.predicted(())[channel.name], channel.grid.even_s
     at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))

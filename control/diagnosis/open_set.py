@@ -1,6 +1,7 @@
 """What no catalogued effect explains: smooth structure of a stage along a recorded variable."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy.typing as npt
 
 from control.machine.elements import Table as Nodes
 
-from .likelihood import Column, best_fitted, power_left
+from .likelihood import Column, Fit, Problem, best_fitted, power_left
 from .noise import Noise
 from .null import scores, slow_share, spread_over, without_best_block
 from .search import Group, Refit
@@ -72,6 +73,14 @@ def best_table(group: Group, now: Refit) -> Table | None:
     return best
 
 
+def unexplained(group: Group, now: Refit, explained: float) -> Table | None:
+    """The strongest dependence left, where it is worth a verdict and shows all over the log."""
+    table = best_table(group, now)
+    if table is None or not significant(table, explained) or not holds(group, now, table, explained):
+        return None
+    return table
+
+
 def significant(table: Table, explained: float) -> bool:
     """Whether a dependence is worth a verdict. `explained`: gain of the named causes, twice the log-likelihood."""
     if table.explained_share < LEAST_SHARE and table.field_percent < LEAST_FIELD_PERCENT:
@@ -105,10 +114,15 @@ def _moved_gain(group: Group, now: Refit, stage: str, variable: str, share: floa
     columns = group.moved_forms(stage, variable, share)
     if not columns:
         return 0.0
+    _, plain, full = _without_and_with(group, now, columns)
+    return 2.0 * (full.log_likelihood - plain.log_likelihood)
+
+
+def _without_and_with(group: Group, now: Refit, columns: Sequence[Column]) -> tuple[Problem, Fit, Fit]:
+    """A hypothesis and `columns` as one problem, fitted without and with the columns, which come last."""
     p, before = group.compressed(now.parts, columns)
     plain = best_fitted(p, np.arange(before), now.noise, group.channels)
-    full = best_fitted(p, np.arange(before + len(columns)), plain.noise, group.channels)
-    return 2.0 * (full.log_likelihood - plain.log_likelihood)
+    return p, plain, best_fitted(p, np.arange(before + len(columns)), plain.noise, group.channels)
 
 
 def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
@@ -116,15 +130,12 @@ def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
     over = span(group.data, variable)
     if not columns or over is None:
         return None
-    p, before = group.compressed(now.parts, columns)
-    fixed = np.arange(before)
-    plain = best_fitted(p, fixed, now.noise, group.channels)
-    full = best_fitted(p, np.arange(before + SHAPES), plain.noise, group.channels)
-    weights = full.amplitude[before:]
+    p, plain, full = _without_and_with(group, now, columns)
+    weights = full.amplitude[len(plain.amplitude):]
     values = np.array([shape(k) for k in range(1, SHAPES + 1)]).T @ weights
     name = FORM_CHANNEL[stage]
     series = np.asarray(sum(w * c.coefficients[name] for w, c in zip(weights, columns, strict=True)))
-    left = power_left(p, name, fixed, plain.amplitude)
+    left = power_left(p, name, np.arange(len(plain.amplitude)), plain.amplitude)
     share = float(np.clip(np.sum(series ** 2) / max(1e-300, left), 0.0, 1.0))
     return Table(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
                  tuple(values.tolist()), share, _field_percent(group, stage, over, values),
@@ -139,8 +150,7 @@ def _slow_noise(group: Group, name: str, series: npt.NDArray[np.float64], before
     Drift is a few slow waves over the length of a log, and four smooth shapes of anything that itself changes slowly
     follow some of them; a dependence that is really there leaves no drift behind.
     """
-    channel = next(c for c in group.channels if c.name == name)
-    slow = slow_share(series, channel, before) > SLOW_ENERGY
+    slow = slow_share(series, group.channel(name), before) > SLOW_ENERGY
     return slow, slow and after.slow_sd ** 2 > DRIFT_LEFT * before.slow_sd ** 2
 
 

@@ -15,6 +15,7 @@ from .data_gate import Clean, gate
 from .detectable import not_shown
 from .gain import measure_gain
 from .hypothesis import schedule, stages_of
+from .likelihood import Z90
 from .naming import Named, name
 from .next_run import next_run
 from .onset import stop_interval
@@ -44,7 +45,6 @@ from .whole_steps import without_steps
 
 Progress = Callable[[float, str], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-Z90 = 1.645
 STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
 MOVE_SHAPED = {"gate.slow", "gate.backlash", "gate.lost_steps", "shaft.slow", "shaft.dead_time"}
 TICK_S = 0.05               # control's usual tick

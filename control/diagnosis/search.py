@@ -12,7 +12,7 @@ from control.machine.over_log import MOST_STEP_S
 
 from . import noise as noises
 from .hypothesis import Part, Parts, bounds, schedule, stages_of
-from .likelihood import Column, Fit, Problem, best_fitted, calm, fitted, problem, projected, solved
+from .likelihood import Z90, Column, Fit, Problem, best_fitted, calm, fitted, problem, projected, solved
 from .noise import Noise, coefficients, series_of
 from .residuals import FINE_S, Channel
 from .sensitivities import (
@@ -50,7 +50,6 @@ ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of r
 UNSEEN_IN_STEPS = frozenset({"shaft.dead_time", "shaft.slow"})      # a reading in steps has its own way of being late
 THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
 THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size
-THRESHOLD_Z = 1.645         # half an interval of 90 % in s.d.
 LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
 
 
@@ -99,6 +98,10 @@ class Group:
         self._forms: dict[tuple[str, str], list[Column]] = {}
         self._tried: dict[tuple[Parts, str], Column] = {}
 
+    def channel(self, name: str) -> Channel:
+        """One of the group's channels; ValueError where it has none of that name."""
+        return self.channels[self.names.index(name)]
+
     # -- through the model ---------------------------------------------------------------------------------------
 
     def predicted(self, parts: Parts) -> dict[str, Array]:
@@ -114,7 +117,7 @@ class Group:
         left = {c.name: c.measured - self._excess[c.name] - now[c.name] for c in self.channels}
         for part in parts:
             if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
-                channel = next(c for c in self.channels if c.name == part.id.split(".")[0])
+                channel = self.channel(part.id.split(".")[0])
                 after_s = channel.grid.even_s - part.onset_s
                 left[channel.name] = np.where((after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name])
         return left
@@ -290,7 +293,7 @@ class Group:
         over, name = span(data, variable), FORM_CHANNEL[stage]
         if over is None or name not in self.names:
             return []
-        channel = next(c for c in self.channels if c.name == name)
+        channel = self.channel(name)
         rows = series(stage, over, channel, self._units.get(stage, np.ones(1)), data, self.base, self.machine)
         return [self.column(f"{stage} over {variable} {k + 1}", {name: row}) for k, row in enumerate(rows)]
 
@@ -476,46 +479,42 @@ class Group:
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
     def _threshold(self, found: Refit) -> Refit:
-        """Thresholds moved, in ever smaller steps, to where they fit best; their interval is what the log leaves open.
+        """The threshold moved, in ever smaller steps, to where it fits best; its interval is what the log leaves open.
 
         A threshold acts on the commands that were given: between two of them every value is as good.
         """
-        best = found
-        for k, part in enumerate(found.parts):
-            if part.id not in THRESHOLDS or self.data.shaft is None:
-                continue
-            low, high = bounds(part.id)
-            given = np.unique(np.round(self.data.shaft.command, 3))
-            edges = np.unique(np.concatenate(([low], given[(given > low) & (given < high)], [high])))
-            tried: dict[int, Refit] = {}
+        k = next(k for k, part in enumerate(found.parts) if part.id in THRESHOLDS)
+        part = found.parts[k]
+        edges = self._commands_between(*bounds(part.id))
+        tried: dict[int, Refit] = {}
 
-            def at(k: int, place: int, edges: Array = edges, tried: dict[int, Refit] = tried) -> float:
-                if place not in tried:
-                    size = 0.5 * float(edges[place] + edges[place + 1])
-                    parts = (*found.parts[:k], found.parts[k]._replace(size=size), *found.parts[k + 1:])
-                    fit, _, _ = self._fit(parts, found.noise)
-                    tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
-                return tried[place].log_likelihood
+        def value(place: int) -> float:
+            if place not in tried:
+                parts = _sized(found.parts, k, 0.5 * float(edges[place] + edges[place + 1]))
+                fit, _, _ = self._fit(parts, found.noise)
+                tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+            return tried[place].log_likelihood
 
-            last = len(edges) - 2
-            here = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last))
-            places = [here]
-            if part.id not in self._sought:             # a plateau leads nowhere: look all over once
-                places += np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
-                self._sought.add(part.id)
-            here = max(places, key=lambda place: at(k, place))
-            step = max(1, last // THRESHOLDS_TRIED) if len(places) > 1 else 2
-            while step:
-                near = [place for place in (here - step, here + step) if 0 <= place <= last]
-                better = max([here, *near], key=lambda place: at(k, place))
-                step, here = (step, better) if better != here else (step // 2, here)
-            as_good = [place for place in tried if at(k, place) > at(k, here) - 0.5 * THRESHOLD_GAP]
-            low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
-            best = tried[here]
-            sd = (*best.sd[:k], 0.5 * (high - low) / THRESHOLD_Z, *best.sd[k + 1:])
-            best = best._replace(sd=sd, parts=(*best.parts[:k], best.parts[k]._replace(size=0.5 * (low + high)),
-                                               *best.parts[k + 1:]))
-        return best
+        last = len(edges) - 2
+        here, step = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
+        if part.id not in self._sought:                 # a plateau leads nowhere: look all over once
+            self._sought.add(part.id)
+            places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
+            here, step = max([here, *places], key=value), max(1, last // THRESHOLDS_TRIED)
+        while step:
+            near = [place for place in (here - step, here + step) if 0 <= place <= last]
+            better = max([here, *near], key=value)
+            step, here = (step, better) if better != here else (step // 2, here)
+        as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
+        low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
+        best = tried[here]
+        return best._replace(parts=_sized(best.parts, k, 0.5 * (low + high)),
+                             sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1:]))
+
+    def _commands_between(self, low: float, high: float) -> Array:
+        """The shaft speeds that were asked for between two bounds, and the bounds."""
+        command = np.empty(0) if self.data.shaft is None else np.round(self.data.shaft.command, 3)
+        return np.unique(np.concatenate(([low], command[(command > low) & (command < high)], [high])))
 
     def tame(self, parts: Parts) -> None:
         """Lone readings far off the richest fit are drawn in; steady or repeated deviations are left as they are."""
@@ -565,6 +564,10 @@ def _excited(candidate: Candidate, data: RunData) -> bool:
     if least is None or opening is None:
         return True
     return bool(np.ptp(np.percentile(opening, (1.0, 99.0))) >= least)
+
+
+def _sized(parts: Parts, k: int, size: float) -> Parts:
+    return (*parts[:k], parts[k]._replace(size=size), *parts[k + 1:])
 
 
 def _grown(part: Part, by: float) -> Part:

@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 from control.machine.machine import Machine
 
-from .data_gate import HEADS, Clean
+from .data_gate import HEADS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
@@ -29,7 +29,6 @@ WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
 MOST_BRIDGED_STEPS = 5.0    # a longer gap of a grid is left out
-MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 
 
 class Grid(NamedTuple):
