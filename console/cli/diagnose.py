@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 TOGETHER = 2                # groups of channels judged at the same time
+NOT_JUDGED = 3              # exit code
 
 
 def diagnose(
@@ -37,7 +38,10 @@ def diagnose(
                                             "demo.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
 ) -> None:
-    """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do."""
+    """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do.
+
+    Exit code 3: nothing of the data could be judged.
+    """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     if adopt is not None and adopt.exists():
@@ -60,6 +64,8 @@ def diagnose(
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
+    if found.verdict == "not_judged":
+        raise typer.Exit(NOT_JUDGED)
 
 
 def _is_run(data: list[Path]) -> bool:
@@ -104,12 +110,12 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
-    from control.diagnosis.extend import extend, refuse_to_adopt
+    from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
     from control.diagnosis.tables.sentences import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    if found.verdict == "none":
-        raise CommandError(f"{out}: nothing was found, so there is nothing to adopt")
+    if not adoptable(found):
+        raise CommandError(f"{out}: no effect was found that a machine file could take up, so nothing is written")
     in_part = held_in_part(found.findings)
     for cause in found.causes:
         refuse_to_adopt(cause.id, in_part.get(cause.id))
@@ -133,14 +139,12 @@ def _setup(machine: str, job: str) -> Setup:
 
 def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
-    import dataclasses
-
     from control.diagnosis.extend import extend, planted
     from control.diagnosis.gain import closed_loop_gain
     effects = planted(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
-    known = extend(setup.machine, dataclasses.replace(found, tables=()))
+    known = extend(setup.machine, found)
     gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds)
     trim = "on" if setup.job.flow_trim else "off"
     lines = ["", f"closed loop, simulated {seconds:g} s of job {job} ({setup.job.strategy.value}, flow trim {trim}), "

@@ -106,6 +106,9 @@ def _shares(cause: Cause) -> str:
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
     left = found.unexplained[k]
     share = percent(left.explained_share)
+    if not left.variable:
+        return paragraph(f"{left.channel}: {share} of its error is not noise, and neither a catalogued effect nor a "
+                         "recorded variable accounts for it.")
     text = (f"{left.channel} depends on {plain(left.variable, found.data.kind)} ({left.variable}): {share} of what is "
             "left there follows it, and no catalogued effect says why.")
     return paragraph(text) + figure(pictures.left[k])
