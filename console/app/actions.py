@@ -43,6 +43,16 @@ def at(where: str) -> tuple[Action, ...]:
     return tuple(action._replace(shown=_shown[action.id]) if action.id in _shown else action for action in found)
 
 
+def bound_at(where: str, keymap: Mapping[str, str]) -> frozenset[str]:
+    """Every key that has an action on this screen, the user's in place of the built-in ones."""
+    return frozenset(key for action in at(where) for key in keys_of(action, keymap))
+
+
+def keys_of(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
+    """The keys of an action, the user's in place of the built-in ones."""
+    return tuple(key.strip() for key in keymap.get(action.id, action.keys).split(","))
+
+
 def pages() -> tuple[Action, ...]:
     """The actions that open a page, in the order of their F-keys."""
     found = (action for action in ACTIONS if action.where == ANYWHERE and action.id.endswith("_screen"))

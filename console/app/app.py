@@ -15,8 +15,8 @@ from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
 
-from console.app import actions, themes, words
-from console.app.action import ANYWHERE, JOB, REPLAY, RUN
+from console.app import actions, pressed, themes, words
+from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action
 from console.app.alarms import Bell, entries
 from console.app.allowing import allow_choices
 from console.app.arrival import Arrival
@@ -39,6 +39,7 @@ from console.app.source import FrameSource
 from console.app.tour import Tour
 from console.app.units import METRIC, UNITS, Units
 from console.app.view import wall_clock
+from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
 from console.link import WorkerGone
 from console.locale import _, in_use, languages, use
@@ -114,7 +115,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap(keys)
-        self._hold_keys = frozenset(keys.get("hold", actions.BY_ID["hold"].keys).split(","))
+        self._own_keys = dict(keys)
+        self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
+        self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
     def use_settings(self) -> None:
         """Make the user's settings take effect; what of them cannot be used is told."""
@@ -153,12 +156,34 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
-        """Hold comes first even where a text field has the focus, which would take the key for itself."""
-        if (isinstance(event, events.Key) and not event.is_forwarded and event.key in self._hold_keys
-                and isinstance(self.focused, Input)):
-            await self.action_do("hold")
-            return
+        """A key as it is meant. Hold and F12 come first even where a text field has the focus, which would take the key
+        for itself; a click on the hold and STOP that are in sight works also while a dialog is open."""
+        if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
+            key = pressed.meant(event.key, actions.bound_at(self.page.where, self._own_keys), self._urgent_keys)
+            typing = isinstance(self.focused, Input)
+            if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys):
+                await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
+                return
+            if key != event.key and not typing:
+                event = events.Key(key, key if len(key) == 1 else None)
+        elif isinstance(event, events.MouseDown | events.MouseUp) and not event.is_forwarded and self.screen_stack:
+            name = self._urgent_under(event)
+            if name:
+                if isinstance(event, events.MouseDown):
+                    await self.action_do(name)
+                return
         await super().on_event(event)
+
+    def _urgent_under(self, event: events.MouseEvent) -> str:
+        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a dialog."""
+        if self.screen is self.page or not self.page.is_mounted:
+            return ""
+        x, y = int(event.screen_x), int(event.screen_y)
+        bar = self.page.query_one("#keys", KeyBar)
+        if self.screen.get_widget_at(x, y)[0] is not self.screen or not bar.region.contains(x, y):
+            return ""
+        name = bar.action_at(x - bar.content_region.x)
+        return name if name in URGENT else ""
 
     # --- frames -------------------------------------------------------------------------------------------------
 
@@ -205,6 +230,14 @@ class TopdressApp(App[None], inherit_bindings=False):
     def marks(self) -> tuple[str, ...]:
         """Words about this console itself for the status line."""
         return ()
+
+    def offered(self, where: str) -> tuple[Action, ...]:
+        """The actions that key bar, help and palette of a screen show."""
+        return actions.at(where)
+
+    def why_no_stop(self) -> str:
+        """One line for the key bar where hold and STOP are not offered."""
+        return ""
 
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
@@ -487,7 +520,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def _do_help(self) -> None:
         if not isinstance(self.screen, HelpScreen):
-            self.push_screen(HelpScreen(self.page.where))
+            self.push_screen(HelpScreen(self.offered(self.page.where)))
 
     def turn_to(self, where: str) -> None:
         """One page is the app's first screen, another lies over it while it is looked at."""
@@ -585,7 +618,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.push_screen(Confirm(_("Leave the console?"), text), answer)
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        for action in actions.at(self.page.where):
+        for action in self.offered(self.page.where):
             if action.id != "palette":
                 yield SystemCommand(_(action.label), f"{action.shown}  {_(action.help)}", self._command(action.id))
 

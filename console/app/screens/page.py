@@ -127,7 +127,8 @@ class Page(Screen[None]):
 
     def show_keys(self) -> None:
         self.query_one("#keys", KeyBar).show(
-            KeysView(actions.at(self.where), self.app.locked, self.app.notice_text, in_use()))
+            KeysView(self.app.offered(self.where), self.app.locked, self.app.notice_text, in_use(),
+                     self.app.why_no_stop()))
         self.query_one("#pages", PageBar).show(PagesView(actions.pages(), self.where, in_use()))
 
     def marks(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from console.app import actions, themes
 from console.app.action import ANYWHERE, SETTINGS
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NumberDialog
 from console.app.screens.page import Page
-from console.app.settings import SettingsStore, apply, clash, keymap_problem, keys_of
+from console.app.settings import SettingsStore, apply, clash, keymap_problem
 from console.app.units import Unit
 from console.app.view import RunView
 from console.app.widgets.settings_list import SettingLine, SettingsList, SettingsView
@@ -91,9 +91,9 @@ class SettingsScreen(Page):
             _number(speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ),
             _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ)]
         for action in sorted(actions.ACTIONS, key=lambda one: list(WHERE_WORDS).index(one.where)):
-            keys = keys_of(action, now.keymap)
+            keys = actions.keys_of(action, now.keymap)
             found.append(Row(_(WHERE_WORDS[action.where]), _(action.label), ("keymap", action.id),
-                             "  ".join(actions.key_name(key.strip()) for key in keys.split(",")), _(action.help)))
+                             "  ".join(actions.key_name(key) for key in keys), _(action.help)))
         return found
 
     # --- actions ------------------------------------------------------------------------------------------------
