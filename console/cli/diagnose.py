@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def diagnose(
     job: Annotated[str | None, typer.Option(help="Of --closed-loop: job file, or name of a shipped one; default "
                                             "demo.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
+    force: Force = False,
 ) -> None:
     """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do.
 
@@ -44,16 +46,12 @@ def diagnose(
     """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
-    if adopt is not None and adopt.exists():
-        raise CommandError(f"{adopt}: exists already: nothing is overwritten")
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
-    ours = {path.resolve() for source in data for path in (source, source.with_suffix(".yaml"))}
-    for out in (report, as_json):
-        if out is not None and out.resolve() in ours:
-            raise CommandError(f"{out}: is the data itself")
     loaded = load(machine, MACHINE).model
     setup = None if closed_loop is None else _setup(machine, job or "demo")
+    reads = [*(file for path in data for file in log_files(path)), named(machine, MACHINE.folder)]
+    refuse_collisions([*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force)
     if kind == "run" or (kind is None and _is_run(data)):
         found, tools = _run(data, loaded, seed)
     else:
@@ -66,6 +64,18 @@ def diagnose(
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
     if found.verdict == "not_judged":
         raise typer.Exit(NOT_JUDGED)
+
+
+def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
+    from console.reports.html import GENERATOR
+    outputs = []
+    if as_json is not None and str(as_json) != "-":
+        outputs.append(marked(as_json, b'"format": "topdress-diagnosis/1"'))
+    if report is not None:
+        outputs.append(marked(report, GENERATOR.encode()))
+    if adopt is not None:
+        outputs.append(Output((adopt,)))
+    return outputs
 
 
 def _is_run(data: list[Path]) -> bool:
