@@ -115,7 +115,6 @@ def catch_csv(caught: Sequence[CatchPoint]) -> str:
 
 def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
     """Lag tables in these folders, the newest first. What is no lag table is passed over."""
-    from drivers.files.table import TableError
     found = []
     files = {path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")}
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
@@ -123,7 +122,7 @@ def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
             continue
         try:
             found.append(open_lag_table(path))
-        except (ValueError, OSError, TableError):
+        except (ValueError, OSError):
             continue
     return found
 

@@ -109,8 +109,8 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
     tools: dict[str, Any]
     if order.kind == "run":
         from control.diagnosis.run import diagnose_run
-        from drivers.files.read_log import read_log
-        log = read_log(data)
+        from drivers.files.read_log import read_rows
+        log = read_rows(data)
         columns = dict(log.columns)
         found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
         found = dataclasses.replace(found, findings=(*map(str, log.findings), *found.findings))

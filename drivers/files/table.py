@@ -29,7 +29,7 @@ _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _CHUNK_ROWS = 50_000
 
 
-class TableError(Exception):
+class TableError(ValueError):
     """The table cannot be used; one line, naming the file."""
 
 
@@ -143,7 +143,10 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:
     if lines > 1:
         findings.append(Finding("preamble", f"{many(lines - 1, 'line')} before the header skipped"))
     separator = separator or max(_SEPARATORS, key=line.count)
-    names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
+    try:
+        names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
+    except csv.Error as error:
+        raise TableError(f"{path}: no header row: {error}") from None
     if all(_number(name, False) is not None for name in names):
         raise TableError(f"{path}: no header row: the first line is {line[:40].strip()}; the first line must name the "
                          "columns")
