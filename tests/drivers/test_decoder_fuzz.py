@@ -6,13 +6,14 @@ import math
 import random
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from control.readings import GnssFix
 from drivers.devices.board_frames import STATUS_RANGES, CommandFrame, StatusFrame, encode_command, encode_status
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
 from drivers.devices.canopy_heads import HeadDecoder
+from drivers.devices.capture import is_capture
 from drivers.devices.decode import PROTOCOLS, decode
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.slave_board import SlaveBoard
@@ -79,7 +80,9 @@ def test_a_clean_stream_is_accepted_whole(protocol):
 @SHORT
 @given(data=st.data())
 def test_spoilt_streams(protocol, data):
-    records, counts = decode(protocol, data.draw(spoilt(protocol)))
+    stream = data.draw(spoilt(protocol))
+    assume(not is_capture(stream))                # noise that begins as a capture is refused as a broken one
+    records, counts = decode(protocol, stream)
     assert counts.read == counts.accepted + counts.rejected_total + sum(counts.ignored.values())
     for record in records:
         for name, value in record.items():
