@@ -55,8 +55,7 @@ class GnssDecoder:
     def __init__(self, live: bool = True) -> None:
         self.counts = Counts()
         self._live = live
-        self._cutter = LineCutter()
-        self._overlong = 0
+        self._cutter = LineCutter(self.counts)
         self._epoch: _Epoch | None = None
         self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
         self._dated: tuple[date, int] | None = None         # newest date, and the time of day it came with
@@ -64,11 +63,7 @@ class GnssDecoder:
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Fixes completed by `data`, which arrived at `time_s`; oldest first, mostly none or one."""
-        fixes = self._read(self._cutter.feed(data), time_s)
-        if self._cutter.overlong != self._overlong:
-            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
-            self._overlong = self._cutter.overlong
-        return fixes
+        return self._read(self._cutter.feed(data), time_s)
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """At the end of a recording: the last line and the last epoch."""
