@@ -99,11 +99,8 @@ def _from_log(what: What, data: Path, machine: Machine, today: str) -> Machine:
     from control.calibration.heads_check import check_heads
     from control.calibration.wheel_fit import fit_wheel
     from drivers.files.calibration_log import counted_by, heads_columns, wheel_columns
-    from drivers.files.read_log import LogError, read_log
-    try:
-        log = read_log(data)
-    except LogError as error:
-        raise CommandError(str(error)) from None
+    from drivers.files.read_log import read_rows
+    log = read_rows(data)
     if what is What.WHEEL:
         fitted, wheel = fit_wheel(wheel_columns(log), machine, counted_by(log, machine), str(data), date=today)
         _tell_wheel(wheel)

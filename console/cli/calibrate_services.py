@@ -4,6 +4,7 @@ from __future__ import annotations
 import csv
 import datetime as dt
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -115,7 +116,6 @@ def catch_csv(caught: Sequence[CatchPoint]) -> str:
 
 def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
     """Lag tables in these folders, the newest first. What is no lag table is passed over."""
-    from drivers.files.table import TableError
     found = []
     files = {path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")}
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
@@ -123,7 +123,7 @@ def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
             continue
         try:
             found.append(open_lag_table(path))
-        except (ValueError, OSError, TableError):
+        except (ValueError, OSError):
             continue
     return found
 
@@ -166,7 +166,7 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
     quantile = float(student.ppf(0.95, line.rows_used - 2)) * line.residual_sd_s
 
     def band(x: float) -> float:
-        return quantile * (1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about) ** 0.5
+        return quantile * math.sqrt(1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about)
 
     curve = tuple(CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
                   for x in _steps(line.from_rpm, line.to_rpm))

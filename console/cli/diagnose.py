@@ -85,13 +85,10 @@ def _is_run(data: list[Path]) -> bool:
 
 def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.run import diagnose_run
-    from drivers.files.read_log import LogError, read_log
+    from drivers.files.read_log import read_rows
     if len(data) > 1:
         raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
-    try:
-        log = read_log(data[0])
-    except LogError as error:
-        raise CommandError(str(error)) from None
+    log = read_rows(data[0])
     for finding in log.findings:
         typer.echo(f"note: {finding}", err=True)
     columns = dict(log.columns)

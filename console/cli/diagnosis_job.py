@@ -46,16 +46,15 @@ class Order:
 def work(order: Order, tell: Tell) -> None:
     """Everything; raises ValueError, OSError or a ConfigError of one line."""
     machine = machine_of(order)
-    data, name = Path(order.data), Path(order.data).name
+    data, name, done = Path(order.data), Path(order.data).name, 0.0
     if order.manoeuvre:
         data = Path(order.folder) / RUN_LOG
-        name = data.name
+        name, done = data.name, DRIVING
         drive(order, machine, data, lambda share, stage: tell(DRIVING * share, stage))
 
-        def later(share: float, stage: str) -> None:
-            tell(DRIVING + (1.0 - DRIVING) * share, stage)
-    else:
-        later = tell
+    def later(share: float, stage: str) -> None:
+        tell(done + (1.0 - done) * share, stage)
+
     _diagnosed(order, machine, data, name, later)
 
 
@@ -109,8 +108,8 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
     tools: dict[str, Any]
     if order.kind == "run":
         from control.diagnosis.run import diagnose_run
-        from drivers.files.read_log import read_log
-        log = read_log(data)
+        from drivers.files.read_log import read_rows
+        log = read_rows(data)
         columns = dict(log.columns)
         found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
         found = dataclasses.replace(found, findings=(*map(str, log.findings), *found.findings))

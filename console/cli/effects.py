@@ -25,16 +25,16 @@ def effects(
         write_atomically(as_page, markdown(CATALOGUE))
         if not as_json:
             return
-    entries = [{
-        "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
-        "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
-        "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()]
     if as_json:
-        typer.echo(json.dumps(entries, indent=1))
+        typer.echo(json.dumps([{
+            "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
+            "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
+            "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()], indent=1))
         return
-    for entry in entries:
-        typer.echo(f"{entry['id']}  ({entry['unit']}; {entry['low']:g} to {entry['high']:g})")
-        typer.echo(f"    {entry['title']}. {entry['physics']}")
-        typer.echo(f"    seen in: {', '.join(entry['seen_in'])}. source: {entry['source']}")
-        typer.echo(f"    do: {entry['advice']}")
-        typer.echo(f"    tell apart: {entry['separate']}")
+    for e in CATALOGUE.values():
+        effect = e.effect
+        typer.echo(f"{effect.id}  ({effect.unit}; {e.low:g} to {e.high:g})")
+        typer.echo(f"    {effect.title}. {effect.physics}")
+        typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
+        typer.echo(f"    do: {effect.advice}")
+        typer.echo(f"    tell apart: {effect.separate}")

@@ -47,22 +47,17 @@ def map_files(
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
-    from drivers.files.exports.as_applied import ExportError
-    from drivers.files.prescriptions.words import Choice, PrescriptionError
-    from drivers.files.read_log import LogError
+    from drivers.files.prescriptions.words import Choice
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
     is_log = source.suffix.lower() == ".csv"
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
-    try:
-        if is_log:
-            _export(source, out, machine, product, nitrogen, every, polygons, as_json)
-            return
-        choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
-        _convert(source, out, choice, as_json)
-    except (PrescriptionError, ExportError, LogError) as error:
-        raise CommandError(str(error)) from None
+    if is_log:
+        _export(source, out, machine, product, nitrogen, every, polygons, as_json)
+        return
+    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
+    _convert(source, out, choice, as_json)
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:

@@ -22,5 +22,5 @@ class RunLogs:
 
     def open(self, path: str) -> ReplayJob:
         from console.cli.replay_frames import replay_job
-        from drivers.files.read_log import read_log
-        return replay_job(read_log(Path(path)))
+        from drivers.files.read_log import read_rows
+        return replay_job(read_rows(Path(path)))

@@ -30,7 +30,7 @@ from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
 from control.field.totals import Totals
 from control.orders import Answer, Do, Order
-from drivers.cab_line import DeviceStatus
+from drivers.device_status import DeviceStatus
 
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 

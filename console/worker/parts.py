@@ -10,7 +10,8 @@ from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order
 from control.readings import DriveCommand, Measurements
 from control.safety import Allowances, BenchRun
-from drivers.cab_line import DeviceLine, DeviceStatus
+from drivers.cab_line import DeviceLine
+from drivers.device_status import DeviceStatus
 from drivers.devices.lag_rig import RigReadings
 
 

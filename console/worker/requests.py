@@ -71,30 +71,43 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:
-        try:
-            return Request(number, Ask(message["ask"]))
-        except ValueError:
-            return Refusal(number, "malformed", "malformed: ask")
+        return _ask(number, message["ask"])
     if "device" in message:
-        device = message["device"]
-        try:
-            return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], DeviceDo(str(message.get("act")))))
-        except (TypeError, ValueError):
-            return Refusal(number, "malformed", "malformed: device")
+        return _device(number, message["device"], message.get("act"))
+    return _order(number, message.get("do"), message.get("value"))
+
+
+def _ask(number: int, ask: object) -> Request | Refusal:
     try:
-        do = Do(str(message.get("do")))
+        return Request(number, Ask(str(ask)))
+    except ValueError:
+        return Refusal(number, "malformed", "malformed: ask")
+
+
+def _device(number: int, device: object, act: object) -> Request | Refusal:
+    try:
+        do = DeviceDo(str(act))
+    except ValueError:
+        do = None
+    if do is None or not isinstance(device, str):
+        return Refusal(number, "malformed", "malformed: device")
+    return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], do))
+
+
+def _order(number: int, do: object, value: object) -> Request | Refusal:
+    try:
+        known = Do(str(do))
     except ValueError:
         return Refusal(number, "malformed", "malformed: do")
-    value = message.get("value")
     match value:
         case None | bool():
-            return Request(number, Order(do, value))
+            return Request(number, Order(known, value))
         case str() if len(value) <= TEXT_CHARACTERS:
-            return Request(number, Order(do, value))
+            return Request(number, Order(known, value))
         case int() if abs(value) < 2**53:
-            return Request(number, Order(do, float(value)))
+            return Request(number, Order(known, float(value)))
         case float() if math.isfinite(value):
-            return Request(number, Order(do, value))
+            return Request(number, Order(known, value))
     return Refusal(number, "malformed", "malformed: value")
 
 

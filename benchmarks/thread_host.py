@@ -1,4 +1,4 @@
-"""The same control loop in a thread of this process, for tests and replay: looks like `console.link.Link`.
+"""The control loop in a thread of the console's process, to be measured: looks like `console.link.Link`.
 
 Not for the field: a thread of the console's process is late by tens of milliseconds whenever the console draws
 (docs/decisions/0001-loop-in-a-process.md), and it dies with it.
