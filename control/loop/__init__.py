@@ -1,0 +1,6 @@
+"""One tick of control: measurements in, commands and a log row out."""
+from __future__ import annotations
+
+from control.loop.loop import ControlLoop, Tick
+
+__all__ = ["ControlLoop", "Tick"]
