@@ -149,7 +149,7 @@ class Coverage:
         west, south = tiles.min(axis=0).tolist()
         rows = int(tiles[:, 1].max()) - south + 1
         codes = (tiles[:, 0] - west) * rows + tiles[:, 1] - south
-        for code in np.unique(codes).tolist():
+        for code in set(codes.tolist()):
             tile = self._tiles.get((south + code % rows, west + code // rows))
             if tile is None:
                 continue

@@ -262,14 +262,15 @@ class ControlLoop:
               command: DriveCommand) -> Tick:
         """The row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
+        ndvi = head_ndvi(moment.m)
         events, self._events = self._events, []
         threshold = self.threshold if decision.by_point else None
         return Tick(
             row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,
-                        heads.decisions.ndvi, events),
+                        ndvi, heads.decisions.ndvi, events),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
-            dropped_heads=heads.dropped, head_ndvi=head_ndvi(moment.m), metres_left_m=metered.metres_left_m,
+            dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
             area_ha=self._totals.area_ha, applied_kg=self._totals.applied_kg,
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,

@@ -15,12 +15,14 @@ class Reach:
 
     def __init__(self, setting: Setting, lags: ChangeLags, opening_mm: float, moment: Moment, look_ahead: bool) -> None:
         self._setting = setting
+        self._width_m = setting.machine.geometry.working_width_m
         self._lags = lags
         self._opening_mm = opening_mm
         self._speed = moment.speed_mps
         self._acceleration = moment.sensed.acceleration_mps2
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
+        self._kept: dict[float, Settled] = {}       # by rate: within a tick the same rate is asked for several times
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
 
     def lag(self, before: Target, change: Change) -> Lag:
@@ -39,6 +41,9 @@ class Reach:
         return self._lags.lag(held, self._setting.nudged(held))
 
     def _settled(self, rate_kg_ha: float) -> Settled:
-        flow = rate_kg_ha * self._setting.machine.geometry.working_width_m * self._speed / 10_000.0
-        pair = self._setting.settled(flow, self._opening_mm, self._conditions)
-        return Settled(pair.shaft_rpm, pair.opening_mm)
+        found = self._kept.get(rate_kg_ha)
+        if found is None:
+            flow = rate_kg_ha * self._width_m * self._speed / 10_000.0
+            pair = self._setting.settled(flow, self._opening_mm, self._conditions)
+            found = self._kept[rate_kg_ha] = Settled(pair.shaft_rpm, pair.opening_mm)
+        return found

@@ -11,13 +11,15 @@ HEAD_SILENT_S = HOLDS_S["ndvi_1"]
 
 
 def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
-            command: DriveCommand, choices: Choices, strategy: Strategy, decided_ndvi: float | None,
-            events: list[str]) -> LogRow:
-    """The row of one tick; times count from `begun_s`. A GNSS place that was refused is left out."""
+            command: DriveCommand, choices: Choices, strategy: Strategy, heads: tuple[float | None, ...],
+            decided_ndvi: float | None, events: list[str]) -> LogRow:
+    """The row of one tick; times count from `begun_s`; heads: as `head_ndvi` has them. A GNSS place that was refused
+    is left out."""
     m, sensed, holding = moment.m, moment.sensed, decision.holding
+    total_s = decision.lag.total_s
     fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
     placed = fix if sensed.refused_m is None else None
-    ndvi = [*head_ndvi(m), *(None,) * 6]
+    ndvi = heads + (None,) * 6
     return LogRow(
         time_s=m.time_s - begun_s, utc=fix.utc if fix else None,
         lat_deg=placed.lat_deg if placed else None, lon_deg=placed.lon_deg if placed else None,
@@ -33,11 +35,11 @@ def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered
         shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_held(m, "shaft_rpm"),
         opening_mm_cmd=command.opening_mm, opening_mm=_held(m, "opening_mm"),
         hopper_kg=_held(m, "hopper_kg"), flow_trim=metered.trim, supply_v=_held(m, "supply_v"),
-        applied_rate_kg_ha=metered.rate_kg_ha, lag_s=decision.lag.total_s,
-        lag_m=None if sensed.speed_mps is None else sensed.speed_mps * decision.lag.total_s,
+        applied_rate_kg_ha=metered.rate_kg_ha, lag_s=total_s,
+        lag_m=None if sensed.speed_mps is None else sensed.speed_mps * total_s,
         state=verdict.state.value, strategy=strategy.value, target_source=holding.source.value,
         work_switch=None if m.work_switch is None else int(m.work_switch),
-        alarms=";".join(a.id for a in verdict.alarms) or None, events=";".join(events) or None)
+        alarms=";".join([alarm.id for alarm in verdict.alarms]) or None, events=";".join(events) or None)
 
 
 def head_ndvi(m: Measurements) -> tuple[float | None, ...]:
