@@ -24,7 +24,7 @@ from console.worker.limits import (
     REQUESTS_WAITING,
     TOTALS_S,
 )
-from console.worker.parts import Assembly, Tick
+from console.worker.parts import TOLD, Assembly, Tick
 from console.worker.period import Punctuality
 from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
@@ -201,17 +201,11 @@ class Host:
             self._devices = tuple(map(self._view, self._bench.status(now_s)))
         if now_s >= self._totals_due_s:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
+        told: dict[str, Any] = {name: getattr(tick, name) for name in TOLD}
         return Frame(
-            seq=self._ticks, at_s=now_s, row=tick.row, alarms=tick.alarms, dropped_heads=tick.dropped_heads,
-            metres_left_m=tick.metres_left_m, area_ha=tick.area_ha, applied_kg=tick.applied_kg,
-            gnss_age_s=tick.gnss_age_s, gnss_hz=tick.gnss_hz, usable_speed_mps=tick.usable_speed_mps,
-            look_ahead=tick.look_ahead, flow_trim_on=tick.flow_trim_on, job=names.job, machine=names.machine,
-            crop=names.crop, log_path=names.log_path, simulated=names.simulated, place_m=tick.place_m,
-            devices=self._devices, notes=tick.notes,
-            why_no_flow=tick.why_no_flow, why_state=tick.why_state, allow=tick.allow, totals=self._totals,
-            head_ndvi=tick.head_ndvi, bench=tick.bench, lag_test=self.lag.view(),
-            tally=None if self._keeper is None else self._keeper.tally, no_double=tick.no_double,
-            threshold_m=tick.threshold_m)
+            seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
+            simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),
+            tally=None if self._keeper is None else self._keeper.tally, **told)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from console.frame import Tally
+from console.frame import Frame, Tally
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order
@@ -75,6 +75,9 @@ class Tick(Protocol):
     def no_double(self) -> bool: ...
     @property
     def threshold_m(self) -> float | None: ...
+
+
+TOLD = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over
 
 
 class Loop(Protocol):

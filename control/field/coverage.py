@@ -126,12 +126,11 @@ class Coverage:
         cell_ha = self.cell_m * self.cell_m / 10_000.0
         return Covered(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
 
-    def already_applied(self, place: Place) -> bool:
-        """Whether an earlier pass has covered this place; the ground just passed over does not count."""
-        return bool(self.applied([place])[0])
-
     def applied(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """`already_applied` for places (n, 2) -> (n,). Some 20 us for a few hundred places near each other."""
+        """Whether an earlier pass has covered each place (n, 2) -> (n,); the ground just passed over does not count.
+
+        Some 20 us for a few hundred places near each other.
+        """
         return self._travelled_m - self._stamps(places) > self.revisit_m
 
     def applied_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -150,7 +149,7 @@ class Coverage:
         west, south = tiles.min(axis=0).tolist()
         rows = int(tiles[:, 1].max()) - south + 1
         codes = (tiles[:, 0] - west) * rows + tiles[:, 1] - south
-        for code in np.unique(codes).tolist():
+        for code in set(codes.tolist()):
             tile = self._tiles.get((south + code % rows, west + code // rows))
             if tile is None:
                 continue

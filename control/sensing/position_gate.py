@@ -8,7 +8,7 @@ by the same gate, are a new place: the receiver was started anew, the machine wa
 """
 from __future__ import annotations
 
-from math import cos, hypot, isfinite, radians, sin
+from math import hypot, isfinite
 from typing import NamedTuple
 
 from control.geodesy import Place
@@ -46,7 +46,7 @@ class _Mark(NamedTuple):
 
 
 class PositionGate:
-    """`moved` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is told."""
+    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is told."""
 
     def __init__(self) -> None:
         self._taken: _Mark | None = None
@@ -57,17 +57,16 @@ class PositionGate:
         self._north_m = 0.0
         self._lost = 0                          # ticks whose heading was not known
 
-    def moved(self, speed_mps: float | None, heading_deg: float | None, backwards: bool, dt_s: float) -> None:
-        """What the machine did in a tick. speed_mps None: not known; heading_deg: where it points."""
-        if speed_mps is None or heading_deg is None:
-            self._lost += 1
-            self._way_m += (FASTEST_MPS if speed_mps is None else speed_mps) * dt_s
-            return
-        way = speed_mps * dt_s
-        self._way_m += way
-        signed = -way if backwards else way
-        self._east_m += signed * sin(radians(heading_deg))
-        self._north_m += signed * cos(radians(heading_deg))
+    def moved(self, way_m: float, east_m: float, north_m: float) -> None:
+        """The way of a tick as it is reckoned: length, and its two components."""
+        self._way_m += way_m
+        self._east_m += east_m
+        self._north_m += north_m
+
+    def lost(self, speed_mps: float | None, dt_s: float) -> None:
+        """A tick whose heading, or speed (None), is not known."""
+        self._lost += 1
+        self._way_m += (FASTEST_MPS if speed_mps is None else speed_mps) * dt_s
 
     def on_plane(self, place: Place) -> None:
         """Another plane: on it, the place last taken is here."""

@@ -160,7 +160,13 @@ class Sensing:
         """The place of a new epoch that is possible, else reckoned on. How far off the old place was, where the new
         one is taken in spite of it."""
         fix, backwards = m.gnss, self._direction.backwards
-        self._gate.moved(speed, self._heading, backwards, dt)
+        east_m = north_m = 0.0
+        if self._heading is None or speed is None:
+            self._gate.lost(speed, dt)
+        else:
+            way = -speed * dt if backwards else speed * dt
+            east_m, north_m = way * sin(radians(self._heading)), way * cos(radians(self._heading))
+            self._gate.moved(abs(way), east_m, north_m)
         if fix_new and fix is not None:
             judged = self._judged(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
@@ -168,10 +174,9 @@ class Sensing:
                 if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= HEADING_FROM_MPS:
                     self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
                 return judged.off_m if judged.anew else None
-        if self._east is not None and self._north is not None and self._heading is not None:
-            way = (speed or 0.0) * (-dt if backwards else dt)
-            self._east += way * sin(radians(self._heading))
-            self._north += way * cos(radians(self._heading))
+        if self._east is not None and self._north is not None:
+            self._east += east_m
+            self._north += north_m
         return None
 
     def _judged(self, fix: GnssFix, speed: float | None) -> Judged | None:

@@ -116,10 +116,10 @@ def test_map_mode_stops_after_two_seconds_without_a_place_that_can_be() -> None:
 # -- the gate ------------------------------------------------------------------------------------------------------
 
 
-def driven(gate: PositionGate, seconds: float, heading: float | None = 90.0) -> float:
+def driven(gate: PositionGate, seconds: float) -> float:
     """At 2 m/s east; the way, m."""
     for _ in range(round(seconds / 0.05)):
-        gate.moved(2.0, heading, False, 0.05)
+        gate.moved(0.1, 0.1, 0.0)
     return 2.0 * seconds
 
 

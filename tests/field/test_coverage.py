@@ -84,14 +84,14 @@ def test_only_what_flowed_counts_to_the_last_tick():
 def test_already_applied_is_about_earlier_passes():
     coverage = Coverage(2.4)
     straight(coverage, (1.2, 0.0), 0.0, 40.0)
-    assert coverage.already_applied((1.2, 10.0))
-    assert not coverage.already_applied((1.2, 39.0))          # just passed over: this pass's own ground
-    assert not coverage.already_applied((1.2, 41.0))
-    assert not coverage.already_applied((3.6, 10.0))
-    assert not coverage.already_applied((-500.0, 900.0))
-    assert not coverage.already_applied((math.nan, 0.0))
+    assert coverage.applied([(1.2, 10.0)])[0]
+    assert not coverage.applied([(1.2, 39.0)])[0]          # just passed over: this pass's own ground
+    assert not coverage.applied([(1.2, 41.0)])[0]
+    assert not coverage.applied([(3.6, 10.0)])[0]
+    assert not coverage.applied([(-500.0, 900.0)])[0]
+    assert not coverage.applied([(math.nan, 0.0)])[0]
     straight(coverage, (3.6, 40.0), 180.0, 20.0)
-    assert coverage.already_applied((1.2, 39.0))
+    assert coverage.applied([(1.2, 39.0)])[0]
 
 
 def test_a_lost_position_breaks_the_stretch():
@@ -162,7 +162,7 @@ def test_a_jump_is_not_swept_and_costs_next_to_nothing(far_m):
     coverage.applied([(0.0, 10.0), (far_m, 10.0), (-far_m, far_m)])
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
-    assert not coverage.already_applied((0.5 * far_m, 0.5 * far_m))
+    assert not coverage.applied([(0.5 * far_m, 0.5 * far_m)])[0]
 
 
 def test_ground_far_apart_makes_a_picture_of_bounded_size():
