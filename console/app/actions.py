@@ -5,8 +5,17 @@ from collections.abc import Mapping
 
 from textual.binding import Binding
 
+from console.app import keys as common
 from console.app.action import ANYWHERE, Action
-from console.app.keys import calibrate, common, devices, diagnosis, job, map, replay, run, settings, trends
+from console.app.pages.calibrate import keys as calibrate
+from console.app.pages.devices import keys as devices
+from console.app.pages.diagnosis import keys as diagnosis
+from console.app.pages.job import keys as job
+from console.app.pages.map import keys as map
+from console.app.pages.replay import keys as replay
+from console.app.pages.run import keys as run
+from console.app.pages.settings import keys as settings
+from console.app.pages.trends import keys as trends
 
 ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTIONS, *replay.ACTIONS, *diagnosis.ACTIONS,
                                *map.ACTIONS, *trends.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)

@@ -18,21 +18,21 @@ from textual.worker import Worker
 from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action
 from console.app.alarms import Bell, entries
-from console.app.allowing import allow_choices
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
 from console.app.fields import FieldPictures
 from console.app.history import History
-from console.app.job_desk import JobDesk
 from console.app.pace import NUMBERS_S
-from console.app.pages import all_pages
+from console.app.pages.all import all_pages
+from console.app.pages.job.desk import JobDesk
+from console.app.pages.job.page import JobScreen
+from console.app.pages.page import Page
+from console.app.pages.replay.page import ReplayScreen
+from console.app.pages.run.allowing import allow_choices
 from console.app.replay_job import ReplayJob
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
-from console.app.screens.job import JobScreen
-from console.app.screens.page import Page
-from console.app.screens.replay import ReplayScreen
 from console.app.services import Services
 from console.app.settings import apply, theme_of
 from console.app.source import FrameSource
@@ -66,7 +66,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     nothing moves but by `tick`. tour: begin with the guided tour.
     """
 
-    CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "screens").glob("*.tcss"))]
+    CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
     TITLE = "topdress"
     ENABLE_COMMAND_PALETTE = False         # Textual's own key for it would pass by the lock
     BINDINGS: ClassVar = actions.bindings()

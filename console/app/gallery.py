@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
-from console.app.calibration.poses import pose
+from console.app.pages.calibrate.poses import pose
+from console.app.pages.job.sample import CUT_OFF, SampleDesk
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
-from console.app.sample_job import CUT_OFF, SampleDesk
 from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use

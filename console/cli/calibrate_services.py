@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.app.calibration.catch import CatchPoint
-from console.app.calibration.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
-from console.app.calibration.wheel import WheelSample
+from console.app.pages.calibrate.catch import CatchPoint
+from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
+from console.app.pages.calibrate.wheel import WheelSample
 from control.machine.machine import Machine
 
 if TYPE_CHECKING:

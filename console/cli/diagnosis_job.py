@@ -100,7 +100,7 @@ def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
 
 
 def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell) -> None:
-    from console.app.diagnosis_data import to_plain
+    from console.app.pages.diagnosis.data import to_plain
     from console.cli.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     folder = Path(order.folder)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.app.diagnosis_data import Export, Found, Source, Stop, Stopped, Tell, found_from
+from console.app.pages.diagnosis.data import Export, Found, Source, Stop, Stopped, Tell, found_from
 from console.cli.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
 
 if TYPE_CHECKING:

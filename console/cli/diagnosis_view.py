@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from console.app.diagnosis_data import (
+from console.app.pages.diagnosis.data import (
     CauseShown,
     ChannelShown,
     Curve,

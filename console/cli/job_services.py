@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.app.job_desk import GATHERING, READING, WRITING, Cancelled, Earlier, Facts, File, Offer, Progress
+from console.app.pages.job.desk import GATHERING, READING, WRITING, Cancelled, Earlier, Facts, File, Offer, Progress
 from console.worker import resume
 from drivers.files.config import ConfigError, Loaded, load, load_any, save, shipped
 from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE

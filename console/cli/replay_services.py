@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from console.app.log_files import LogFile
+from console.app.pages.replay.log_files import LogFile
 from console.app.replay_job import ReplayJob
 from console.cli.diagnosis_services import DiagnosisFiles
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from console.app.calibration.catch import CatchPoint
-from console.app.calibration.wheel import WheelSample
+from console.app.pages.calibrate.catch import CatchPoint
+from console.app.pages.calibrate.wheel import WheelSample
 from console.cli.calibrate_services import calibrate_job
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import load

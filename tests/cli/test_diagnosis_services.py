@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from console.app.diagnosis_data import Stop, Stopped
+from console.app.pages.diagnosis.data import Stop, Stopped
 from console.cli.diagnosis_services import DiagnosisFiles
 from console.cli.diagnosis_view import sorted_out
 from console.cli.separating_run import _DRIVES, drive_of, run_id
@@ -172,7 +172,7 @@ def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, 
 
 
 def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
-    from console.app.sample_diagnosis import sample_found
+    from console.app.pages.diagnosis.sample import sample_found
     found = sample_found()
     slope = next(one for one in manoeuvres(huanghai) if one.id == "slope")
     path = Path(files.write_run(found._replace(next_run=found.next_run._replace(id="slope", plan=slope.plan))))

@@ -1,0 +1,255 @@
+"""The Replay screen: the same panels, fed from a log; a machine at work keeps its alarms, hold and stop."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import islice
+from threading import Event
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.worker import Worker, WorkerState
+
+from console.app import words
+from console.app.action import REPLAY
+from console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from console.app.field_picture import FieldPicture
+from console.app.history import LogHistory, Point
+from console.app.pages.log_page import EMPTY_GROUND
+from console.app.pages.panel_page import PanelScreen
+from console.app.pages.replay.replay_bar import ReplayBar, ReplayView
+from console.app.replay_job import ReplayJob, WhatIf
+from console.app.view import RunView, duration
+from console.app.worked import Worked
+from console.frame import Frame
+from console.locale import _
+from console.worker.resume_alarms import AlarmBook, AlarmRecord
+
+SEEK_S = 30.0
+_NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
+
+
+class ReplayScreen(PanelScreen):
+    where: ClassVar[str] = REPLAY
+
+    def __init__(self, job: ReplayJob | None = None) -> None:
+        super().__init__()
+        self.add_class("replay")
+        self.job: ReplayJob | None = None
+        self.chosen = WhatIf()
+        self.computing: Worker[Sequence[Frame]] | None = None
+        self.opening: Worker[ReplayJob] | None = None
+        self._wanted = WhatIf()
+        self._history = LogHistory(())
+        self._stop, self._share = Event(), 0.0
+        if job is not None:
+            self.open(job)
+
+    def open(self, job: ReplayJob) -> None:
+        """Play another log, from its start."""
+        self.job, self.chosen = job, WhatIf()
+        self._recorded = job.source.frames
+        self._note_alarms()
+        self.hurry()
+
+    def _note_alarms(self) -> None:
+        assert self.job is not None
+        source = self.job.source
+        length = max(1e-9, source.end_s - source.start_s)
+        begins, before = [], frozenset[str]()
+        for frame in source.frames:
+            now = frozenset(alarm.id for alarm in frame.alarms)
+            if now - before:
+                begins.append(round((frame.row.time_s - source.start_s) / length, 3))
+            before = now
+        self._alarm_shares = tuple(dict.fromkeys(begins))
+
+    def alarm_records(self) -> tuple[AlarmRecord, ...]:
+        """All alarms of the log up to what is shown."""
+        book = AlarmBook()
+        if self.job is not None:
+            source = self.job.source
+            for frame in islice(source.frames, source.index + 1):
+                book.see(frame.row.time_s, frame.row.utc, frame.alarms)
+        return book.records
+
+    def extra(self) -> ComposeResult:
+        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: O opens one")), id="replay-bar")
+
+    def replayed(self) -> ReplayJob | None:
+        return self.job
+
+    def points(self) -> tuple[Point, ...]:
+        return () if self.job is None else super().points()
+
+    def ground(self, frame: Frame | None) -> tuple[Worked, FieldPicture | None]:
+        return (EMPTY_GROUND, None) if self.job is None else super().ground(frame)
+
+    def history(self) -> LogHistory:
+        """What is remembered of the frames that are played now."""
+        frames = self.job.source.frames if self.job is not None else ()
+        if self._history.frames is not frames:
+            self._history = LogHistory(frames)
+        return self._history
+
+    def seen(self, now_s: float) -> tuple[Frame | None, float]:
+        return (None, 0.0) if self.job is None else super().seen(now_s)
+
+    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
+        view = super().seen_view(frame, age_s)
+        return view._replace(status=view.status._replace(lead=_("REPLAY")))
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        if self.job is None:
+            return
+        source = self.job.source
+        share = (source.at_s - source.start_s) / max(1e-9, source.end_s - source.start_s)
+        busy = "" if self.computing is None else _("computing {percent} %, Esc cancels").format(
+            percent=f"{100.0 * self._share:.0f}")
+        self.query_one("#replay-bar", ReplayBar).show(ReplayView(
+            self.job.name, source.playing and not source.at_end, f"{source.speed:g}x", duration(source.at_s),
+            duration(source.end_s), round(share, 3), self.mode_words(), self.chosen != WhatIf(),
+            len(self.job.findings), busy, self._alarm_shares))
+
+    def mode_words(self) -> str:
+        if self.chosen == WhatIf():
+            return _("as recorded")
+        other = (words.strategy_word(self.chosen.strategy), self.chosen.crop or "", self.chosen.machine or "")
+        return _("what if: {other}").format(other=", ".join(part for part in other if part))
+
+    async def on_replay_bar_cancel(self, event: ReplayBar.Cancel) -> None:
+        await self.app.action_do("cancel_what_if")
+
+    def on_replay_bar_seek(self, event: ReplayBar.Seek) -> None:
+        if self.job is not None:
+            source = self.job.source
+            source.seek(source.start_s + event.share * (source.end_s - source.start_s))
+            self.hurry()
+
+    def command(self, action: str) -> None:
+        """One of the replay's own actions; nothing where no log is open."""
+        if action == "open_log":
+            self._ask_log()
+            return
+        if self.job is None:
+            self.app.notice(_("no log is open: O opens one"))
+            return
+        source = self.job.source
+        match action:
+            case "play":
+                source.toggle()
+            case "step_back":
+                source.step(-1)
+            case "step_on":
+                source.step(1)
+            case "seek_back":
+                source.seek(source.at_s - SEEK_S)
+            case "seek_on":
+                source.seek(source.at_s + SEEK_S)
+            case "seek_start":
+                source.seek(source.start_s)
+            case "seek_end":
+                source.seek(source.end_s)
+            case "slower":
+                source.change_speed(-1)
+            case "faster":
+                source.change_speed(1)
+            case "next_alarm":
+                if not source.next_alarm():
+                    self.app.notice(_("no further alarm in this log"))
+            case "findings":
+                text = "\n".join(self.job.findings) or _("nothing was found")
+                self.app.push_screen(TextDialog(_("Findings about {name}").format(name=self.job.name), text))
+            case "as_recorded":
+                self._cancel()
+                source.replace(self._recorded)
+                self.chosen = WhatIf()
+                self._note_alarms()
+            case "what_if":
+                self._ask_what()
+            case "cancel_what_if":
+                self._cancel()
+        self.hurry()
+
+    def _ask_log(self) -> None:
+        files = self.app.services.logs
+        listed = files.logs() if files is not None else ()
+        if files is None or not listed:
+            self.app.notice(_("there is no log yet"))
+            return
+        choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
+        read = files.open
+
+        def answer(path: str | None) -> None:
+            if path is not None:
+                self.app.notice(_("reading the log"))
+                self.opening = self.run_worker(lambda: read(path), group="open-log", thread=True, exclusive=True,
+                                               exit_on_error=False)
+
+        self.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)
+
+    def _opened(self, event: Worker.StateChanged) -> None:
+        if event.state is WorkerState.SUCCESS and event.worker.result is not None:
+            self._cancel()
+            self.open(event.worker.result)
+        elif event.state is WorkerState.ERROR:
+            self.app.notice(str(event.worker.error))
+
+    def _ask_what(self) -> None:
+        assert self.job is not None
+        if self.job.what_if is None:
+            self.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
+            return
+        choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
+                   for name in words.STRATEGIES]
+        choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in self.job.crops]
+        choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in self.job.machines]
+        self.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; B goes back to the log")),
+                             self._begin)
+
+    def _begin(self, choice: str | None) -> None:
+        if choice is None or self.job is None or self.job.what_if is None:
+            return
+        field, _colon, value = choice.partition(":")
+        self._wanted = self.chosen._replace(**{field: value})
+        compute, wanted = self.job.what_if, self._wanted
+        self._cancel()
+        self._stop, self._share = Event(), 0.0
+        stop = self._stop
+
+        def tell(share: float) -> None:
+            if not stop.is_set():
+                self._share = share
+
+        self.computing = self.run_worker(lambda: compute(wanted, stop.is_set, tell), group="what-if", thread=True,
+                                         exit_on_error=False)
+        self.hurry()
+
+    def _cancel(self) -> None:
+        """The thread ends at its next row; its result is no longer looked at."""
+        self._stop.set()
+        if self.computing is not None:
+            self.computing.cancel()
+            self.computing = None
+            self.hurry()
+
+    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        if event.worker is self.opening:
+            self._opened(event)
+            return
+        if event.worker is not self.computing or self.job is None:
+            return
+        if event.state is WorkerState.SUCCESS:
+            self.computing = None
+            try:
+                self.job.source.replace(event.worker.result or ())
+            except ValueError as error:
+                self.app.notice(str(error))
+                return
+            self.chosen = self._wanted
+            self._note_alarms()
+            self.hurry()
+        elif event.state is WorkerState.ERROR:
+            self.computing = None
+            self.app.notice(str(event.worker.error))
+            self.hurry()
