@@ -3,8 +3,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from textual.binding import Binding
-
 from console.app import keys as common
 from console.app.action import ANYWHERE, Action
 from console.app.pages.calibrate import keys as calibrate
@@ -24,12 +22,6 @@ _NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comm
           "exclamation_mark": "!"}
 _shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one
 BY_ID = {action.id: action for action in ACTIONS}
-
-
-def bindings(where: str = ANYWHERE) -> list[Binding]:
-    """The actions of every screen, or only those of one, as Textual bindings with their ids for a keymap."""
-    return [Binding(action.keys, f"app.do('{action.id}')", action.label, id=action.id, priority=action.priority,
-                    show=False) for action in ACTIONS if action.where == where]
 
 
 def remap(keymap: Mapping[str, str]) -> None:

@@ -23,9 +23,23 @@ EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, Camera(0.0, 0.0, 1.0), N
 class LogPage(Page):
     """Alarms of a machine that works meanwhile come before the log's, and are said to be its own."""
 
+    wants_log = False              # a log in the machine's place, where both can be shown
+
     def replayed(self) -> ReplayJob | None:
         """The log to show; None: the machine."""
         return None
+
+    def turn_log(self) -> bool:
+        """From the machine to the log of the replay, or back; False and said why where only one can be shown."""
+        if self.app.replay_page.job is None:
+            self.app.notice(_("no log is open: F7, O opens one"))
+        elif self.app.source is None:
+            self.app.notice(_("no machine is connected"))
+        else:
+            self.wants_log = not self.wants_log
+            self.numbers.hurry()
+            return True
+        return False
 
     def log_history(self) -> LogHistory:
         return self.app.replay_page.history()

@@ -3,14 +3,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from textual import events
+from textual import events, getters
 from textual.app import ComposeResult
 from textual.containers import Horizontal
 from textual.screen import Screen
 from textual.widgets import Static
 
-from console.app import actions
-from console.app.action import ANYWHERE
+from console.app.action import ANYWHERE, Action
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import RunView, look
 from console.app.widgets.alarm_bar import AlarmBar
@@ -31,8 +30,8 @@ GONE_AGE_S = 1.1               # old enough to be greyed
 
 
 class Page(Screen[None]):
-    """A screen reached by an F-key. A subclass gives `where`, `body` and what it shows; its actions stand in
-    `console/app/keys/<where>.py` and come to `command`. Below 80 x 24 only state, alarms and keys are left."""
+    """A screen reached by an F-key. A subclass gives `where`, `body` and what it shows; its keys stand beside it in
+    `keys.py`. Below 80 x 24 only state, alarms and keys are left."""
 
     AUTO_FOCUS = ""
     where: ClassVar[str] = ANYWHERE
@@ -40,14 +39,7 @@ class Page(Screen[None]):
     VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
 
     if TYPE_CHECKING:
-        @property
-        def app(self) -> TopdressApp: ...
-
-    def __init_subclass__(cls, **options: object) -> None:
-        super().__init_subclass__(**options)
-        if "where" in cls.__dict__:
-            cls.BINDINGS = actions.bindings(cls.where)
-            cls._merged_bindings = cls._merge_bindings()
+        app = getters.app(TopdressApp)
 
     def __init__(self) -> None:
         super().__init__(classes="panels")
@@ -78,8 +70,9 @@ class Page(Screen[None]):
             _("This terminal is {width} x {height}; the console needs {columns} x {rows}.").format(
                 width=event.size.width, height=event.size.height, columns=LEAST_COLUMNS, rows=LEAST_ROWS))
 
-    def command(self, action: str) -> None:
-        """One of the page's own actions."""
+    def perform(self, action: Action) -> None:
+        """One of the page's own actions. A subclass says what comes before and after each."""
+        action.do(self)
 
     def gather(self, frame: Frame) -> None:
         """A new frame has come; called also while another page is looked at."""
@@ -129,7 +122,7 @@ class Page(Screen[None]):
         self.query_one("#keys", KeyBar).show(
             KeysView(self.app.offered(self.where), self.app.locked, self.app.notice_text, in_use(),
                      self.app.why_no_stop()))
-        self.query_one("#pages", PageBar).show(PagesView(actions.pages(), self.where, in_use()))
+        self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where, in_use()))
 
     def marks(self) -> tuple[str, ...]:
         """Words that stand in the status line until they are untrue."""

@@ -124,29 +124,34 @@ class CatchDesk(Desk):
                      and enough),
                 self.save_chip())
 
-    def command(self, action: str, seen: Seen) -> bool:
-        job, test = self.bench.job, self.test
-        if action in ("cal_shaft", "cal_opening", "cal_weigh", "cal_again") and seen.calibrating:
+    def _turning(self, seen: Seen) -> bool:
+        if seen.calibrating:
             self.bench.tell(_("let go first: the shaft turns"))
-        elif job is None:
-            return action.startswith("cal_")
-        elif action == "cal_shaft":
+        return seen.calibrating
+
+    def ask_shaft(self, seen: Seen) -> None:
+        job = self.bench.job
+        if job is not None and not self._turning(seen):
             self.bench.ask(NumberDialog(_("Shaft speed"), "r/min", *job.shaft_rpm,
                                         _("The shaft turns only while R is held.")), self._set_shaft)
-        elif action == "cal_opening":
+
+    def ask_opening(self, seen: Seen) -> None:
+        job = self.bench.job
+        if job is not None and not self._turning(seen):
             self.bench.ask(NumberDialog(_("Opening"), "mm", *job.opening_mm), self._set_opening)
-        elif action == "cal_again":
-            test.again()
-        elif action == "cal_weigh":
+
+    def ask_mass(self, seen: Seen) -> None:
+        job = self.bench.job
+        if job is not None and not self._turning(seen):
             self._ask_mass(job.most_kg)
-        elif action == "cal_undo":
-            test.undo()
-            self.forget()
-        elif action == "cal_fit":
-            self._fit()
-        else:
-            return False
-        return True
+
+    def again(self, seen: Seen) -> None:
+        if not self._turning(seen):
+            self.test.again()
+
+    def undo(self) -> None:
+        self.test.undo()
+        self.forget()
 
     def _set_shaft(self, shaft_rpm: float | None) -> None:
         if shaft_rpm is not None:
@@ -171,7 +176,7 @@ class CatchDesk(Desk):
             self.test.weighed(mass_kg)
             self.forget()
 
-    def _fit(self) -> None:
+    def fit(self) -> None:
         job, points = self.bench.job, tuple(self.test.points)
         if len(points) < LEAST_POINTS:
             self.bench.tell(_("{count} catches are needed, {have} are there").format(count=LEAST_POINTS,

@@ -30,10 +30,12 @@ AXES = {"opening mm": N_("opening, mm"), "shaft r/min": N_("shaft, r/min"), "g p
 class Bench(Protocol):
     """What a calibration may ask of the screen that it stands on."""
 
-    job: CalibrateJob | None
-    units: Units
-    busy: str
-
+    @property
+    def job(self) -> CalibrateJob | None: ...
+    @property
+    def units(self) -> Units: ...
+    @property
+    def busy(self) -> str: ...
     def give(self, do: Do, value: float | None = None) -> None: ...
     def ask(self, dialog: ModalScreen[Any], answered: Callable[[Any], None]) -> None: ...
     def compute(self, what: Callable[[], Any], done: Callable[[Any], None]) -> None: ...
@@ -94,9 +96,32 @@ class Desk:
     def chips(self, seen: Seen) -> tuple[Chip, ...]:
         raise NotImplementedError
 
-    def command(self, action: str, seen: Seen) -> bool:
-        """One of the screen's actions; False: it is not for this calibration."""
-        return False
+    def ask_shaft(self, seen: Seen) -> None:
+        self._of_another()
+
+    def ask_opening(self, seen: Seen) -> None:
+        self._of_another()
+
+    def ask_mass(self, seen: Seen) -> None:
+        self._of_another()
+
+    def again(self, seen: Seen) -> None:
+        self._of_another()
+
+    def undo(self) -> None:
+        self._of_another()
+
+    def begin(self, seen: Seen) -> None:
+        self._of_another()
+
+    def ask_table(self) -> None:
+        self._of_another()
+
+    def fit(self) -> None:
+        self._of_another()
+
+    def _of_another(self) -> None:
+        self.bench.tell(_("this key belongs to another calibration"))
 
     # --- what they share -----------------------------------------------------------------------------------------
 

@@ -71,9 +71,6 @@ class HeadsDesk(Desk):
         label = _("begin again") if self.check.started_s is not None else _("begin")
         return (Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.running),)
 
-    def command(self, action: str, seen: Seen) -> bool:
-        if action != "cal_begin":
-            return False
+    def begin(self, seen: Seen) -> None:
         if seen.frame is not None:
             self.check.start(seen.frame.row.time_s)
-        return True

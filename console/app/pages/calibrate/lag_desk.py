@@ -115,18 +115,7 @@ class LagDesk(Desk):
                      lead=step == 3 and source and self.fitted is None),
                 self.save_chip())
 
-    def command(self, action: str, seen: Seen) -> bool:
-        if action == "cal_begin":
-            self._begin(seen)
-        elif action == "cal_table":
-            self._ask_table()
-        elif action == "cal_fit":
-            self._fit()
-        else:
-            return False
-        return True
-
-    def _begin(self, seen: Seen) -> None:
+    def begin(self, seen: Seen) -> None:
         if not self.has_rig(seen):
             self.bench.tell(_("no lag rig is in the cab file"))
             return
@@ -136,7 +125,7 @@ class LagDesk(Desk):
             self.table, self.label = None, None
             self.forget()
 
-    def _ask_table(self) -> None:
+    def ask_table(self) -> None:
         job = self.bench.job
         if job is not None:
             self.bench.compute(lambda: tuple(job.lag_tables())[:MOST_TABLES], self._offer)
@@ -168,14 +157,14 @@ class LagDesk(Desk):
             self.bench.ask(ChoiceDialog(_("Which rows?"), [Choice(label, label) for label in table.labels], ""),
                            self._label)
         else:
-            self._fit()
+            self.fit()
 
     def _label(self, label: str | None) -> None:
         if label is not None:
             self.label = label
-            self._fit()
+            self.fit()
 
-    def _fit(self) -> None:
+    def fit(self) -> None:
         job, table, label = self.bench.job, self.table, self.label
         path = table.path if table is not None else self.test.table_path if self.measured and self.test else ""
         if not path:

@@ -11,7 +11,7 @@ from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.worker import Worker, WorkerState
 
-from console.app.action import CALIBRATE
+from console.app.action import CALIBRATE, Action, bindings
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.catch_desk import CatchDesk
 from console.app.pages.calibrate.curve import Curve, CurveView
@@ -19,6 +19,7 @@ from console.app.pages.calibrate.desk import Desk, Seen
 from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_desk import HeadsDesk
 from console.app.pages.calibrate.job import CalibrateJob, Fitted
+from console.app.pages.calibrate.keys import ACTIONS
 from console.app.pages.calibrate.lag_desk import LagDesk
 from console.app.pages.calibrate.runner import Runner
 from console.app.pages.calibrate.sheet import Sheet
@@ -37,6 +38,7 @@ WATCH_S = 0.05                # how often a held key is looked at
 
 class CalibrateScreen(Page):
     where: ClassVar[str] = CALIBRATE
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self, job: CalibrateJob | None = None) -> None:
         super().__init__()
@@ -119,30 +121,16 @@ class CalibrateScreen(Page):
 
     # --- what is done --------------------------------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
-        seen = self.now()
-        if action == "cal_run":
-            self._hold_key(seen)
-        elif action in ("cal_next", "cal_previous"):
-            self.turn(self.at + (1 if action == "cal_next" else -1))
-        elif action == "cal_ready":
-            self.give(Do.READY)
-        elif action == "cal_save":
-            self._ask_name()
-        elif action == "cal_fit" and self.busy:
-            self.tell(self.busy)
-        elif self.job is None and action in ("cal_shaft", "cal_opening", "cal_weigh", "cal_fit", "cal_table"):
-            self.tell(_("calibrating is not offered here: start topdress run"))
-        elif not self.desk.command(action, seen):
-            self.tell(_("this key belongs to another calibration"))
+    def perform(self, action: Action) -> None:
+        super().perform(action)
         self.hurry()
         self.app.tick()
 
-    def _hold_key(self, seen: Seen) -> None:
+    def hold_key(self) -> None:
         if not self.desk.holds:
             self.tell(_("nothing turns in this calibration"))
             return
-        self.runner.key(seen.now_s)
+        self.runner.key(self.now().now_s)
         self.watch_hold()
 
     def turn(self, index: int) -> None:
@@ -204,7 +192,7 @@ class CalibrateScreen(Page):
         self.busy, self._computed = _("computing, Esc cancels"), done
         self._computing = self.run_worker(what, group="calibrate", thread=True, exit_on_error=False)
 
-    def _ask_name(self) -> None:
+    def ask_name(self) -> None:
         job, fitted, desk = self.job, self.desk.fitted, self.desk
         if job is None or fitted is None or desk.saved:
             self.tell(_("nothing new to save: measure and fit first"))

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable
@@ -64,12 +65,12 @@ def standing(frame: Frame, state: str = "ready") -> Frame:
 
 def many_devices(frame: Frame) -> Frame:
     """The same frame with ten lines: one silent, one disconnected, one without its plug, one captured."""
-    def view(name: str, protocol: str, port: str, raw: str, **more: object) -> DeviceView:
+    def view(name: str, protocol: str, port: str, raw: str, **more: Any) -> DeviceView:
         return replace(DeviceView(name, port, protocol, True, 0.06, 10.0, 3990, 0, raw, 1, 231_804, 0), **more)
 
     heads = [view(f"head_{n}", "greenseeker", f"/dev/ttyUSB{n}", f"0,0,0.5{n},0.48,0", rate_hz=2.0, accepted=798)
              for n in range(1, 7)]
-    heads[3] = replace(heads[3], connected=False, age_s=35.2, rate_hz=0.0, 
+    heads[3] = replace(heads[3], connected=False, age_s=35.2, rate_hz=0.0,
                        last_error="device reports readiness to read but returned no data (device disconnected or "
                        "multiple access on port?)")
     heads[4] = replace(heads[4], plugged=False, connected=False, age_s=92.0, rate_hz=0.0)

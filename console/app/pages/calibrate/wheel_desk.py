@@ -79,19 +79,16 @@ class WheelDesk(Desk):
         return (Chip("cal_begin", "B", label, seen.frame is not None, lead=self.step() == 0 or (self.run.enough
                      and self.run.running)), self.save_chip())
 
-    def command(self, action: str, seen: Seen) -> bool:
-        if action != "cal_begin":
-            return False
+    def begin(self, seen: Seen) -> None:
         if not self.run.running:
             self.run.start()
             self.forget()
-            return True
+            return
         self.run.stop()
         if self.run.enough:
             self._compute()
         elif not self.run.drive.trouble:
             self.bench.tell(_("too short: {length} m or more are needed").format(length=f"{LEAST_M:.0f}"))
-        return True
 
     def _compute(self) -> None:
         job, samples = self.bench.job, tuple(self.run.samples)

@@ -7,10 +7,10 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.action import DEVICES
-from console.app.dialogs import Confirm
+from console.app.action import DEVICES, Action, bindings
 from console.app.pages.devices.device_table import DeviceTable, TableView
 from console.app.pages.devices.device_view import details, raw_rows, rows_of
+from console.app.pages.devices.keys import ACTIONS
 from console.app.pages.devices.rows import Rows, RowsView
 from console.app.pages.page import Page
 from console.app.view import RunView
@@ -23,6 +23,7 @@ RAW_LINES = 40
 
 class DevicesScreen(Page):
     where: ClassVar[str] = DEVICES
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -93,41 +94,27 @@ class DevicesScreen(Page):
 
     # --- what is done --------------------------------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
-        device = self.device
-        if device is None:
+    def perform(self, action: Action) -> None:
+        if self.device is None:
             self.app.notice(_("no machine is connected"))
-        elif action in ("dev_up", "dev_down"):
-            self._move(1 if action == "dev_down" else -1)
-        elif action == "dev_test":
-            self._order(device.name, DeviceDo.TEST)
-        elif action == "dev_capture":
-            self._order(device.name, DeviceDo.END_CAPTURE if device.capture_path else DeviceDo.CAPTURE)
-        elif action == "dev_plug" and not device.plugged:
-            self._order(device.name, DeviceDo.CONNECT)
-        elif action == "dev_plug":
-            self._ask_disconnect(device.name)
+        else:
+            super().perform(action)
         self.hurry()
         self.app.tick()
 
-    def _ask_disconnect(self, name: str) -> None:
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self._order(name, DeviceDo.DISCONNECT)
+    @property
+    def picked_device(self) -> DeviceView:
+        """For the actions, which are done only where there is one."""
+        assert self.device is not None
+        return self.device
 
-        self.app.push_screen(Confirm(_("Disconnect {device}?").format(device=name),
-                                     _("Its line is let go until C connects it again; work without it may stop.")),
-                             answer)
-
-    def _order(self, name: str, do: DeviceDo) -> None:
-        self.app.run_worker(self.app.asked(lambda source: source.device(name, do)), group="orders",
+    def order(self, device: DeviceView, do: DeviceDo) -> None:
+        self.app.run_worker(self.app.asked(lambda source: source.device(device.name, do)), group="orders",
                             exit_on_error=False)
 
-    def _move(self, by: int) -> None:
+    def move(self, by: int) -> None:
         names = [one.name for one in self.devices]
-        device = self.device
-        at = names.index(device.name) if device is not None else 0
-        self.picked = names[(at + by) % len(names)]
+        self.picked = names[(names.index(self.picked_device.name) + by) % len(names)]
 
     def on_device_table_picked(self, event: DeviceTable.Picked) -> None:
         devices = self.devices

@@ -12,14 +12,14 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
-from console.app import actions
-from console.app.action import DIAGNOSIS
+from console.app.action import DIAGNOSIS, Action, bindings
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
 from console.app.pages.diagnosis.data import DiagnosisService, Export, Found, Source, Stop, Stopped, Tell
+from console.app.pages.diagnosis.keys import ACTIONS, diagnose
 from console.app.pages.diagnosis.residual_plot import ResidualPlot
 from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
@@ -37,8 +37,12 @@ LEAST_SHARE = 0.04          # of the work: before, nobody can tell how long it t
 LEFT_STEP_S = 1.0
 
 
+BEGIN = next(action for action in ACTIONS if action.do is diagnose)
+
+
 class DiagnosisScreen(Page):
     where: ClassVar[str] = DIAGNOSIS
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -162,64 +166,33 @@ class DiagnosisScreen(Page):
             if len(self.found) > 1:
                 wanted.append(("dia_other", "", True, False))
             wanted.append(("dia_pick", "", True, False))
-        known = {action.id: action for action in actions.at(DIAGNOSIS)}
+        known = {action.id: action for action in self.app.offered(DIAGNOSIS)}
         return tuple(Chip(name, known[name].shown, label or _(known[name].label), on, lead)
                      for name, label, on, lead in wanted)
 
     # --- what is done ----------------------------------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
-        """One of the page's own actions."""
+    def perform(self, action: Action) -> None:
         if self.service is None:
             self.app.notice(_("diagnosis is not offered here"))
             return
         if self.busy:
             self.app.notice(_("at work: Esc cancels"))
             return
-        match action:
-            case "dia_up" | "dia_down":
-                self._move(-1 if action == "dia_up" else 1)
-            case "dia_pick":
-                self._back()
-                self.sources = None
-            case "dia_view":
-                views = self.views()
-                self.see = views[(views.index(self.see) + 1) % len(views)] if self.see in views else views[0]
-            case "dia_path":
-                self.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"),
-                                                self._wrong_path), self._typed)
-            case "dia_machine":
-                self._ask_machine()
-            case "dia_begin":
-                if self.shown is None and self.sources:
-                    self._diagnose(self.sources[self.at])
-            case _ if self.shown is None:
-                self.app.notice(_("choose data and press Enter first"))
-            case "dia_adopt":
-                self._ask_adopt(self.shown)
-            case "dia_report":
-                self._export(self.shown, "report")
-            case "dia_data":
-                self._export(self.shown, "data")
-            case "dia_run_file":
-                self._write(_("The separating run as a job file"), partial(self.service.write_run, self.shown))
-            case "dia_drive":
-                self._ask_drive(self.shown)
-            case "dia_other":
-                self.which, self.cause = (self.which + 1) % len(self.found), 0
+        super().perform(action)
         self._look()
 
     def _look(self) -> None:
         self.hurry()
         self.app.tick()
 
-    def _move(self, by: int) -> None:
+    def move(self, by: int) -> None:
         if self.shown is None:
             self.at = max(0, min(len(self.sources or ()) - 1, self.at + by))
         else:
             self.cause = max(0, min(len(self.shown.causes) - 1, self.cause + by))
 
-    def _back(self) -> None:
+    def back(self) -> None:
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
     def _wrong_path(self, text: str) -> str:
@@ -230,11 +203,15 @@ class DiagnosisScreen(Page):
             return str(error)
         return ""
 
+    def ask_path(self) -> None:
+        self.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"), self._wrong_path),
+                             self._typed)
+
     def _typed(self, path: str | None) -> None:
         if path is not None and self.service is not None:
-            self._diagnose(self.service.source(path))
+            self.diagnose(self.service.source(path))
 
-    def _ask_machine(self) -> None:
+    def ask_machine(self) -> None:
         choices = [Choice("", _("as the log says")), *(Choice(name, Path(name).stem) for name in self.machines[:8])]
 
         def answer(name: str | None) -> None:
@@ -244,7 +221,7 @@ class DiagnosisScreen(Page):
 
         self.app.push_screen(ChoiceDialog(_("Held against which machine file?"), choices, self.machine or ""), answer)
 
-    def _ask_adopt(self, found: Found) -> None:
+    def ask_adopt(self, found: Found) -> None:
         if not found.adoptable:
             why = "\n".join(found.refused) or _("nothing was found that a machine file could take up")
             self.app.push_screen(TextDialog(_("Not adopted"), why))
@@ -261,7 +238,7 @@ class DiagnosisScreen(Page):
 
         self.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
 
-    def _ask_drive(self, found: Found) -> None:
+    def ask_drive(self, found: Found) -> None:
         if found.next_run is None or not found.next_run.id:
             self.app.notice(_("there is no separating run that can be driven here"))
             return
@@ -274,10 +251,14 @@ class DiagnosisScreen(Page):
 
         self.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
 
-    def _export(self, found: Found, what: Export) -> None:
+    def export(self, found: Found, what: Export) -> None:
         assert self.service is not None
         self._write(_("The report") if what == "report" else _("The result as data"),
                     partial(self.service.export, found, what))
+
+    def write_run(self, found: Found) -> None:
+        assert self.service is not None
+        self._write(_("The separating run as a job file"), partial(self.service.write_run, found))
 
     def _write(self, what: str, write: Callable[[], str]) -> None:
         """Small files: written at once; the path stays on the screen until it is read."""
@@ -301,9 +282,9 @@ class DiagnosisScreen(Page):
         self._listing = self.run_worker(lambda: (service.sources(running), service.machines()), group="list",
                                         thread=True, exit_on_error=False)
 
-    def _diagnose(self, source: Source) -> None:
+    def diagnose(self, source: Source) -> None:
         assert self.service is not None
-        self._back()
+        self.back()
         self._begin(_("Diagnosis of {name}").format(name=source.name),
                     partial(self.service.diagnose, source, self.machine))
 
@@ -323,7 +304,7 @@ class DiagnosisScreen(Page):
             self.cancel()
             self.said = _("cancelled")
         elif self.shown is not None:
-            self._back()
+            self.back()
         self._look()
 
     def cancel(self) -> None:
@@ -370,7 +351,7 @@ class DiagnosisScreen(Page):
         again = event.index == self.at
         self.at = event.index
         if again and not self.busy and not self.app.locked:
-            self.command("dia_begin")
+            self.perform(BEGIN)
         self._look()
 
     def on_causes_picked(self, event: Causes.Picked) -> None:

@@ -2,18 +2,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from textual.app import ComposeResult
 from textual.containers import Container, Vertical
 from textual.worker import Worker, WorkerState, get_current_worker
 
-from console.app.action import JOB
+from console.app.action import JOB, Action, bindings
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog, TextDialog
 from console.app.pages.job.check_list import CheckList, ChecksView
 from console.app.pages.job.day import checks, file_name, refills, totals
 from console.app.pages.job.desk import Cancelled, Facts, File, JobDesk, Progress
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
+from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.pages.job.refill import RefillWatch
 from console.app.pages.page import Page
@@ -26,11 +27,13 @@ from control.orders import Do
 ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
+Kind = Literal["job", "crop", "machine"]
 MAY_RESTART = (None, "off", "ready", "fault")
 
 
 class JobScreen(Page):
     where: ClassVar[str] = JOB
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -130,23 +133,8 @@ class JobScreen(Page):
 
     # --- actions ------------------------------------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
-        if action == "job_details":
-            self._details()
-        elif action == "job_refill":
-            self._refill()
-        elif action == "job_strip":
-            self._strip()
-        elif self.desk is None:
-            self.app.notice(_("files are not at hand here"))
-        elif action in ("job_file", "job_crop", "job_machine"):
-            self._choose(self.desk, action)
-        elif action == "job_export":
-            self._export(self.desk)
-        elif action == "job_report":
-            self._begin(_("report"), self.desk.report)
-        elif action == "job_end":
-            self._end(self.desk)
+    def perform(self, action: Action) -> None:
+        super().perform(action)
         self.hurry()
 
     def key_escape(self) -> None:
@@ -155,14 +143,14 @@ class JobScreen(Page):
             self._work, self.progress = None, ""
             self.say(_("cancelled"))
 
-    def _details(self) -> None:
+    def show_details(self) -> None:
         frame, age_s = self.seen(self.app.clock())
         lines = []
         for check in checks(frame, age_s, self.facts, self.trouble, self.free_bytes, self.app.units):
             lines += [f"{check.label}: {check.text}", *(f"    {text}" for text in check.full if text != check.text)]
         self.app.push_screen(TextDialog(_("before work"), "\n".join(lines)))
 
-    def _refill(self) -> None:
+    def ask_refill(self) -> None:
         unit, seen_kg = self.app.units.mass, self.refill.seen_kg
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
         text = _("Seen by the scale; Enter records it.") if seen_kg is not None else ""
@@ -177,7 +165,7 @@ class JobScreen(Page):
 
     # --- N-rich strip -------------------------------------------------------------------------------------------
 
-    def _strip(self) -> None:
+    def begin_or_end_strip(self) -> None:
         if self.strip is None:
             self.strip = StripRun()
             self.app.notice(_("N-rich strip begins here; N again at its end, after {least} or more").format(
@@ -219,11 +207,10 @@ class JobScreen(Page):
 
     # --- other files --------------------------------------------------------------------------------------------
 
-    def _choose(self, desk: JobDesk, action: str) -> None:
+    def ask_file(self, desk: JobDesk, kind: Kind) -> None:
         if self.facts is None:
             self.app.notice(self.trouble or _("being read"))
             return
-        kind = {"job_file": "job", "job_crop": "crop", "job_machine": "machine"}[action]
         files: tuple[File, ...] = {"job": self.facts.jobs, "crop": self.facts.crops,
                                    "machine": self.facts.machines}[kind]
         now = {"job": self.facts.job_file, "crop": self.facts.crop_file, "machine": self.facts.machine_file}[kind]
@@ -262,20 +249,20 @@ class JobScreen(Page):
 
     # --- export, report, end ------------------------------------------------------------------------------------
 
-    def _export(self, desk: JobDesk) -> None:
+    def ask_export(self, desk: JobDesk) -> None:
         choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
 
         def answer(ending: str | None) -> None:
             if ending is not None:
-                self._begin(_("export"), lambda log, progress, cancelled: desk.export(log, ending, progress, cancelled))
+                self.begin(_("export"), lambda log, progress, cancelled: desk.export(log, ending, progress, cancelled))
 
         self.app.push_screen(ChoiceDialog(_("Export as"), choices, ""), answer)
 
-    def _end(self, desk: JobDesk) -> None:
+    def ask_end(self, desk: JobDesk) -> None:
         def answer(yes: bool | None) -> None:
             if yes:
                 self.app.give(Do.MARK, "job finished")
-                self._begin(_("export"), lambda log, progress, cancelled: (
+                self.begin(_("export"), lambda log, progress, cancelled: (
                     *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
 
         frame = self.app.arrival.frame
@@ -285,7 +272,7 @@ class JobScreen(Page):
         self.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
                                                            "a power cut.")), answer)
 
-    def _begin(self, name: str, work: Callable[[str, Progress, Cancelled], tuple[str, ...]]) -> None:
+    def begin(self, name: str, work: Callable[[str, Progress, Cancelled], tuple[str, ...]]) -> None:
         frame = self.app.arrival.frame
         if self._work is not None:
             self.app.notice(_("still at work: Esc cancels"))

@@ -6,11 +6,11 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app import layers
-from console.app.action import MAP
+from console.app.action import MAP, Action, bindings
 from console.app.camera import Camera, fit
 from console.app.layers import Layer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
+from console.app.pages.map.keys import ACTIONS
 from console.app.pages.map.map_bar import MapBar, MapBarView
 from console.app.pages.map.map_pane import MapPane, Place
 from console.app.pages.map.reading import Reading, job_items, reading
@@ -30,12 +30,12 @@ class MapScreen(LogPage):
     """camera None: the whole field, however it grows. A place is marked where the map was moved to by keys."""
 
     where: ClassVar[str] = MAP
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
         self.shown_layer, self.follow, self.plan = Layer.APPLIED, True, True
         self.camera: Camera | None = None
-        self.wants_log = False
         self.pointed: Place | None = None
         self.marked = False
         self._frame: Frame | None = None
@@ -103,6 +103,8 @@ class MapScreen(LogPage):
     def _read(self, camera: Camera) -> None:
         frame = self._frame
         worked, picture = self.ground(frame)
+        where: str
+        place: Place | None
         if self.pointed is not None:
             where, place = _("pointer"), self.pointed
         elif self.marked:
@@ -114,44 +116,25 @@ class MapScreen(LogPage):
 
     # --- what is pressed, clicked, pulled -----------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
-        width, height = self._map_pixels()
-        match action:
-            case "map_layer":
-                self.shown_layer = layers.after(self.shown_layer)
-            case "map_in" | "map_out":
-                self.camera = self._camera().zoomed(1 if action == "map_in" else -1)
-            case "map_follow":
-                self._toggle_follow()
-            case "map_whole":
-                self.camera, self.marked = None, False
-            case "map_plan":
-                self.plan = not self.plan
-            case "map_west" | "map_east" | "map_north" | "map_south":
-                right = {"map_west": -1, "map_east": 1}.get(action, 0)
-                up = {"map_south": -1, "map_north": 1}.get(action, 0)
-                self._move(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
-                self.marked = True
-            case "map_log":
-                self._toggle_log()
+    def perform(self, action: Action) -> None:
+        super().perform(action)
         self._at_once()
 
-    def _toggle_follow(self) -> None:
+    def zoom(self, steps: int) -> None:
+        self.camera = self._camera().zoomed(steps)
+
+    def pan(self, right: int, up: int) -> None:
+        """By a share of the picture; the middle is marked."""
+        width, height = self._map_pixels()
+        self._move(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
+        self.marked = True
+
+    def toggle_follow(self) -> None:
         self.follow = self.camera is None or not self.follow
         self.marked = False
         place = self._frame.place_m if self._frame is not None else None
         if self.camera is None and place is not None:
             self.camera = Camera(*place, min(NEAR_M, self._camera().metres))
-
-    def _toggle_log(self) -> None:
-        if self.app.replay_page.job is None:
-            self.app.notice(_("no log is open: F7, O opens one"))
-        elif self.app.source is None:
-            self.app.notice(_("no machine is connected"))
-        else:
-            self.wants_log = not self.wants_log
-            self.camera, self.marked = None, False
-            self.numbers.hurry()
 
     def _move(self, columns: int, rows: int) -> None:
         self.camera, self.follow = self._camera().moved(columns, rows), False

@@ -10,12 +10,13 @@ from textual.app import ComposeResult
 from textual.worker import Worker, WorkerState
 
 from console.app import words
-from console.app.action import REPLAY
-from console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from console.app.action import REPLAY, Action, bindings
+from console.app.dialogs import Choice, ChoiceDialog
 from console.app.field_picture import FieldPicture
 from console.app.history import LogHistory, Point
 from console.app.pages.log_page import EMPTY_GROUND
 from console.app.pages.panel_page import PanelScreen
+from console.app.pages.replay.keys import ACTIONS
 from console.app.pages.replay.replay_bar import ReplayBar, ReplayView
 from console.app.replay_job import ReplayJob, WhatIf
 from console.app.view import RunView, duration
@@ -24,12 +25,12 @@ from console.frame import Frame
 from console.locale import _
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
 
-SEEK_S = 30.0
 _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
 class ReplayScreen(PanelScreen):
     where: ClassVar[str] = REPLAY
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self, job: ReplayJob | None = None) -> None:
         super().__init__()
@@ -126,52 +127,27 @@ class ReplayScreen(PanelScreen):
             source.seek(source.start_s + event.share * (source.end_s - source.start_s))
             self.hurry()
 
-    def command(self, action: str) -> None:
-        """One of the replay's own actions; nothing where no log is open."""
-        if action == "open_log":
-            self._ask_log()
-            return
-        if self.job is None:
+    def perform(self, action: Action) -> None:
+        """Nothing but opening one where no log is open."""
+        if self.job is None and action.id != "open_log":
             self.app.notice(_("no log is open: O opens one"))
             return
-        source = self.job.source
-        match action:
-            case "play":
-                source.toggle()
-            case "step_back":
-                source.step(-1)
-            case "step_on":
-                source.step(1)
-            case "seek_back":
-                source.seek(source.at_s - SEEK_S)
-            case "seek_on":
-                source.seek(source.at_s + SEEK_S)
-            case "seek_start":
-                source.seek(source.start_s)
-            case "seek_end":
-                source.seek(source.end_s)
-            case "slower":
-                source.change_speed(-1)
-            case "faster":
-                source.change_speed(1)
-            case "next_alarm":
-                if not source.next_alarm():
-                    self.app.notice(_("no further alarm in this log"))
-            case "findings":
-                text = "\n".join(self.job.findings) or _("nothing was found")
-                self.app.push_screen(TextDialog(_("Findings about {name}").format(name=self.job.name), text))
-            case "as_recorded":
-                self._cancel()
-                source.replace(self._recorded)
-                self.chosen = WhatIf()
-                self._note_alarms()
-            case "what_if":
-                self._ask_what()
-            case "cancel_what_if":
-                self._cancel()
+        super().perform(action)
         self.hurry()
 
-    def _ask_log(self) -> None:
+    @property
+    def played(self) -> ReplayJob:
+        """For the actions, which are done only where a log is open."""
+        assert self.job is not None
+        return self.job
+
+    def back_to_recorded(self) -> None:
+        self.cancel()
+        self.played.source.replace(self._recorded)
+        self.chosen = WhatIf()
+        self._note_alarms()
+
+    def ask_log(self) -> None:
         files = self.app.services.logs
         listed = files.logs() if files is not None else ()
         if files is None or not listed:
@@ -190,12 +166,12 @@ class ReplayScreen(PanelScreen):
 
     def _opened(self, event: Worker.StateChanged) -> None:
         if event.state is WorkerState.SUCCESS and event.worker.result is not None:
-            self._cancel()
+            self.cancel()
             self.open(event.worker.result)
         elif event.state is WorkerState.ERROR:
             self.app.notice(str(event.worker.error))
 
-    def _ask_what(self) -> None:
+    def ask_what(self) -> None:
         assert self.job is not None
         if self.job.what_if is None:
             self.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
@@ -213,7 +189,7 @@ class ReplayScreen(PanelScreen):
         field, _colon, value = choice.partition(":")
         self._wanted = self.chosen._replace(**{field: value})
         compute, wanted = self.job.what_if, self._wanted
-        self._cancel()
+        self.cancel()
         self._stop, self._share = Event(), 0.0
         stop = self._stop
 
@@ -225,7 +201,7 @@ class ReplayScreen(PanelScreen):
                                          exit_on_error=False)
         self.hurry()
 
-    def _cancel(self) -> None:
+    def cancel(self) -> None:
         """The thread ends at its next row; its result is no longer looked at."""
         self._stop.set()
         if self.computing is not None:

@@ -3,14 +3,16 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from console.app.action import RUN
+from console.app.action import RUN, bindings
 from console.app.pages.panel_page import PanelScreen
+from console.app.pages.run.keys import ACTIONS
 from console.app.view import AlarmsView, RunView
 from console.frame import Frame
 
 
 class RunScreen(PanelScreen):
     where: ClassVar[str] = RUN
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)

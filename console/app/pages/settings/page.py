@@ -10,9 +10,10 @@ from textual.binding import Binding
 from textual.widgets import Button, Static
 
 from console.app import actions, themes
-from console.app.action import ANYWHERE, SETTINGS
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NumberDialog
+from console.app.action import ANYWHERE, SETTINGS, Action, bindings
+from console.app.dialogs import Choice, ChoiceDialog, Dialog, NumberDialog
 from console.app.pages.page import Page
+from console.app.pages.settings.keys import ACTIONS
 from console.app.pages.settings.settings_list import SettingLine, SettingsList, SettingsView
 from console.app.settings import SettingsStore, apply, clash, keymap_problem
 from console.app.units import Unit
@@ -28,7 +29,6 @@ WHERE_WORDS = {ANYWHERE: N_("keys of every screen"), "run": N_("keys: run"), "ma
                "trends": N_("keys: trends"), "devices": N_("keys: devices"), "calibrate": N_("keys: calibrate"),
                "replay": N_("keys: replay"), "diagnosis": N_("keys: diagnosis"), "job": N_("keys: job"),
                "settings": N_("keys: settings")}
-PAGE_STEP = 10
 
 
 class Row(NamedTuple):
@@ -45,6 +45,7 @@ class Row(NamedTuple):
 
 class SettingsScreen(Page):
     where: ClassVar[str] = SETTINGS
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -98,23 +99,15 @@ class SettingsScreen(Page):
 
     # --- actions ------------------------------------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
+    def perform(self, action: Action) -> None:
         if self.store is None:
             self.app.notice(_("settings are not kept here"))
             return
-        last = len(self.rows()) - 1
-        moves = {"setting_up": -1, "setting_down": 1, "setting_page_up": -PAGE_STEP, "setting_page_down": PAGE_STEP,
-                 "setting_first": -last, "setting_last": last}
-        if action in moves:
-            self.at = max(0, min(last, self.at + moves[action]))
-        elif action == "setting_change":
-            self.change()
-        elif action == "setting_default":
-            self._back(self.rows()[self.at].path)
-        elif action == "settings_defaults":
-            question = Confirm(_("All settings as delivered?"), _("Units, language, look, keys: everything."))
-            self.app.push_screen(question, lambda yes: self.take(Settings()) if yes else None)
+        super().perform(action)
         self._look()
+
+    def move(self, by: int) -> None:
+        self.at = max(0, min(len(self.rows()) - 1, self.at + by))
 
     def on_settings_list_picked(self, event: SettingsList.Picked) -> None:
         self.at = event.index
@@ -167,17 +160,19 @@ class SettingsScreen(Page):
 
         return take
 
-    def _back(self, path: tuple[str, ...]) -> None:
+    def put_back(self) -> None:
+        """The marked setting as it was delivered."""
         assert self.store is not None
-        if path[0] == "keymap":
-            keymap = {name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]}
-            trouble = clash(keymap)
-            if trouble:
-                self.app.notice(_("refused: {why}").format(why=trouble))
-                return
-            self._set(("keymap",), keymap)
-        else:
+        path = self.rows()[self.at].path
+        if path[0] != "keymap":
             self._set(path, _at(Settings(), path))
+            return
+        keymap = {name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]}
+        trouble = clash(keymap)
+        if trouble:
+            self.app.notice(_("refused: {why}").format(why=trouble))
+        else:
+            self._set(("keymap",), keymap)
 
     def _set(self, path: tuple[str, ...], value: Any) -> None:
         assert self.store is not None

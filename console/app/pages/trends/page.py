@@ -7,11 +7,12 @@ from typing import ClassVar, NamedTuple
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.action import TRENDS
+from console.app.action import TRENDS, Action, bindings
 from console.app.channels import AT_FIRST, BY_ID, Channel
 from console.app.pages.log_page import LogPage
 from console.app.pages.trends.axis import round_ends
 from console.app.pages.trends.channel_dialog import ChannelDialog
+from console.app.pages.trends.keys import ACTIONS
 from console.app.pages.trends.plots import Piece, Plot, Plots, PlotsView, empty_plots
 from console.app.pages.trends.span_bar import SpanBar, SpanView
 from console.app.replay_job import ReplayJob
@@ -24,7 +25,6 @@ from console.locale import _, in_use
 SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400.0, 28_800.0)
 FIRST_SPAN = SPANS_S.index(120.0)
 GAP_S = 2.5                     # and three buckets: a longer time without rows is a gap
-FAR_SHARE = 0.1
 FINEST = 100_000                # buckets of a span: more than it has rows
 
 
@@ -43,6 +43,7 @@ class TrendsScreen(LogPage):
     """ends: at which the plots stand frozen, s of the run; None: they run. span None: the whole run."""
 
     where: ClassVar[str] = TRENDS
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,7 +52,6 @@ class TrendsScreen(LogPage):
         self.ends_s: float | None = None
         self.cursor_s: float | None = None
         self.fixed: dict[str, tuple[float, float]] | None = None
-        self.wants_log = False
         self._axes: dict[str, tuple[float, float]] = {}
 
     def body(self) -> ComposeResult:
@@ -150,39 +150,25 @@ class TrendsScreen(LogPage):
 
     # --- what is pressed and clicked ----------------------------------------------------------------------------
 
-    def command(self, action: str) -> None:
-        match action:
-            case "trends_channels":
-                self._ask_channels()
-            case "trends_shorter" | "trends_longer":
-                self._change_span(-1 if action == "trends_shorter" else 1)
-            case "trends_whole":
-                self.span, self.ends_s = None, None
-            case "trends_freeze":
-                self.ends_s = self.window().to_s if self.ends_s is None else None
-                self.span = FIRST_SPAN if self.span is None and self.ends_s is not None else self.span
-            case "trends_scale":
-                self.fixed = dict(self._axes) if self.fixed is None else None
-            case "trends_left" | "trends_right":
-                self._move_cursor((-1 if action == "trends_left" else 1) * self._cell_s())
-            case "trends_far_left" | "trends_far_right":
-                self._move_cursor((-1 if action == "trends_far_left" else 1) * FAR_SHARE * self.window().length_s)
-            case "trends_cursor_off":
-                self.cursor_s = None
-            case "trends_earlier" | "trends_later":
-                self._scroll(-0.5 if action == "trends_earlier" else 0.5)
-            case "trends_log":
-                self._toggle_log()
+    def perform(self, action: Action) -> None:
+        super().perform(action)
         self._at_once()
 
-    def _ask_channels(self) -> None:
+    def toggle_freeze(self) -> None:
+        self.ends_s = self.window().to_s if self.ends_s is None else None
+        self.span = FIRST_SPAN if self.span is None and self.ends_s is not None else self.span
+
+    def toggle_scale(self) -> None:
+        self.fixed = dict(self._axes) if self.fixed is None else None
+
+    def ask_channels(self) -> None:
         def tell(chosen: tuple[str, ...]) -> None:
             self.channels, self.fixed = chosen, None
             self._at_once()
 
         self.app.push_screen(ChannelDialog(self.channels, self.app.units, tell))
 
-    def _change_span(self, steps: int) -> None:
+    def change_span(self, steps: int) -> None:
         """Round the end, or round the cursor where it is set."""
         before = self.window()
         at = bisect_left(SPANS_S, before.length_s - 1.0) if self.span is None else self.span
@@ -197,11 +183,11 @@ class TrendsScreen(LogPage):
         if self.ends_s is not None and series.start_s is not None and series.end_s is not None:
             self.ends_s = max(min(series.start_s + SPANS_S[0], series.end_s), min(series.end_s, self.ends_s))
 
-    def _cell_s(self) -> float:
+    def cell_s(self) -> float:
         pane = self.query_one("#plots", Plots)
         return self.window().length_s / pane.columns(max(1, pane.content_size.width))
 
-    def _move_cursor(self, by_s: float) -> None:
+    def move_cursor(self, by_s: float) -> None:
         """A cursor freezes the plots: what it reads must not run away."""
         self._hold()
         window = self.window()
@@ -212,22 +198,12 @@ class TrendsScreen(LogPage):
         if self.ends_s is None and self.span is not None:
             self.ends_s = self.window().to_s
 
-    def _scroll(self, share: float) -> None:
+    def scroll_span(self, share: float) -> None:
         if self.span is None:
             return
         self._hold()
         self.ends_s = (self.ends_s or 0.0) + share * self.window().length_s
         self._stay_inside()
-
-    def _toggle_log(self) -> None:
-        if self.app.replay_page.job is None:
-            self.app.notice(_("no log is open: F7, O opens one"))
-        elif self.app.source is None:
-            self.app.notice(_("no machine is connected"))
-        else:
-            self.wants_log = not self.wants_log
-            self.ends_s = self.cursor_s = self.fixed = None
-            self.numbers.hurry()
 
     def _at_once(self) -> None:
         self.plots.hurry()
@@ -242,11 +218,11 @@ class TrendsScreen(LogPage):
 
     def on_plots_named(self, event: Plots.Named) -> None:
         if not self.app.locked:
-            self._ask_channels()
+            self.ask_channels()
 
     def on_plots_wheeled(self, event: Plots.Wheeled) -> None:
         if not self.app.locked:
-            self._change_span(-event.steps)
+            self.change_span(-event.steps)
             self._at_once()
 
 
