@@ -1,7 +1,7 @@
 """One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
 from __future__ import annotations
 
-from math import cos, isfinite, radians, sin
+from math import cos, inf, isfinite, radians, sin
 from typing import NamedTuple
 
 from control.agronomy import fusion
@@ -22,7 +22,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Alarm, Answer, Do, Order, State, Strategy, TargetSource
-from control.readings import DoseOrder, DriveCommand, Measurements, Reading
+from control.readings import DoseOrder, DriveCommand, Measurements, Reading, is_fresh
 from control.safety import (
     SETTINGS,
     Allowances,
@@ -42,7 +42,7 @@ from control.targets.canopy import STRAIGHT_DEG_S, CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.lag_correction import ChangeQueue, Fired
 from control.targets.map_profile import MapProfile
-from control.targets.overlap import Overlap
+from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.point import Threshold
 from control.targets.point_source import PointSource
 from control.targets.profile import Change, Everywhere, Profile, Stretches, Target
@@ -115,7 +115,8 @@ class ControlLoop:
         self._headland_target = None if rate is None else Target(rate, TargetSource.MANUAL)
         self._no_double = job.no_double
         width_m = machine.geometry.working_width_m
-        self._overlap = Overlap(Coverage(width_m, min(CELL_M, width_m / 6.0)), machine.geometry.outlets)
+        self._overlap = Overlap(Coverage(width_m, min(CELL_M, width_m / 6.0), longest_m=LONGEST_M),
+                                machine.geometry.outlets)
         self._fusion = fusion.start(machine.geometry.heads)
         self._fused: fusion.Fused | None = None
         self._head_times: tuple[float | None, ...] = ()
@@ -139,6 +140,7 @@ class ControlLoop:
         self._command: DriveCommand | None = None
         self._bench = BenchSetting()
         self._events: list[str] = []
+        self._refused_s: float | None = None    # epoch that was refused last
         self._time_s: float | None = None
         self._begun_s = 0.0
         self._refilled = False
@@ -271,8 +273,10 @@ class ControlLoop:
     # -- one tick ----------------------------------------------------------------------------------------------
 
     def tick(self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True) -> Tick:
+        if self._time_s is not None and not self._time_s <= m.time_s < inf:     # a clock that goes back: time stands
+            m = m._replace(time_s=self._time_s)
         now = m.time_s
-        dt = 0.0 if self._time_s is None else max(0.0, min(1.0, now - self._time_s))
+        dt = 0.0 if self._time_s is None else min(1.0, now - self._time_s)
         if self._time_s is None:
             self._begun_s = now
             self._expected_shaft = shaft_start(0.0, now)
@@ -282,6 +286,7 @@ class ControlLoop:
             self._expected = Pair(0.0, opening)
         self._time_s = now
         sensed = self._sensing.update(m)
+        self._note_jump(m, sensed)
         self._look_at_canopy(m, sensed, now)
         conditions = self._conditions(m, now)
         speed = sensed.speed_mps or 0.0
@@ -368,6 +373,18 @@ class ControlLoop:
     def _bench_run(self, command: DriveCommand, now: float) -> BenchRun:
         memory = self.safety.memory
         return BenchRun(command.shaft_rpm, command.opening_mm, now - memory.entered_s, memory.calibrate_until_s - now)
+
+    def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
+        """Epochs that were refused become events; where a new place was taken, what was seen ahead lay elsewhere."""
+        if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
+            self._refused_s = m.gnss.time_s
+            self._events.append(f"position_refused {sensed.refused_m:.0f}")
+        if sensed.moved_m is not None:
+            self._events.append(f"position_moved {sensed.moved_m:.0f}")
+            self._overlap.moved()
+            if self._map is not None:
+                self._map.lost()
+            self._queue.restart(Target(0.0, self._source), sensed.track_m)
 
     def _look_at_canopy(self, m: Measurements, sensed: Sensed, now: float) -> None:
         times = tuple(None if r is None else r.time_s for r in m.ndvi)
@@ -581,18 +598,20 @@ class ControlLoop:
             expected_flow_kg_s=0.0 if model_flow is None else model_flow * trim,
             target_rate_kg_ha=rate, metres_left_m=metres_left,
             usable_speed_mps=usable if speed is not None and speed > usable else None,
-            console_age_s=console_age_s, log_ok=log_ok)
+            console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m)
 
     def _row(self, m: Measurements, sensed: Sensed, holding: Target, rate: float, command: DriveCommand,
              applied: float | None, lag: Lag, trim: float, state: State, alarms: tuple[Alarm, ...]) -> LogRow:
         fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
+        placed = fix if sensed.refused_m is None else None
         ndvi = [_fresh(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi] + [None] * 6
         events, self._events = self._events, []
         speed = sensed.speed_mps
         return LogRow(
             time_s=m.time_s - self._begun_s,
-            utc=fix.utc if fix else None, lat_deg=fix.lat_deg if fix else None, lon_deg=fix.lon_deg if fix else None,
-            fix_quality=fix.fix_quality if fix else None, satellites=fix.satellites if fix else None,
+            utc=fix.utc if fix else None,
+            lat_deg=placed.lat_deg if placed else None, lon_deg=placed.lon_deg if placed else None,
+            fix_quality=placed.fix_quality if placed else None, satellites=fix.satellites if fix else None,
             hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,
             pitch_deg=_held(m, "pitch_deg"), roll_deg=_held(m, "roll_deg"),
             speed_mps=fix.speed_mps if fix else None, wheel_speed_mps=_held(m, "wheel_speed_mps"),
@@ -656,7 +675,7 @@ def _held(m: Measurements, column: str) -> float | None:
 
 
 def _fresh(reading: Reading | None, now_s: float, most_s: float) -> float | None:
-    return None if reading is None or now_s - reading.time_s > most_s else reading.value
+    return None if reading is None or not is_fresh(reading.time_s, now_s, most_s) else reading.value
 
 
 def _number(value: str | float | bool | None) -> float | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.outputs import Force, Output, log_files, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -48,11 +49,15 @@ def calibrate(
     opening_mm: Annotated[float | None, typer.Option(help="--rig: opening of the gate; default: as it stands.")] = None,
     no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
                                          "hard-wired stop.")] = False,
+    force: Force = False,
 ) -> None:
     """Fit flow or lag to a bench table, or wheel or heads to a run log, with intervals and range.
 
     With lag --rig URL --board URL: measure a lag bench table.
     """
+    from drivers.files.kinds import MACHINE
+    reads = () if data is None else log_files(data)
+    refuse_collisions((*reads, named(machine, MACHINE.folder)), [Output((out,))], force)
     if rig is not None and what is What.LAG and data is None:
         from console.cli.lag_rig import measure_lag
         measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
@@ -63,9 +68,6 @@ def calibrate(
     from control.calibration.lag_fit import fit_lag
     from drivers.files.bench_table import read_bench_table
     from drivers.files.config import load, save
-    from drivers.files.kinds import MACHINE
-    if out.exists():
-        raise CommandError(f"{out}: exists already: nothing is overwritten")
     loaded = load(machine, MACHINE).model
     today = dt.date.today().isoformat()
     if what in (What.WHEEL, What.HEADS):

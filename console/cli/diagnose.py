@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 TOGETHER = 2                # groups of channels judged at the same time
+NOT_JUDGED = 3              # exit code
 
 
 def diagnose(
@@ -36,20 +38,20 @@ def diagnose(
     job: Annotated[str | None, typer.Option(help="Of --closed-loop: job file, or name of a shipped one; default "
                                             "demo.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
+    force: Force = False,
 ) -> None:
-    """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do."""
+    """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do.
+
+    Exit code 3: nothing of the data could be judged.
+    """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
-    if adopt is not None and adopt.exists():
-        raise CommandError(f"{adopt}: exists already: nothing is overwritten")
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
-    ours = {path.resolve() for source in data for path in (source, source.with_suffix(".yaml"))}
-    for out in (report, as_json):
-        if out is not None and out.resolve() in ours:
-            raise CommandError(f"{out}: is the data itself")
     loaded = load(machine, MACHINE).model
     setup = None if closed_loop is None else _setup(machine, job or "demo")
+    reads = [*(file for path in data for file in log_files(path)), named(machine, MACHINE.folder)]
+    refuse_collisions([*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force)
     if kind == "run" or (kind is None and _is_run(data)):
         found, tools = _run(data, loaded, seed)
     else:
@@ -60,6 +62,20 @@ def diagnose(
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
+    if found.verdict == "not_judged":
+        raise typer.Exit(NOT_JUDGED)
+
+
+def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
+    from console.reports.html import GENERATOR
+    outputs = []
+    if as_json is not None and str(as_json) != "-":
+        outputs.append(marked(as_json, b'"format": "topdress-diagnosis/1"'))
+    if report is not None:
+        outputs.append(marked(report, GENERATOR.encode()))
+    if adopt is not None:
+        outputs.append(Output((adopt,)))
+    return outputs
 
 
 def _is_run(data: list[Path]) -> bool:
@@ -104,12 +120,12 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
-    from control.diagnosis.extend import extend, refuse_to_adopt
+    from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
     from control.diagnosis.tables.sentences import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    if found.verdict == "none":
-        raise CommandError(f"{out}: nothing was found, so there is nothing to adopt")
+    if not adoptable(found):
+        raise CommandError(f"{out}: no effect was found that a machine file could take up, so nothing is written")
     in_part = held_in_part(found.findings)
     for cause in found.causes:
         refuse_to_adopt(cause.id, in_part.get(cause.id))
@@ -133,14 +149,12 @@ def _setup(machine: str, job: str) -> Setup:
 
 def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
-    import dataclasses
-
     from control.diagnosis.extend import extend, planted
     from control.diagnosis.gain import closed_loop_gain
     effects = planted(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
-    known = extend(setup.machine, dataclasses.replace(found, tables=()))
+    known = extend(setup.machine, found)
     gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds)
     trim = "on" if setup.job.flow_trim else "off"
     lines = ["", f"closed loop, simulated {seconds:g} s of job {job} ({setup.job.strategy.value}, flow trim {trim}), "

@@ -66,7 +66,8 @@ def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
             refused.append(f"{cause.id}: its size is not known")
         else:
             kept.append(cause.id)
-    kept += [f"{table.stage}.table" for table in found.tables]
+    refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
+                for left in found.unexplained]
     return tuple(kept), tuple(refused)
 
 

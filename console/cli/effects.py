@@ -7,17 +7,21 @@ from typing import Annotated
 
 import typer
 
+from console.cli.outputs import Force, marked, refuse_collisions
+
 
 def effects(
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
     as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
                                                  "Markdown.")] = None,
+    force: Force = False,
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
     from control.machine.machine import CATALOGUE
     if as_page is not None:
         from console.reports.effects_page import markdown
         from drivers.files.atomic import write_atomically
+        refuse_collisions((), [marked(as_page, b"topdress effects --markdown")], force)
         write_atomically(as_page, markdown(CATALOGUE))
         if not as_json:
             return

@@ -47,8 +47,6 @@ def measure_lag(rig: str, board: str | None, gnss: str | None, machine: str, out
 
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
-    if out.exists():
-        raise CommandError(f"{out}: exists already: nothing is overwritten")
     if board is None:
         from console.cli.drop_by_hand import measure_drop
         measure_drop(rig, out, repeats)

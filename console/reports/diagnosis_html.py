@@ -8,7 +8,7 @@ from typing import Any
 
 from console.reports.bars import interval_bar, share_bar
 from console.reports.figure import need_matplotlib
-from console.reports.html import escape, facts, figure, items, paragraph, section, table
+from console.reports.html import GENERATOR, escape, facts, figure, items, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.pictures import Pictures, pictures_of
@@ -47,7 +47,7 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     body = "\n".join(part for part in parts if part)
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>Diagnosis of {name}</title>\n"
+            f"{GENERATOR}<title>Diagnosis of {name}</title>\n"
             f"<style>{STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
 
 
@@ -106,6 +106,9 @@ def _shares(cause: Cause) -> str:
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
     left = found.unexplained[k]
     share = percent(left.explained_share)
+    if not left.variable:
+        return paragraph(f"{left.channel}: {share} of its error is not noise, and neither a catalogued effect nor a "
+                         "recorded variable accounts for it.")
     text = (f"{left.channel} depends on {plain(left.variable, found.data.kind)} ({left.variable}): {share} of what is "
             "left there follows it, and no catalogued effect says why.")
     return paragraph(text) + figure(pictures.left[k])

@@ -1,7 +1,7 @@
 """A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
 from __future__ import annotations
 
-from control.diagnosis.result import Cause, Diagnosis
+from control.diagnosis.result import Cause, Diagnosis, Unexplained
 from control.machine.machine import CATALOGUE
 
 SHOWN_LIMIT = 8
@@ -19,8 +19,7 @@ def summary(found: Diagnosis) -> list[str]:
     for cause in found.causes:
         lines += ["", *_cause(cause)]
     for left in found.unexplained:
-        lines += ["", f"unexplained: {left.channel} depends on {left.variable} "
-                      f"({100 * left.explained_share:.0f} % of what is left), and no catalogued effect says why"]
+        lines += ["", f"unexplained: {_left(left)}"]
     for gain in found.gain:
         lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
                      f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})")
@@ -36,8 +35,18 @@ def _head(found: Diagnosis) -> str:
     data = found.data
     span = "" if data.duration_s is None else f", {data.duration_s:.0f} s"
     words = {"none": "nothing beyond noise", "named": "named", "ambiguous": "found, but not told apart",
-             "unexplained": "structure that no known effect explains"}
+             "unexplained": "structure that no known effect explains",
+             "not_judged": "not judged: no channel of this data could be held against the model"}
     return f"{data.path} ({data.kind}, {data.rows} rows{span}) on {data.machine}: {words[found.verdict]}"
+
+
+def _left(left: Unexplained) -> str:
+    percent = 100 * left.explained_share
+    if not left.variable:
+        return f"{left.channel}: {percent:.0f} % of its error is not noise, and neither an effect nor a recorded " \
+            "variable accounts for it"
+    return f"{left.channel} depends on {left.variable} ({percent:.0f} % of what is left), and no catalogued effect " \
+        "says why"
 
 
 def _cause(cause: Cause) -> list[str]:

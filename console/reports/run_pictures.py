@@ -154,8 +154,8 @@ def left_picture(views: Sequence[View], parts: Sequence[Part], left: Unexplained
         legend_below(figure, grid)
         text = svg(figure, name, escape(f"{view.title}, against {axis.label}"))
     return Picture(text, f"{_sentence(view.title)}, against {axis.label}: what is left"
-                         f"{' beside the causes named' if named else ''}, and the smooth function that an adopted "
-                         f"machine file takes up for it. {BAND}")
+                         f"{' beside the causes named' if named else ''}, and the smooth function that fits it. "
+                         f"{BAND}")
 
 
 def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:

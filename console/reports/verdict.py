@@ -6,7 +6,8 @@ from console.reports.variables import plain
 from control.diagnosis.result import Cause, Diagnosis, FieldCost
 from control.machine.machine import CATALOGUE
 
-WORDS = {"none": "nothing found", "named": "named", "ambiguous": "not told apart", "unexplained": "unexplained"}
+WORDS = {"none": "nothing found", "named": "named", "ambiguous": "not told apart", "unexplained": "unexplained",
+         "not_judged": "not judged"}
 PLACE_DIGITS = 2
 
 
@@ -21,14 +22,16 @@ def sentence(found: Diagnosis) -> str:
     named = f"{_count(len(titles))}: {'; '.join(titles)}"
     if found.verdict == "none":
         return "Nothing beyond noise: the machine model predicts this data as well as its sensors allow."
+    if found.verdict == "not_judged":
+        return "Nothing was judged: no channel of this data could be held against the machine model."
     if found.verdict == "named":
         return f"{named}."
     if found.verdict == "ambiguous":
         doubtful = sum(1 for cause in found.causes if others(cause))
         which = "It" if len(titles) == 1 else "One of them" if doubtful == 1 else "Some of them"
         return f"{named}. {which} could also be something else: this data does not tell."
-    left = " and ".join(f"{one.channel} depends on {plain(one.variable, found.data.kind)}"
-                        for one in found.unexplained) or "something is left"
+    left = " and ".join(f"{one.channel} depends on {plain(one.variable, found.data.kind)}" if one.variable else
+                        f"the error of {one.channel} is not noise" for one in found.unexplained) or "something is left"
     beside = f" Beside it: {'; '.join(titles)}." if titles else ""
     return f"There is structure that no known effect explains: {left}.{beside}"
 

@@ -55,7 +55,8 @@ class Host:
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
         self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
-        self._inbox: deque[Waiting] = deque()
+        self._inbox: deque[Waiting] = deque()        # filled by other threads
+        self._waiting: list[Waiting] = []            # taken from there by the loop, and not yet answered
         self._heard_s = clock()
         self._ticks = 0
         self._state: str | None = None               # of the newest tick
@@ -73,8 +74,11 @@ class Host:
     # --- called from other threads -----------------------------------------------------------------------------------
 
     def ask(self, what: What, reply: Reply) -> bool:
-        """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread."""
-        if len(self._inbox) >= REQUESTS_WAITING:
+        """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread.
+
+        What stops the machine is never refused, and never waits: the next tick answers all that came before it.
+        """
+        if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _stops(what):
             return False
         self._inbox.append(Waiting(what, reply))
         return True
@@ -109,8 +113,8 @@ class Host:
 
     def tick(self, now_s: float) -> None:
         """Orders, measurements, decision, drives, log, frame: in this order."""
-        for _ in range(min(len(self._inbox), REQUESTS_A_TICK)):
-            self._answer(self._inbox.popleft(), now_s)
+        for waiting in self._due():
+            self._answer(waiting, now_s)
         if self._stop:
             self._loop.order(Order(Do.STOP))
             self._off = True
@@ -151,6 +155,15 @@ class Host:
         missed = int((now_s - due_s) / period_s) + 1
         self.period.skipped += missed
         return due_s + missed * period_s
+
+    def _due(self) -> list[Waiting]:
+        """The requests of this tick in the order they came: a bounded number, but always up to the last that stops."""
+        while self._inbox:
+            self._waiting.append(self._inbox.popleft())
+        stop = max((number for number, one in enumerate(self._waiting, start=1) if _stops(one.what)), default=0)
+        count = max(REQUESTS_A_TICK, stop)
+        due, self._waiting = self._waiting[:count], self._waiting[count:]
+        return due
 
     def _answer(self, waiting: Waiting, now_s: float) -> None:
         extra: dict[str, Any] = {}
@@ -205,3 +218,7 @@ class Host:
         line = self._bench.line(status.name)
         return DeviceView(**known, plugged=line is None or line.plugged,
                           capture_path=self._desk.capture_path(status.name), test=self._desk.test(status.name))
+
+
+def _stops(what: What) -> bool:
+    return what is Ask.QUIT or (isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE))

@@ -3,8 +3,10 @@
     {"id": 7, "token": "...", "do": "hold", "value": null}      an order (`control.orders`)
     {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit" | "lag_test" | "end_lag_test"}
     {"id": 9, "token": "...", "device": "gnss", "act": "connect" | ...}    one device (`console.frame.DeviceDo`)
+    {"id": 1, "token": null, "ask": "look"}                     frames only; the one request that needs no token
 
-Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for.
+Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for. Who says nothing at all is
+soon disconnected.
 """
 from __future__ import annotations
 
@@ -25,6 +27,7 @@ class Ask(StrEnum):
     QUIT = "quit"        # off, close the log, exit
     LAG_TEST = "lag_test"            # begin the lag test: it measures while the state is calibrating
     END_LAG_TEST = "end_lag_test"
+    LOOK = "look"        # this client wants frames; with the token it has a place that is kept for those who have it
 
 
 class DeviceOrder(NamedTuple):
@@ -40,6 +43,7 @@ What = Order | Ask | DeviceOrder
 class Request(NamedTuple):
     id: int
     what: What
+    with_key: bool = True
 
 
 class Refusal(NamedTuple):
@@ -61,8 +65,10 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     number = message.get("id")
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**53:
         return Refusal(None, "malformed", "malformed: id")
-    offered = message.get("token")
-    if not isinstance(offered, str) or not secrets.compare_digest(offered.encode(errors="replace"), token.encode()):
+    with_key = _fits(message.get("token"), token)
+    if message.get("ask") == Ask.LOOK:
+        return Request(number, Ask.LOOK, with_key)
+    if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:
         try:
@@ -90,6 +96,10 @@ def parse(line: bytes, token: str) -> Request | Refusal:
         case float() if math.isfinite(value):
             return Request(number, Order(do, value))
     return Refusal(number, "malformed", "malformed: value")
+
+
+def _fits(offered: object, token: str) -> bool:
+    return isinstance(offered, str) and secrets.compare_digest(offered.encode(errors="replace"), token.encode())
 
 
 def _no_constant(name: str) -> NoReturn:

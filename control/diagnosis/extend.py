@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from control.machine.machine import CATALOGUE, Adopted, Machine, with_effect
 from control.machine.planting import Planted
 
-from .result import Cause, Diagnosis, TableFit
-
-TABLE_FIELD = {"shaft": "table_percent", "gate": "table_mm", "flow": "table_percent", "scale": "table_kg",
-               "speed": "table_percent"}
+from .result import Cause, Diagnosis
 
 
 def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
            valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
-    """The machine with the named causes adopted, and a smooth table where no effect explains what is there.
+    """The machine with the named causes adopted.
+
+    A smooth dependence that no effect explains is not: neither plant nor control would evaluate it.
 
     date : as it shall stand in the file; sha256 : of the data; valid : range by recorded variable in which the
     extension may be believed (default: the ranges that the diagnosis saw excited). Effects that begin mid-run (a
@@ -28,14 +27,7 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
         adopted.append(Adopted(id=cause.id, size=cause.size.value, low=cause.size.low, high=cause.size.high,
                                unit=cause.size.unit, member=cause.member, data=diagnosis.data.path, sha256=sha256,
                                date=date, valid=ranges))
-    tables = dict(machine.tables_over)
-    for table in diagnosis.tables:
-        machine = _with_table(machine, table)
-        tables[table.stage] = table.variable
-        adopted.append(Adopted(id=f"{table.stage}.table", size=max(abs(v) for v in table.values),
-                               data=diagnosis.data.path, sha256=sha256, date=date,
-                               valid={table.variable: (table.nodes[0], table.nodes[-1])}))
-    return machine.model_copy(update={"adopted": tuple(adopted), "tables_over": tables})
+    return machine.model_copy(update={"adopted": tuple(adopted)})
 
 
 def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
@@ -63,9 +55,3 @@ def _total(machine: Machine, cause: Cause) -> float:
     entry = CATALOGUE[cause.id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
     return float(min(entry.high - entry.neutral, max(entry.low - entry.neutral, before + (cause.size.value or 0.0))))
-
-
-def _with_table(machine: Machine, table: TableFit) -> Machine:
-    stage = getattr(machine, table.stage)
-    changed = stage._replace(**{"table_x": table.nodes, TABLE_FIELD[table.stage]: table.values})
-    return machine.model_copy(update={table.stage: changed})

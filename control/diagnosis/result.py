@@ -7,7 +7,8 @@ from typing import Any, Literal
 FORMAT = "topdress-diagnosis/1"
 CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
 
-Verdict = Literal["named", "none", "ambiguous", "unexplained"]
+Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
+STRUCTURE_P = 1e-3         # a channel whose structure has less than this is never called noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,12 @@ class NotShown:
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
+    """`variable`: the recorded variable that the structure follows, "" where none is known to carry it.
+
+    `explained_share`: of what the named causes leave, that the variable explains; without a variable, that is not
+    noise.
+    """
+
     channel: str
     variable: str
     explained_share: float
@@ -113,7 +120,10 @@ class TableFit:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Precedence of verdicts: unexplained, ambiguous, named, none. Fields that do not apply are None, not left out."""
+    """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel could be judged.
+
+    Fields that do not apply are None, not left out.
+    """
 
     data: Data
     channels: tuple[Channel, ...]

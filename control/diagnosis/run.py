@@ -1,7 +1,7 @@
 """Diagnosis of a run log, from columns to verdict."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from .onset import stop_interval
 from .residuals import Channel as ChannelSeries
 from .residuals import channels, step_error
 from .result import (
+    STRUCTURE_P,
     Cause,
     Channel,
     Data,
@@ -145,10 +146,12 @@ def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], see
     for seen in seen_off:
         causes.append(_seen_cause(seen, machine, data))
         absent = [a for a in absent if a.id != seen.part.id]
+    if not causes and not unexplained:
+        unexplained = _not_noise(rows, named)
     there = {c.id for c in causes} | {a.id for a in absent}
     absent += [NotShown(effect_id, Detectable(None, entry.effect.unit))
                for effect_id, entry in CATALOGUE.items() if effect_id not in there]
-    verdict: Verdict = "none"
+    verdict: Verdict = "none" if rows else "not_judged"
     if unexplained:
         verdict = "unexplained"
     elif any(c.rivals for c in causes):
@@ -162,6 +165,22 @@ def _result(log: Clean, data: RunData, machine: Machine, named: list[Named], see
     plan = next_run(causes, machine) if verdict == "ambiguous" else None
     return Diagnosis(Data(path, "run", data.rows, data.duration_s, machine.id), tuple(rows), verdict, tuple(order),
                      tuple(absent), tuple(unexplained), plan, tuple(gains), None, findings, tuple(tables), excited)
+
+
+def _not_noise(rows: Sequence[Channel], named: Sequence[Named]) -> list[Unexplained]:
+    """Channels whose structure is no chance, though every name for it was refused: one of each group."""
+    found = []
+    for one in named:
+        inside = [c for c in rows if c.channel in one.group.names and c.structure_p < STRUCTURE_P]
+        if inside:
+            worst = max(inside, key=_structure_share)
+            found.append(Unexplained(worst.channel, "", _structure_share(worst)))
+    return found
+
+
+def _structure_share(channel: Channel) -> float:
+    """Of a channel's mean square error, what is above its noise."""
+    return max(0.0, 1.0 - (channel.noise_floor / max(channel.rmse, 1e-300)) ** 2)
 
 
 def _seen_cause(seen: Seen, machine: Machine, data: RunData) -> Cause:

@@ -13,6 +13,7 @@ from control.diagnosis.extend import extend, refuse_to_adopt
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.next_run import manoeuvres, separation
 from control.diagnosis.residuals import channels
+from control.diagnosis.result import STRUCTURE_P
 from control.diagnosis.run import Cancelled, diagnose_run
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.flow import FlowInput, FlowOutput, flow_start
@@ -147,9 +148,22 @@ def test_what_no_effect_explains_is_said_with_its_variable():
     found = diagnose_run(columns, Machine())
     assert found.verdict == "unexplained"
     assert (found.unexplained[0].channel, found.unexplained[0].variable) == ("speed", "roll_deg")
-    extended = extend(Machine(), found, date="2026-01-01")
-    assert extended.tables_over == {"speed": "roll_deg"}
-    assert max(extended.speed.table_percent) == pytest.approx(2.0, abs=0.4)
+    assert max(found.tables[0].values) == pytest.approx(2.0, abs=0.4)
+    assert extend(Machine(), found) == Machine()        # nothing would evaluate it
+
+
+def test_structure_whose_every_name_was_refused_is_never_called_noise():
+    """A gate that reads ever higher from the middle of the run on: no effect of the catalogue grows."""
+    columns = a_run(Machine(), seed=31)
+    columns["opening_mm"] = columns["opening_mm"] + 0.8 * np.clip((columns["time_s"] - 300.0) / 200.0, 0.0, 1.0)
+    found = diagnose_run({name: columns[name] for name in ("time_s", "opening_mm_cmd", "opening_mm")}, Machine())
+    assert min(c.structure_p for c in found.channels) < STRUCTURE_P
+    assert found.verdict == "unexplained" and found.unexplained[0].channel == "gate"
+
+
+def test_a_log_of_which_nothing_can_be_judged_says_so():
+    found = diagnose_run({"time_s": np.arange(0.0, 60.0, STEP_S)}, Machine())
+    assert found.verdict == "not_judged" and not found.channels and found.findings
 
 
 def test_a_stall_is_named_with_its_time():

@@ -8,6 +8,7 @@ from scipy.stats import t as student
 
 from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.result import (
+    STRUCTURE_P,
     Cause,
     Channel,
     Data,
@@ -67,6 +68,8 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     clocks = [(k, clock) for k, clock in enumerate(problem.clocks) if clock is not None and clock.p < CLOCK_LEVEL]
     if clocks and verdict == "none":
         verdict = "named"
+    if verdict == "none" and found.structure_p < STRUCTURE_P:
+        verdict, unexplained = "unexplained", (_not_noise(problem, left),)
     causes = _causes(problem, tables, found, clocks)
     if verdict == "named" and any(cause.rivals for cause in causes):
         verdict = "ambiguous"
@@ -106,6 +109,14 @@ def _verdict(problem: Problem, found: Named, left: Left | None,
     if not found.found:
         return found, "none", ()
     return found, "ambiguous" if any(one.rivals for one in found.found) else "named", ()
+
+
+def _not_noise(problem: Problem, left: Left | None) -> Unexplained:
+    """Structure that is no chance, though every name for it was refused."""
+    if left is not None:
+        return Unexplained(left.channel, left.variable, left.share)
+    off = (problem.observed - problem.nominal) / problem.sd
+    return Unexplained(problem.pieces[0].channel, "", max(0.0, 1.0 - 1.0 / max(1.0, float(np.mean(off ** 2)))))
 
 
 def named_nothing(problem: Problem, found: Named) -> Named:

@@ -9,7 +9,8 @@ from console.app.widgets.panel import Panel, fit, line
 from console.app.widgets.wrap import wrapped
 
 _STYLES = {"none": "bold reverse", "named": "bold $on-alarm-amber on $alarm-amber",
-           "ambiguous": "bold $on-alarm-amber on $alarm-amber", "unexplained": "bold $on-alarm-red on $alarm-red"}
+           "ambiguous": "bold $on-alarm-amber on $alarm-amber", "unexplained": "bold $on-alarm-red on $alarm-red",
+           "not_judged": "bold $on-alarm-red on $alarm-red"}
 
 
 class Said(NamedTuple):

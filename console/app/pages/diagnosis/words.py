@@ -10,8 +10,8 @@ from console.app.view import duration
 from console.locale import N_, _
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
-            "unexplained": N_("UNEXPLAINED")}
-VERDICT_SYMBOLS = {"none": "-", "named": "!", "ambiguous": "?", "unexplained": "??"}
+            "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
+VERDICT_SYMBOLS = {"none": "-", "named": "!", "ambiguous": "?", "unexplained": "??", "not_judged": "??"}
 
 KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
          "heads": N_("heads table"), "place": N_("place table")}
@@ -87,10 +87,16 @@ def sentence(found: Found) -> str:
     """The verdict in one line."""
     if found.verdict == "none":
         return _("Everything is as the machine file says, within the noise of the sensors.")
+    if found.verdict == "not_judged":
+        return _("Nothing of this data could be held against the machine file.")
     if found.verdict == "unexplained" and found.left:
         channel, variable, _share = found.left[0]
-        said = _("{channel} follows {variable}, and no known cause explains it.").format(
-            channel=channel_word(channel), variable=variable_word(variable).split(",")[0])
+        if variable:
+            said = _("{channel} follows {variable}, and no known cause explains it.").format(
+                channel=channel_word(channel), variable=variable_word(variable).split(",")[0])
+        else:
+            said = _("The error of {channel} is not noise, and no known cause explains it.").format(
+                channel=channel_word(channel))
         return said if not found.causes else f"{said} {_('Besides:')} {title(found.causes[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
@@ -113,13 +119,15 @@ def todo(found: Found) -> str:
     """What to do next, in one line."""
     if found.verdict == "none":
         return _("Nothing to do.")
+    if found.verdict == "not_judged":
+        return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
         return _("A separating run of {minutes} minutes tells: its steps are among the views.").format(
             minutes=f"{found.next_run.minutes:g}") if found.next_run.minutes else _("A separating run tells: its steps "
                                                                                     "are among the views.")
     if found.causes:
         return _(found.causes[0].advice)
-    return _("Adopt the smooth curve (K), or look for what else changed.")
+    return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
 
 
 def title(cause: CauseShown) -> str:
