@@ -1,4 +1,4 @@
-"""The Diagnosis page's heavy work as a process of its own: `python -m console.cli.diagnosis_job FILE.json`.
+"""The Diagnosis page's heavy work as a process of its own: `python -m console.services.diagnosis_job FILE.json`.
 
 The file says what is to be done (`Order` below). While it works it writes {"share": 0.3, "stage": "flow"} lines on
 stdout, and at last {"done": true} or {"error": "one line"}. In the folder then lie view.json, result.json, report.html,
@@ -76,7 +76,7 @@ def machine_of(order: Order) -> Machine:
 
 def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
     """The separating run on the simulated machine, as an ordinary run log."""
-    from console.cli.separating_run import drive_of
+    from console.services.separating_run import drive_of
     from control.machine.planting import parse_planted
     from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
     from control.simulation.closed_loop import simulated_run
@@ -101,7 +101,7 @@ def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
 
 def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell) -> None:
     from console.app.pages.diagnosis.data import to_plain
-    from console.cli.diagnosis_view import found_of, mean_target
+    from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     folder = Path(order.folder)
     tell(0.0, "reading")

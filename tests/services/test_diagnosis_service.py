@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from console.app.pages.diagnosis.data import Stop, Stopped
-from console.cli.diagnosis_services import DiagnosisFiles
-from console.cli.diagnosis_view import sorted_out
-from console.cli.separating_run import _DRIVES, drive_of, run_id
+from console.services.diagnosis import DiagnosisFiles
+from console.services.diagnosis_view import sorted_out
+from console.services.separating_run import _DRIVES, drive_of, run_id
 from control.diagnosis.next_run import manoeuvres
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
 from control.orders import State

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from console.cli.job_services import JobFiles, Launcher
+from console.services.job import JobFiles, Launcher
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.field.totals import Sums

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import platformdirs
 
 from console.app.pages.diagnosis.data import Export, Found, Source, Stop, Stopped, Tell, found_from
-from console.cli.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
+from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 MOST_FILES = 200
 HEADER_BYTES = 8_192
-PROGRAM = ("-P", "-m", "console.cli.diagnosis_job")
+PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
                                      "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")}        # a core stays for the loop
 
@@ -151,7 +151,7 @@ class DiagnosisFiles:
         return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
 
     def write_run(self, found: Found) -> str:
-        from console.cli.separating_run import drive_of
+        from console.services.separating_run import drive_of
         from drivers.files.config import load, save
         from drivers.files.kinds import JOB, MACHINE
         if found.next_run is None or not found.next_run.id:

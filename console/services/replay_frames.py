@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from console.app.replay_job import Cancelled, ReplayJob, Tell, WhatIf
 from console.app.replay_source import ReplaySource
-from console.cli.map_services import plane_of_job
 from console.frame import Frame
+from console.services.field import plane_of_job
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
 from control.orders import Alarm
@@ -78,7 +78,7 @@ def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell:
     """
     import dataclasses
 
-    from console.cli.rerun import rerun, setup_of
+    from console.services.rerun import rerun, setup_of
     from control.agronomy.noa import prepare
     from control.orders import Strategy
     from drivers.files.config import load

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from console.app.replay_job import WhatIf
-from console.cli.map_services import MOST_CELLS, field_picture
-from console.cli.replay_frames import frames_of, replay_job
 from console.frame import Frame
+from console.services.field import MOST_CELLS, field_picture
+from console.services.replay_frames import frames_of, replay_job
 from control.log_row import LogRow
 from control.simulation.assembly import with_simulated_field
 from drivers.files.read_log import read_log

@@ -16,11 +16,11 @@ from console.app.pages.diagnosis.data import (
     RivalShown,
     RunPlan,
 )
-from console.cli.separating_run import minutes_of, run_id
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views
 from console.reports.table_views import TableView, table_views
 from console.reports.verdict import others, title_of
+from console.services.separating_run import minutes_of, run_id
 from control.diagnosis.extend import adoptable
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.result import Cause, Diagnosis

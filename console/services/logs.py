@@ -5,7 +5,7 @@ from pathlib import Path
 
 from console.app.pages.replay.log_files import LogFile
 from console.app.replay_job import ReplayJob
-from console.cli.diagnosis_services import DiagnosisFiles
+from console.services.diagnosis import DiagnosisFiles
 
 SHOWN = 9                     # as many as one digit chooses
 
@@ -21,6 +21,6 @@ class RunLogs:
         return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in runs[:SHOWN])
 
     def open(self, path: str) -> ReplayJob:
-        from console.cli.replay_frames import replay_job
+        from console.services.replay_frames import replay_job
         from drivers.files.read_log import read_log
         return replay_job(read_log(Path(path)))

@@ -8,7 +8,7 @@ import pytest
 
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.wheel import WheelSample
-from console.cli.calibrate_services import calibrate_job
+from console.services.calibrate import calibrate_job
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
