@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,7 +17,7 @@ def decode(protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="gns
     for record in records:
         known = {name: value for name, value in record.items() if value is not None}
         typer.echo(json.dumps(known) if as_json else "  ".join(f"{k}={_text(v)}" for k, v in known.items()))
-    told = {"read": counts.read, "accepted": counts.accepted, "rejected": dict(counts.rejected),
+    told: dict[str, Any] = {"read": counts.read, "accepted": counts.accepted, "rejected": dict(counts.rejected),
             "ignored": dict(counts.ignored)}
     if as_json:
         typer.echo(json.dumps({"counts": told}))

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -25,7 +25,7 @@ def effects(
         write_atomically(as_page, markdown(CATALOGUE))
         if not as_json:
             return
-    entries = [{
+    entries: list[dict[str, Any]] = [{
         "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
         "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
         "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 import csv
 import datetime as dt
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -166,7 +167,7 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
     quantile = float(student.ppf(0.95, line.rows_used - 2)) * line.residual_sd_s
 
     def band(x: float) -> float:
-        return quantile * (1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about) ** 0.5
+        return quantile * math.sqrt(1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about)
 
     curve = tuple(CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
                   for x in _steps(line.from_rpm, line.to_rpm))

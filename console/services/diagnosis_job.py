@@ -51,12 +51,10 @@ def work(order: Order, tell: Tell) -> None:
         data = Path(order.folder) / RUN_LOG
         name = data.name
         drive(order, machine, data, lambda share, stage: tell(DRIVING * share, stage))
-
-        def later(share: float, stage: str) -> None:
-            tell(DRIVING + (1.0 - DRIVING) * share, stage)
+        _diagnosed(order, machine, data, name,
+                   lambda share, stage: tell(DRIVING + (1.0 - DRIVING) * share, stage))
     else:
-        later = tell
-    _diagnosed(order, machine, data, name, later)
+        _diagnosed(order, machine, data, name, tell)
 
 
 def machine_of(order: Order) -> Machine:

@@ -205,7 +205,8 @@ class JobFiles:
         from drivers.files.exports.as_applied import ExportError, as_applied
         from drivers.files.exports.write import write_as_applied
         from drivers.files.read_log import LogError, read_log
-        logs, written = self._parts(log_path), []
+        logs = self._parts(log_path)
+        written: list[str] = []
         steps = 3 * len(logs)
         for number, log in enumerate(logs):
             try:
@@ -235,7 +236,8 @@ class JobFiles:
         from drivers.files.read_log import LogError, read_log
         from drivers.files.run_meta import software_version
         need_matplotlib()
-        logs, written = self._parts(log_path), []
+        logs = self._parts(log_path)
+        written: list[str] = []
         for number, log in enumerate(logs):
             try:
                 progress(3 * number, 3 * len(logs), READING)

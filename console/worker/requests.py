@@ -14,7 +14,7 @@ import json
 import math
 import secrets
 from enum import StrEnum
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from console.frame import DeviceDo
 from console.worker.limits import TEXT_CHARACTERS
@@ -71,21 +71,31 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:
-        try:
-            return Request(number, Ask(message["ask"]))
-        except ValueError:
-            return Refusal(number, "malformed", "malformed: ask")
+        return _ask(number, message["ask"])
     if "device" in message:
-        device = message["device"]
-        try:
-            return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], DeviceDo(str(message.get("act")))))
-        except (TypeError, ValueError):
-            return Refusal(number, "malformed", "malformed: device")
+        return _device(number, message["device"], message.get("act"))
+    return _order(number, message.get("do"), message.get("value"))
+
+
+def _ask(number: int, ask: Any) -> Request | Refusal:
     try:
-        do = Do(str(message.get("do")))
+        return Request(number, Ask(ask))
+    except ValueError:
+        return Refusal(number, "malformed", "malformed: ask")
+
+
+def _device(number: int, device: Any, act: Any) -> Request | Refusal:
+    try:
+        return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], DeviceDo(str(act))))
+    except (TypeError, ValueError):
+        return Refusal(number, "malformed", "malformed: device")
+
+
+def _order(number: int, name: Any, value: Any) -> Request | Refusal:
+    try:
+        do = Do(str(name))
     except ValueError:
         return Refusal(number, "malformed", "malformed: do")
-    value = message.get("value")
     match value:
         case None | bool():
             return Request(number, Order(do, value))

@@ -104,20 +104,9 @@ class Keeper:
         seen, row, now = handed.seen, handed.seen.row, self._snapshot
         came = self._book.see(row.time_s, row.utc, seen.alarms)
         before, self._last = self._last, row
-        changes: dict[str, object] = {}
         if came:
             self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)      # an alarm is kept soon
-        if before is not None and row.state == State.HELD:
-            changes["held_s"] = now.held_s + max(0.0, row.time_s - before.time_s)
-        if before is not None and row.state == State.WORKING and _moved(before, row):
-            changes["moves"] = now.moves + 1
-        for event in (row.events or "").split(";"):
-            word, _space, value = event.partition(" ")
-            if word == "refill":
-                changes["refills"] = (*now.refills, (self._utc_now(), float(value)))
-            elif event == FINISHED:
-                changes["finished"] = True
-                self._saved_s = -inf
+        changes = self._done_since(before, row) | self._told(row)
         if handed.sums is not None:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}
         if handed.plane is not None:
@@ -133,6 +122,27 @@ class Keeper:
             changes["heading_deg"] = row.heading_deg
         self._snapshot = replace(now, time_s=row.time_s, flow_trim=handed.flow_trim, look_ahead=seen.look_ahead,
                                  flow_trim_on=seen.flow_trim_on, **changes)      # type: ignore[arg-type]
+
+    def _done_since(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
+        """What time and wheels add to the snapshot."""
+        now = self._snapshot
+        if before is None:
+            return {}
+        if row.state == State.HELD:
+            return {"held_s": now.held_s + max(0.0, row.time_s - before.time_s)}
+        return {"moves": now.moves + 1} if row.state == State.WORKING and _moved(before, row) else {}
+
+    def _told(self, row: LogRow) -> dict[str, object]:
+        """What the row's events add to the snapshot."""
+        changes: dict[str, object] = {}
+        for event in (row.events or "").split(";"):
+            word, _space, value = event.partition(" ")
+            if word == "refill":
+                changes["refills"] = (*self._snapshot.refills, (self._utc_now(), float(value)))
+            elif event == FINISHED:
+                changes["finished"] = True
+                self._saved_s = -inf
+        return changes
 
     def _pass_over(self, row: LogRow, place_m: tuple[float, float] | None) -> None:
         if place_m is None or row.heading_deg is None:

@@ -84,12 +84,14 @@ def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
 
 def _row(cells: dict[str, str]) -> _Row | None:
     try:
-        known = [float(cells[name]) for name in ("time_s", "lat_deg", "lon_deg", "heading_deg")]
-        rest = [float(cells.get(name) or 0.0) for name in (
-            "speed_used_mps", "shaft_rpm", "shaft_rpm_cmd", "applied_rate_kg_ha")]
-        trim, target = float(cells.get("flow_trim") or 1.0), float(cells.get("target_rate_kg_ha") or 0.0)
+        time_s, lat_deg, lon_deg, heading_deg = (float(cells[name]) for name in (
+            "time_s", "lat_deg", "lon_deg", "heading_deg"))
+        speed, shaft, shaft_cmd, applied, target = (float(cells.get(name) or 0.0) for name in (
+            "speed_used_mps", "shaft_rpm", "shaft_rpm_cmd", "applied_rate_kg_ha", "target_rate_kg_ha"))
+        trim = float(cells.get("flow_trim") or 1.0)
         refills = [event.partition(" ")[2] for event in (cells.get("events") or "").split(";")
                    if event.startswith("refill ")]
-        return _Row(*known, *rest, trim, target, cells.get("state", ""), sum(map(float, refills)))
+        return _Row(time_s, lat_deg, lon_deg, heading_deg, speed, shaft, shaft_cmd, applied, trim, target,
+                    cells.get("state", ""), sum(map(float, refills)))
     except (KeyError, ValueError):
         return None
