@@ -113,7 +113,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap(keys)
-        self._own_keys = dict(keys)
+        self._bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
         self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
@@ -157,7 +157,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """A key as it is meant. Hold and F12 come first even where a text field has the focus, which would take the key
         for itself; a click on the hold and STOP that are in sight works also while a dialog is open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
-            key = pressed.meant(event.key, actions.bound_at(self.page.where, self._own_keys), self._urgent_keys)
+            key = pressed.meant(event.key, self._bound_keys[self.page.where], self._urgent_keys)
             typing = isinstance(self.focused, Input)
             if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys):
                 await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
@@ -178,7 +178,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             return ""
         x, y = int(event.screen_x), int(event.screen_y)
         bar = self.page.query_one("#keys", KeyBar)
-        if self.screen.get_widget_at(x, y)[0] is not self.screen or not bar.region.contains(x, y):
+        if not bar.region.contains(x, y) or self.screen.get_widget_at(x, y)[0] is not self.screen:
             return ""
         name = bar.action_at(x - bar.content_region.x)
         return name if name in URGENT else ""

@@ -2,9 +2,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console.app.action import DIAGNOSIS, Action
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.name_dialog import NameDialog
+from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.data import Found
 from console.locale import N_, _
 
@@ -31,11 +36,31 @@ def other_data(page: DiagnosisScreen) -> None:
 
 
 def type_path(page: DiagnosisScreen) -> None:
-    page.ask_path()
+    service = page.served
+
+    def wrong(text: str) -> str:
+        try:
+            service.source(text)
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def typed(path: str | None) -> None:
+        if path is not None:
+            page.diagnose(service.source(path))
+
+    page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"), wrong), typed)
 
 
 def against(page: DiagnosisScreen) -> None:
-    page.ask_machine()
+    choices = [Choice("", _("as the log says")), *(Choice(name, Path(name).stem) for name in page.machines[:8])]
+
+    def answer(name: str | None) -> None:
+        if name is not None:
+            page.machine = name or None
+            page.look()
+
+    page.app.push_screen(ChoiceDialog(_("Held against which machine file?"), choices, page.machine or ""), answer)
 
 
 def next_view(page: DiagnosisScreen) -> None:
@@ -56,27 +81,51 @@ def _of_found(do: Callable[[DiagnosisScreen, Found], None]) -> Callable[[Diagnos
 
 @_of_found
 def adopt(page: DiagnosisScreen, found: Found) -> None:
-    page.ask_adopt(found)
+    if not found.adoptable:
+        why = "\n".join(found.refused) or _("nothing was found that a machine file could take up")
+        page.app.push_screen(TextDialog(_("Not adopted"), why))
+        return
+    lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
+    lines += [_("Left out: {why}").format(why=why) for why in found.refused]
+    if found.verdict == "ambiguous":
+        lines.append(_("This data does not tell the rivals apart: the separating run would."))
+    lines.append(_("The running job keeps its machine file; the next one may use the new file."))
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.write(_("The new machine file"), partial(page.served.adopt, found))
+
+    page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
 
 
 @_of_found
 def report(page: DiagnosisScreen, found: Found) -> None:
-    page.export(found, "report")
+    page.write(_("The report"), partial(page.served.export, found, "report"))
 
 
 @_of_found
 def data(page: DiagnosisScreen, found: Found) -> None:
-    page.export(found, "data")
+    page.write(_("The result as data"), partial(page.served.export, found, "data"))
 
 
 @_of_found
 def job_file(page: DiagnosisScreen, found: Found) -> None:
-    page.write_run(found)
+    page.write(_("The separating run as a job file"), partial(page.served.write_run, found))
 
 
 @_of_found
 def drive(page: DiagnosisScreen, found: Found) -> None:
-    page.ask_drive(found)
+    if found.next_run is None or not found.next_run.id:
+        page.app.notice(_("there is no separating run that can be driven here"))
+        return
+    text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
+             "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.begin(_("Separating run, simulated"), partial(page.served.drive, found))
+
+    page.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
 
 
 @_of_found

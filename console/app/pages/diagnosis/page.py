@@ -13,12 +13,11 @@ from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
 from console.app.action import DIAGNOSIS, Action, bindings
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
-from console.app.name_dialog import NameDialog
+from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
-from console.app.pages.diagnosis.data import DiagnosisService, Export, Found, Source, Stop, Stopped, Tell
+from console.app.pages.diagnosis.data import DiagnosisService, Found, Source, Stop, Stopped, Tell
 from console.app.pages.diagnosis.keys import ACTIONS, diagnose
 from console.app.pages.diagnosis.residual_plot import ResidualPlot
 from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
@@ -82,6 +81,12 @@ class DiagnosisScreen(Page):
     @property
     def service(self) -> DiagnosisService | None:
         return self.app.services.diagnosis
+
+    @property
+    def served(self) -> DiagnosisService:
+        """For the actions, which are done only where there is one."""
+        assert self.service is not None
+        return self.service
 
     @property
     def shown(self) -> Found | None:
@@ -180,9 +185,9 @@ class DiagnosisScreen(Page):
             self.app.notice(_("at work: Esc cancels"))
             return
         super().perform(action)
-        self._look()
+        self.look()
 
-    def _look(self) -> None:
+    def look(self) -> None:
         self.hurry()
         self.app.tick()
 
@@ -195,72 +200,7 @@ class DiagnosisScreen(Page):
     def back(self) -> None:
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
-    def _wrong_path(self, text: str) -> str:
-        assert self.service is not None
-        try:
-            self.service.source(text)
-        except ValueError as error:
-            return str(error)
-        return ""
-
-    def ask_path(self) -> None:
-        self.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"), self._wrong_path),
-                             self._typed)
-
-    def _typed(self, path: str | None) -> None:
-        if path is not None and self.service is not None:
-            self.diagnose(self.service.source(path))
-
-    def ask_machine(self) -> None:
-        choices = [Choice("", _("as the log says")), *(Choice(name, Path(name).stem) for name in self.machines[:8])]
-
-        def answer(name: str | None) -> None:
-            if name is not None:
-                self.machine = name or None
-                self._look()
-
-        self.app.push_screen(ChoiceDialog(_("Held against which machine file?"), choices, self.machine or ""), answer)
-
-    def ask_adopt(self, found: Found) -> None:
-        if not found.adoptable:
-            why = "\n".join(found.refused) or _("nothing was found that a machine file could take up")
-            self.app.push_screen(TextDialog(_("Not adopted"), why))
-            return
-        lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
-        lines += [_("Left out: {why}").format(why=why) for why in found.refused]
-        if found.verdict == "ambiguous":
-            lines.append(_("This data does not tell the rivals apart: the separating run would."))
-        lines.append(_("The running job keeps its machine file; the next one may use the new file."))
-
-        def answer(yes: bool | None) -> None:
-            if yes and self.service is not None:
-                self._write(_("The new machine file"), partial(self.service.adopt, found))
-
-        self.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
-
-    def ask_drive(self, found: Found) -> None:
-        if found.next_run is None or not found.next_run.id:
-            self.app.notice(_("there is no separating run that can be driven here"))
-            return
-        text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
-                 "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
-
-        def answer(yes: bool | None) -> None:
-            if yes and self.service is not None:
-                self._begin(_("Separating run, simulated"), partial(self.service.drive, found))
-
-        self.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
-
-    def export(self, found: Found, what: Export) -> None:
-        assert self.service is not None
-        self._write(_("The report") if what == "report" else _("The result as data"),
-                    partial(self.service.export, found, what))
-
-    def write_run(self, found: Found) -> None:
-        assert self.service is not None
-        self._write(_("The separating run as a job file"), partial(self.service.write_run, found))
-
-    def _write(self, what: str, write: Callable[[], str]) -> None:
+    def write(self, what: str, write: Callable[[], str]) -> None:
         """Small files: written at once; the path stays on the screen until it is read."""
         try:
             path = write()
@@ -269,7 +209,7 @@ class DiagnosisScreen(Page):
         else:
             self.said = ""
             self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path))
-        self._look()
+        self.look()
 
     # --- long work -------------------------------------------------------------------------------------------------
 
@@ -285,15 +225,15 @@ class DiagnosisScreen(Page):
     def diagnose(self, source: Source) -> None:
         assert self.service is not None
         self.back()
-        self._begin(_("Diagnosis of {name}").format(name=source.name),
+        self.begin(_("Diagnosis of {name}").format(name=source.name),
                     partial(self.service.diagnose, source, self.machine))
 
-    def _begin(self, title: str, work: Work) -> None:
+    def begin(self, title: str, work: Work) -> None:
         self._title, self._begun_s, self.said = title, self.app.clock(), ""
         self._share, self._stage = 0.0, "reading"
         stop = self.stop = Stop()
         self._working = self.run_worker(lambda: work(self._tell, stop), group="work", thread=True, exit_on_error=False)
-        self._look()
+        self.look()
 
     def _tell(self, share: float, stage: str) -> None:
         """Called by the working thread: only remembers."""
@@ -305,7 +245,7 @@ class DiagnosisScreen(Page):
             self.said = _("cancelled")
         elif self.shown is not None:
             self.back()
-        self._look()
+        self.look()
 
     def cancel(self) -> None:
         """The work ends at once; what it might still say is not looked at."""
@@ -330,7 +270,7 @@ class DiagnosisScreen(Page):
             self.sources, self.said = (), str(worker.error)
         if state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._listing = None
-            self._look()
+            self.look()
 
     def _worked(self, worker: Worker[Found], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and worker.result is not None:
@@ -343,7 +283,7 @@ class DiagnosisScreen(Page):
             self.cancel()
         elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
-            self._look()
+            self.look()
 
     # --- mouse -----------------------------------------------------------------------------------------------------
 
@@ -352,8 +292,8 @@ class DiagnosisScreen(Page):
         self.at = event.index
         if again and not self.busy and not self.app.locked:
             self.perform(BEGIN)
-        self._look()
+        self.look()
 
     def on_causes_picked(self, event: Causes.Picked) -> None:
         self.cause = event.index
-        self._look()
+        self.look()

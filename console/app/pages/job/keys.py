@@ -2,22 +2,68 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from console.app.action import JOB, Action
-from console.app.pages.job.desk import JobDesk
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.pages.job.day import checks
+from console.app.pages.job.desk import File, JobDesk
+from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.locale import N_, _
+from control.orders import Do
 
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
 
+Kind = Literal["job", "crop", "machine"]
+ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
+
 
 def details(page: JobScreen) -> None:
-    page.show_details()
+    frame, age_s = page.seen(page.app.clock())
+    lines = []
+    for check in checks(frame, age_s, page.facts, page.trouble, page.free_bytes, page.app.units):
+        lines += [f"{check.label}: {check.text}", *(f"    {text}" for text in check.full if text != check.text)]
+    page.app.push_screen(TextDialog(_("before work"), "\n".join(lines)))
 
 
 def strip(page: JobScreen) -> None:
-    page.begin_or_end_strip()
+    if page.strip is None:
+        page.strip = StripRun()
+        page.app.notice(_("N-rich strip begins here; N again at its end, after {least} or more").format(
+            least=page.app.units.distance.full(LEAST_M)))
+        return
+    so_far = page.strip.strip
+    if not so_far.enough or so_far.ndvi is None:
+        text = _("{way} with NDVI so far; at least {least} are needed.").format(
+            way=page.app.units.distance.full(so_far.length_m), least=page.app.units.distance.full(LEAST_M))
+        question = Confirm(_("Give the strip up?"), text)
+        page.app.push_screen(question, lambda yes: _forget_strip(page) if yes else None)
+        return
+    ndvi, cv = round(so_far.ndvi, 3), so_far.cv_percent or 0.0
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.strip = None
+            _store_strip(page, ndvi)
+
+    text = _("Mean over {way}, CV {cv} %. It goes into a new job file and is used after the worker's next "
+             "start.").format(way=page.app.units.distance.full(so_far.length_m), cv=f"{cv:.1f}")
+    title = _("NDVI {ndvi} as the N-rich strip of this job?").format(ndvi=f"{ndvi:.3f}")
+    page.app.push_screen(Confirm(title, text), answer)
+
+
+def _forget_strip(page: JobScreen) -> None:
+    page.strip = None
+    page.hurry()
+
+
+def _store_strip(page: JobScreen, ndvi: float) -> None:
+    desk = page.desk
+    if desk is None:
+        page.app.notice(_("files are not at hand here"))
+    else:
+        page.take(lambda: desk.take_strip(ndvi))
 
 
 def refill(page: JobScreen) -> None:
@@ -35,24 +81,55 @@ def _with_files(do: Callable[[JobScreen, JobDesk], None]) -> Callable[[JobScreen
     return run
 
 
+def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
+    if page.facts is None:
+        page.app.notice(page.trouble or _("being read"))
+        return
+    files: tuple[File, ...] = {"job": page.facts.jobs, "crop": page.facts.crops,
+                               "machine": page.facts.machines}[kind]
+    now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
+    title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
+    choices = [Choice(one.value, one.label) for one in files]
+
+    def answer(value: str | None) -> None:
+        if value == now and page.pending:
+            page.ask_restart(value)
+        if value is None or value == now:
+            return
+
+        def take() -> str:
+            desk.take(kind, value)
+            return value
+
+        page.take(take)
+
+    page.app.push_screen(ChoiceDialog(title, choices, now), answer)
+
+
 @_with_files
 def job(page: JobScreen, desk: JobDesk) -> None:
-    page.ask_file(desk, "job")
+    _ask_file(page, desk, "job")
 
 
 @_with_files
 def crop(page: JobScreen, desk: JobDesk) -> None:
-    page.ask_file(desk, "crop")
+    _ask_file(page, desk, "crop")
 
 
 @_with_files
 def machine(page: JobScreen, desk: JobDesk) -> None:
-    page.ask_file(desk, "machine")
+    _ask_file(page, desk, "machine")
 
 
 @_with_files
 def export(page: JobScreen, desk: JobDesk) -> None:
-    page.ask_export(desk)
+    choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
+
+    def answer(ending: str | None) -> None:
+        if ending is not None:
+            page.begin(_("export"), lambda log, progress, cancelled: desk.export(log, ending, progress, cancelled))
+
+    page.app.push_screen(ChoiceDialog(_("Export as"), choices, ""), answer)
 
 
 @_with_files
@@ -62,7 +139,18 @@ def report(page: JobScreen, desk: JobDesk) -> None:
 
 @_with_files
 def end_of_job(page: JobScreen, desk: JobDesk) -> None:
-    page.ask_end(desk)
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.app.give(Do.MARK, "job finished")
+            page.begin(_("export"), lambda log, progress, cancelled: (
+                *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
+
+    frame = page.app.arrival.frame
+    if frame is not None and frame.row.state == "working":
+        page.app.notice(_("the machine works: hold or stop it first"))
+        return
+    page.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
+                                                       "a power cut.")), answer)
 
 
 ACTIONS = (

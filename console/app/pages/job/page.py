@@ -2,20 +2,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.containers import Container, Vertical
 from textual.worker import Worker, WorkerState, get_current_worker
 
 from console.app.action import JOB, Action, bindings
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog, TextDialog
+from console.app.dialogs import Confirm, NumberDialog
 from console.app.pages.job.check_list import CheckList, ChecksView
 from console.app.pages.job.day import checks, file_name, refills, totals
-from console.app.pages.job.desk import Cancelled, Facts, File, JobDesk, Progress
+from console.app.pages.job.desk import Cancelled, Facts, JobDesk, Progress
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
-from console.app.pages.job.nrich import LEAST_M, StripRun
+from console.app.pages.job.nrich import StripRun
 from console.app.pages.job.refill import RefillWatch
 from console.app.pages.page import Page
 from console.app.view import RunView
@@ -24,10 +24,8 @@ from console.frame import Frame
 from console.locale import _, in_use
 from control.orders import Do
 
-ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
-Kind = Literal["job", "crop", "machine"]
 MAY_RESTART = (None, "off", "ready", "fault")
 
 
@@ -143,13 +141,6 @@ class JobScreen(Page):
             self._work, self.progress = None, ""
             self.say(_("cancelled"))
 
-    def show_details(self) -> None:
-        frame, age_s = self.seen(self.app.clock())
-        lines = []
-        for check in checks(frame, age_s, self.facts, self.trouble, self.free_bytes, self.app.units):
-            lines += [f"{check.label}: {check.text}", *(f"    {text}" for text in check.full if text != check.text)]
-        self.app.push_screen(TextDialog(_("before work"), "\n".join(lines)))
-
     def ask_refill(self) -> None:
         unit, seen_kg = self.app.units.mass, self.refill.seen_kg
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
@@ -163,75 +154,7 @@ class JobScreen(Page):
         most = round(self.app.hopper_kg * unit.per_si)
         self.app.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, text, unit.to_si, typed), answer)
 
-    # --- N-rich strip -------------------------------------------------------------------------------------------
-
-    def begin_or_end_strip(self) -> None:
-        if self.strip is None:
-            self.strip = StripRun()
-            self.app.notice(_("N-rich strip begins here; N again at its end, after {least} or more").format(
-                least=self.app.units.distance.full(LEAST_M)))
-            return
-        strip = self.strip.strip
-        if not strip.enough or strip.ndvi is None:
-            text = _("{way} with NDVI so far; at least {least} are needed.").format(
-                way=self.app.units.distance.full(strip.length_m), least=self.app.units.distance.full(LEAST_M))
-            question = Confirm(_("Give the strip up?"), text)
-            self.app.push_screen(question, lambda yes: self._forget_strip() if yes else None)
-            return
-        ndvi, cv = round(strip.ndvi, 3), strip.cv_percent or 0.0
-
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self.strip = None
-                self._store_strip(ndvi)
-
-        text = _("Mean over {way}, CV {cv} %. It goes into a new job file and is used after the worker's next "
-                 "start.").format(way=self.app.units.distance.full(strip.length_m), cv=f"{cv:.1f}")
-        title = _("NDVI {ndvi} as the N-rich strip of this job?").format(ndvi=f"{ndvi:.3f}")
-        self.app.push_screen(Confirm(title, text), answer)
-
-    def _forget_strip(self) -> None:
-        self.strip = None
-        self.hurry()
-
-    def _store_strip(self, ndvi: float) -> None:
-        desk = self.desk
-        if desk is None:
-            self.app.notice(_("files are not at hand here"))
-            return
-
-        def store() -> str:
-            return desk.take_strip(ndvi)
-
-        self.run_worker(store, group="job-take", name="take", thread=True, exit_on_error=False)
-
-    # --- other files --------------------------------------------------------------------------------------------
-
-    def ask_file(self, desk: JobDesk, kind: Kind) -> None:
-        if self.facts is None:
-            self.app.notice(self.trouble or _("being read"))
-            return
-        files: tuple[File, ...] = {"job": self.facts.jobs, "crop": self.facts.crops,
-                                   "machine": self.facts.machines}[kind]
-        now = {"job": self.facts.job_file, "crop": self.facts.crop_file, "machine": self.facts.machine_file}[kind]
-        title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
-        choices = [Choice(one.value, one.label) for one in files]
-
-        def answer(value: str | None) -> None:
-            if value == now and self.pending:
-                self._ask_restart(value)
-            if value is None or value == now:
-                return
-
-            def take() -> str:
-                desk.take(kind, value)
-                return value
-
-            self.run_worker(take, group="job-take", name="take", thread=True, exit_on_error=False)
-
-        self.app.push_screen(ChoiceDialog(title, choices, now), answer)
-
-    def _ask_restart(self, taken: str) -> None:
+    def ask_restart(self, taken: str) -> None:
         self.pending = file_name(taken)
         self._looked_s = None
         frame = self.app.arrival.frame
@@ -247,30 +170,11 @@ class JobScreen(Page):
         self.app.push_screen(Confirm(_("Start the control worker again with it?"),
                                      _("The log ends and a new one begins; state is off.")), answer)
 
-    # --- export, report, end ------------------------------------------------------------------------------------
+    def take(self, work: Callable[[], str]) -> None:
+        """Another file for the job: written by `work`, which gives its name; then a new start is asked."""
+        self.run_worker(work, group="job-take", name="take", thread=True, exit_on_error=False)
 
-    def ask_export(self, desk: JobDesk) -> None:
-        choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
-
-        def answer(ending: str | None) -> None:
-            if ending is not None:
-                self.begin(_("export"), lambda log, progress, cancelled: desk.export(log, ending, progress, cancelled))
-
-        self.app.push_screen(ChoiceDialog(_("Export as"), choices, ""), answer)
-
-    def ask_end(self, desk: JobDesk) -> None:
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self.app.give(Do.MARK, "job finished")
-                self.begin(_("export"), lambda log, progress, cancelled: (
-                    *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
-
-        frame = self.app.arrival.frame
-        if frame is not None and frame.row.state == "working":
-            self.app.notice(_("the machine works: hold or stop it first"))
-            return
-        self.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
-                                                           "a power cut.")), answer)
+    # --- long work -----------------------------------------------------------------------------------------------
 
     def begin(self, name: str, work: Callable[[str, Progress, Cancelled], tuple[str, ...]]) -> None:
         frame = self.app.arrival.frame
@@ -312,7 +216,7 @@ class JobScreen(Page):
             if event.state is WorkerState.ERROR:
                 self.say(_("not taken: {why}").format(why=_one_line(worker.error)))
             else:
-                self._ask_restart(str(worker.result))
+                self.ask_restart(str(worker.result))
         self.hurry()
 
 

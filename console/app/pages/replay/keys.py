@@ -3,8 +3,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from console.app import words
 from console.app.action import REPLAY, Action
-from console.app.dialogs import TextDialog
+from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -14,7 +15,19 @@ SEEK_S = 30.0
 
 
 def open_log(page: ReplayScreen) -> None:
-    page.ask_log()
+    files = page.app.services.logs
+    listed = files.logs() if files is not None else ()
+    if files is None or not listed:
+        page.app.notice(_("there is no log yet"))
+        return
+    at_hand = files
+
+    def answer(path: str | None) -> None:
+        if path is not None:
+            page.read_log(at_hand, path)
+
+    choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
+    page.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)
 
 
 def play(page: ReplayScreen) -> None:
@@ -59,7 +72,16 @@ def next_alarm(page: ReplayScreen) -> None:
 
 
 def what_if(page: ReplayScreen) -> None:
-    page.ask_what()
+    job = page.played
+    if job.what_if is None:
+        page.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
+        return
+    choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
+               for name in words.STRATEGIES]
+    choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
+    choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
+    page.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; B goes back to the log")),
+                         page.begin)
 
 
 def cancel_what_if(page: ReplayScreen) -> None:

@@ -11,12 +11,12 @@ from textual.worker import Worker, WorkerState
 
 from console.app import words
 from console.app.action import REPLAY, Action, bindings
-from console.app.dialogs import Choice, ChoiceDialog
 from console.app.field_picture import FieldPicture
 from console.app.history import LogHistory, Point
 from console.app.pages.log_page import EMPTY_GROUND
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.replay.keys import ACTIONS
+from console.app.pages.replay.log_files import LogFiles
 from console.app.pages.replay.replay_bar import ReplayBar, ReplayView
 from console.app.replay_job import ReplayJob, WhatIf
 from console.app.view import RunView, duration
@@ -147,22 +147,10 @@ class ReplayScreen(PanelScreen):
         self.chosen = WhatIf()
         self._note_alarms()
 
-    def ask_log(self) -> None:
-        files = self.app.services.logs
-        listed = files.logs() if files is not None else ()
-        if files is None or not listed:
-            self.app.notice(_("there is no log yet"))
-            return
-        choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
-        read = files.open
-
-        def answer(path: str | None) -> None:
-            if path is not None:
-                self.app.notice(_("reading the log"))
-                self.opening = self.run_worker(lambda: read(path), group="open-log", thread=True, exclusive=True,
-                                               exit_on_error=False)
-
-        self.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)
+    def read_log(self, files: LogFiles, path: str) -> None:
+        self.app.notice(_("reading the log"))
+        self.opening = self.run_worker(lambda: files.open(path), group="open-log", thread=True, exclusive=True,
+                                       exit_on_error=False)
 
     def _opened(self, event: Worker.StateChanged) -> None:
         if event.state is WorkerState.SUCCESS and event.worker.result is not None:
@@ -171,19 +159,7 @@ class ReplayScreen(PanelScreen):
         elif event.state is WorkerState.ERROR:
             self.app.notice(str(event.worker.error))
 
-    def ask_what(self) -> None:
-        assert self.job is not None
-        if self.job.what_if is None:
-            self.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
-            return
-        choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
-                   for name in words.STRATEGIES]
-        choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in self.job.crops]
-        choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in self.job.machines]
-        self.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; B goes back to the log")),
-                             self._begin)
-
-    def _begin(self, choice: str | None) -> None:
+    def begin(self, choice: str | None) -> None:
         if choice is None or self.job is None or self.job.what_if is None:
             return
         field, _colon, value = choice.partition(":")
