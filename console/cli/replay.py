@@ -29,7 +29,7 @@ def replay(
     force: Force = False,
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
-    from console.cli.rerun import setup_of
+    from console.services.rerun import setup_of
     from drivers.files.read_log import read_rows
     recorded = read_rows(log)
     if not headless:
@@ -47,7 +47,7 @@ def replay(
 
 
 def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
-    from console.cli.rerun import rerun
+    from console.services.rerun import rerun
     from drivers.files.run_meta import run_meta
     for finding in recorded.findings:
         typer.echo(f"note: {finding}", err=True)

@@ -23,8 +23,9 @@ def job_page(applied: AsApplied, software: str) -> str:
     said = f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(t.area_ha, 3)} ha"
     sums = facts([
         ("area worked", f"{fixed(t.area_ha, 4)} ha, overlaps included"),
-        ("ground covered", f"{fixed(t.covered_ha or 0.0, 4)} ha, each place once; "
-                           f"{fixed(t.overlap_ha or 0.0, 4)} ha passed over again"),
+        *(() if t.covered_ha is None or t.overlap_ha is None else ((
+            "ground covered", f"{fixed(t.covered_ha, 4)} ha, each place once; {fixed(t.overlap_ha, 4)} ha passed over "
+                              "again"),)),
         *(() if t.doses is None else (("doses", f"{t.doses}, plants missed: {t.doses_missed or 0}"),)),
         ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(t.mean_rate_kg_ha, 4)} kg/ha"),
         ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"

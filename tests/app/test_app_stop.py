@@ -11,12 +11,12 @@ from textual.widgets import Input
 
 from console.app import actions, pressed
 from console.app.app import TopdressApp
-from console.app.channel_dialog import ChannelDialog
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, NumberDialog, TextDialog
 from console.app.gallery import StillSource
 from console.app.name_dialog import NameDialog
+from console.app.pages.settings import page as settings_page
+from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.sample import sample_services
-from console.app.screens import settings as settings_page
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
