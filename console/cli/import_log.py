@@ -82,8 +82,9 @@ def _import(files: list[Path], mapping_file: Path | None, out: Path, overwrite: 
     from drivers.files.imports.log_file import write_imported
     from drivers.files.imports.read import read_raw
     _may_write(files, mapping_file, out, overwrite)
-    mapping = _mapping(files, mapping_file)
-    parts = [convert(read_raw(path, mapping.source), mapping) for path in files]
+    first, mapping = _mapping(files, mapping_file)
+    parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
+             for path in files]
     log = joined(parts, mapping.join)
     for finding in (*(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings), *log.findings):
         typer.echo(f"note: {finding}", err=True)
@@ -92,18 +93,18 @@ def _import(files: list[Path], mapping_file: Path | None, out: Path, overwrite: 
     typer.echo(f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}")
 
 
-def _mapping(files: list[Path], place: Path | None) -> ImportFile:
-    """The import file; without one, the guess where nothing of it is unsure."""
+def _mapping(files: list[Path], place: Path | None) -> tuple[RawTable | None, ImportFile]:
+    """The import file; without one, the guess where nothing of it is unsure, and the file by which it was made."""
     from drivers.files.config import load
     from drivers.files.imports.mapping import IMPORT
     from drivers.files.imports.trouble import ImportTrouble
     if place is not None:
-        return load(place, IMPORT).model
+        return None, load(place, IMPORT).model
     raw, found = _guessed(files)
     if not found.sure:
         raise ImportTrouble(*_open_questions(raw, found), f"{raw.path}: not imported: --guess writes an import file in "
                             "which these lines can be put right")
-    return found.mapping
+    return raw, found.mapping
 
 
 def _may_write(files: list[Path], mapping_file: Path | None, out: Path, overwrite: bool) -> None:

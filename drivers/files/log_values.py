@@ -27,7 +27,7 @@ _EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS})
 
 # Numbers by which programs say "not known".
 SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,
-              32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
+             32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
 SENTINEL_APART = 3.0        # inside the plausible range: that many times larger than any other value
 
 _M_PER_DEG = 111_200.0       # one percent is enough to tell units apart

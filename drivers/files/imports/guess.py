@@ -35,7 +35,7 @@ from drivers.files.log_values import PLAUSIBLE
 
 Key = tuple[str, ...]
 
-LOOKED_AT = 50_000              # rows
+LOOKED_AT = 50_000              # rows, for what the converted numbers say
 ALIKE = 0.1                     # command and reading so near one another are in the same unit
 BEYOND = 0.02                   # of the largest value: readings about zero are noisy
 MOVING_MPS = 0.3
@@ -142,7 +142,7 @@ def _target(subject: Subject, plain: str, role: str) -> str:
 
 
 def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
-    found = numbers(raw.frame[name].head(LOOKED_AT), raw.decimal_comma)
+    found = numbers(raw.frame[name], raw.decimal_comma)
     return found.values.to_numpy() if found.bad <= 0.5 * max(1, found.values.len()) else np.empty(0)
 
 

@@ -24,26 +24,39 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     if series.dtype != pl.String:
         return Numbers(_finite(series.cast(pl.Float64), marks))
+    plain = series.str.replace(",", ".", literal=True) if decimal_comma else series
+    values = plain.cast(pl.Float64, strict=False)
+    odd = values.is_null() & series.is_not_null()
+    if words:
+        odd = odd | series.str.strip_chars().is_in(words).fill_null(False)
+    rows = odd.arg_true()
+    if not rows.len():
+        return Numbers(_finite(values, marks))
+    cells, bad = _odd_cells(series.filter(odd), decimal_comma, words)
+    values = _finite(values.scatter(rows, cells), marks)
+    if not bad.any():
+        return Numbers(values)
+    first = int(rows.filter(bad)[0])
+    return Numbers(values, int(bad.sum()), first, str(series[first]))
+
+
+def _odd_cells(cells: pl.Series, decimal_comma: bool, words: list[str]) -> tuple[pl.Series, pl.Series]:
+    """Cells that are no plain number: what they are worth, and which are no number at all.
+
+    Blanks and apostrophes group digits; so does a point before a decimal comma, or a comma before a decimal point.
+    """
     text = pl.col("cell").str.strip_chars()
-    plain = text.str.replace_all(r"[\s ' ]", "")
-    if decimal_comma:
-        both = plain.str.contains(".", literal=True) & plain.str.contains(",", literal=True)
-        plain = pl.when(both).then(plain.str.replace_all(".", "", literal=True)).otherwise(plain)
-        plain = plain.str.replace(",", ".", literal=True)
-    frame = series.alias("cell").to_frame().with_columns(
+    plain = text.str.replace_all(r"[\s'\u{2019}\u{A0}\u{202F}]", "")
+    point, comma = plain.str.contains(".", literal=True), plain.str.contains(",", literal=True)
+    group, sign = (".", ",") if decimal_comma else (",", ".")
+    plain = pl.when(point & comma).then(plain.str.replace_all(group, "", literal=True)).otherwise(plain)
+    plain = plain.str.replace(",", ".", literal=True) if sign == "," else pl.when(point).then(plain).otherwise(
+        plain.str.replace(",", ".", literal=True))
+    frame = cells.alias("cell").to_frame().select(
         value=plain.cast(pl.Float64, strict=False),
-        nothing=text.is_null() | text.str.to_lowercase().is_in(list(NOTHING)) | text.is_in(words))
-    frame = frame.with_columns(bad=pl.col("value").is_null() & ~pl.col("nothing"))
-    if not decimal_comma and frame["bad"].any():
-        grouped = plain.str.replace_all(",", "", literal=True)
-        swapped = plain.str.replace(",", ".", literal=True)
-        again = pl.when(plain.str.contains(".", literal=True)).then(grouped).otherwise(swapped)
-        frame = frame.with_columns(value=pl.when("bad").then(again.cast(pl.Float64, strict=False)).otherwise("value"))
-        frame = frame.with_columns(bad=pl.col("value").is_null() & ~pl.col("nothing"))
-    values = _finite(frame.select(pl.when("nothing").then(None).otherwise("value").alias("value"))["value"], marks)
-    count = int(frame["bad"].sum())
-    row = int(frame["bad"].arg_true()[0]) if count else 0
-    return Numbers(values, count, row, str(series[row]) if count else "")
+        nothing=text.str.to_lowercase().is_in(list(NOTHING)) | text.is_in(words))
+    values = frame.select(pl.when("nothing").then(None).otherwise("value").alias("value"))["value"]
+    return values, frame["value"].is_null() & ~frame["nothing"]
 
 
 def _finite(values: pl.Series, marks: list[float]) -> pl.Series:
