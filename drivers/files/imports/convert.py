@@ -15,15 +15,17 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import EXTRA_START, MADE_BY_WORKING, Column, ImportFile, Working
 from drivers.files.imports.numbers import Numbers, numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.times import clock
+from drivers.files.imports.times import clock, read_texts
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
 from drivers.files.log_times import UnusableLog, with_good_times
 
 US = "us"                       # the time of a row, whole microseconds
+UTC, UTC_US = "utc", "utc_us"   # the log's column, and here as microseconds since 1970
 COMMANDS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
 SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 STANDING_MPS = 0.05             # slower, and a flow is no rate
+DIGITS = 12                     # of a converted number: more than any file holds, fewer than a double's last ones
 _BAD_SHARE = 0.5                # more cells that are no number than this: the column is another one
 
 
@@ -42,7 +44,10 @@ def convert(raw: RawTable, mapping: ImportFile) -> Converted:
     _all_there(raw, mapping)
     times = clock(raw, mapping.time)
     findings = list(raw.findings)
-    columns = {name: _column(raw, name, column, mapping, findings) for name, column in mapping.columns.items()}
+    columns = {name: _column(raw, name, column, mapping, findings) for name, column in mapping.columns.items()
+               if name != UTC}
+    if UTC in mapping.columns:
+        columns[UTC_US] = _utc(raw, mapping.columns[UTC])
     _flows_to_rates(raw, mapping, columns)
     if mapping.working is not None:
         columns[MADE_BY_WORKING] = _state(raw, mapping.working, mapping)
@@ -75,12 +80,30 @@ def _column(raw: RawTable, name: str, column: Column, mapping: ImportFile, findi
     if name in TEXT_COLUMNS:
         return _texts(series, missing).alias(name)
     found = numbers(series, raw.decimal_comma, missing)
+    if found.marked:
+        marks = listed(f"{mark:g}" for mark in missing if not isinstance(mark, str))
+        findings.append(Finding("sentinel", f"column {column.source}: {many(found.marked, 'value')} of {marks} "
+                                "emptied: not known", column.source, found.marked))
     if found.bad:
         if name.startswith(EXTRA_START) and found.bad > _BAD_SHARE * series.len():
             return _texts(series, missing).alias(name)
         _said_bad(raw, column.source, found, findings)
     values = _inside(raw, column, found.values, findings)
-    return _in_log_unit(values * column.scale + column.offset, name, column).alias(name)
+    converted = _in_log_unit(values * column.scale + column.offset, name, column)
+    return converted.round_sig_figs(DIGITS).alias(name) if column.scale != 1.0 or column.unit else converted.alias(name)
+
+
+def _utc(raw: RawTable, column: Column) -> pl.Series:
+    """UTC that stands beside another time, as ISO 8601 or by type."""
+    assert column.source is not None
+    series = raw.frame[column.source]
+    if isinstance(series.dtype, pl.Datetime):
+        return series.dt.timestamp("us").alias(UTC_US)
+    us = read_texts(series.cast(pl.String), None, "UTC").us
+    if us.null_count() == us.len():
+        raise ImportTrouble(f"{raw.path}: row {raw.first_row}: column {column.source}: value {series[0]}: allowed ISO "
+                            "8601, e.g. 2026-03-20T08:00:00Z")
+    return us.alias(UTC_US)
 
 
 def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding]) -> None:

@@ -70,7 +70,7 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
         cells = [cell for row in body for cell in row if cell.strip()]
         values = sum(map(is_value, cells)) / max(1, len(cells))
         comma = said.decimal == "," if said.decimal else DELIMITERS[delimiter] != "," and _has_comma(body)
-        points = even + values + 0.2 * min(width - 1, 5) + (layout.header >= 0) - (delimiter == "blank")
+        points = even + values + 0.2 * min(width - 1, 5) + (layout.header >= 0) - (delimiter == "blank") - (width == 1)
         if best is None or points > best[0]:
             best = points, Dialect(encoding, delimiter, comma, layout, rows)
     if best is None:

@@ -24,6 +24,7 @@ from drivers.files.imports.words import (
     EITHER_WAY,
     ON,
     PLAINLY_READING,
+    QUANTITIES,
     RAW_COMMAND,
     READING,
     Subject,
@@ -36,6 +37,7 @@ from drivers.files.log_values import PLAUSIBLE
 Key = tuple[str, ...]
 
 LOOKED_AT = 50_000              # rows, for what the converted numbers say
+SLIP = (0.7, 1.6)               # a wheel's speed over the ground's, on any ground
 ALIKE = 0.1                     # command and reading so near one another are in the same unit
 BEYOND = 0.02                   # of the largest value: readings about zero are noisy
 MOVING_MPS = 0.3
@@ -44,6 +46,7 @@ FAST_MPS = 8.0                  # no spreader works at more than 29 km/h: such a
 PAIRS = (("shaft_rpm_cmd", "shaft_rpm"), ("opening_mm_cmd", "opening_mm"), ("target_rate_kg_ha", "applied_rate_kg_ha"))
 DEGREES = ("latitude", "longitude", "heading")      # what these are in needs no word
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
+DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")        # commands that a row may hold with their settled answer
 _LOG_UNITS = {"speed": "m/s", "rotation": "r/min", "length": "mm", "mass": "kg", "rate": "kg/ha", "angle": "deg",
               "voltage": "V", "share": "%", "time": "s"}
 
@@ -308,8 +311,9 @@ def _speeds(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]]
         column, key = out.mapping.columns[name], ("columns", name)
         written = unit_named(column.unit or "m/s")
         assert written is not None
-        if unit == "m/s":                                   # as converted: what the header or the range said holds
-            out.reasons[key] = f"{written.name}: makes the distance between the places"
+        slips = name == "wheel_speed_mps" and chosen[name].unit is not None and SLIP[0] < ratio < SLIP[1]
+        if unit == "m/s" or slips:                          # as converted: what the header or the range said holds
+            out.reasons[key] = f"{written.name}: {ratio:.2f} times the speed between the places"
             out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "unit" not in doubt.text]
         elif chosen[name].unit is None:
             _without_told_unit(name, ratio / written.factor, column, out)
@@ -352,21 +356,20 @@ def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64
             continue
         key = ("columns", command)
         one = chosen.get(command)
-        if one is not None and one.unit is None and not one.implied and command != "target_rate_kg_ha":
-            _scaled(command, physics.slope(columns[command], columns[reading]), out)
-        if physics.settings_a_row(time_s, columns[command]):
+        if one is not None and one.unit is None and not one.implied and command in DRIVEN:
+            bare = not says(folded(one.source), QUANTITIES)
+            _scaled(command, physics.slope(columns[command], columns[reading]), bare, out)
+        found = physics.answer(columns[command], columns[reading])
+        if found is not None and found.strength >= physics.LEAST_CORRELATION:
+            if found.lag < 0:
+                out.doubts.append(Doubt(key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"))
+            elif found.lag == 0 and command in DRIVEN:
+                _answer_in_row(out, f"{reading} moves in the very row in which {command} does: does a row hold a "
+                               "command and what it settled at?")
+        elif command in DRIVEN and physics.settings_a_row(time_s, columns[command]):
             apart_s = float(np.median(np.diff(time_s)))
             _answer_in_row(out, f"nearly every row has another {command}, and rows are {apart_s:.2g} s apart: taken "
                            "for settings with their settled answers")
-            continue
-        found = physics.answer(columns[command], columns[reading])
-        if found is None or found.strength < physics.LEAST_CORRELATION:
-            continue
-        if found.lag < 0:
-            out.doubts.append(Doubt(key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"))
-        elif found.lag == 0 and command != "target_rate_kg_ha":
-            _answer_in_row(out, f"{reading} moves in the very row in which {command} does: does a row hold a command "
-                           "and what it settled at?")
 
 
 def _answer_in_row(out: Guess, text: str) -> None:
@@ -375,13 +378,14 @@ def _answer_in_row(out: Guess, text: str) -> None:
         out.doubts.append(Doubt(("rows",), text))
 
 
-def _scaled(command: str, factor: float, out: Guess) -> None:
+def _scaled(command: str, factor: float, bare: bool, out: Guess) -> None:
+    """`bare`: its name says no quantity, so that it may count anything, as PWM does."""
     key = ("columns", command)
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
         out.doubts.append(Doubt(key, "no unit in the header, and the readings do not tell a scale"))
         return
-    if abs(factor - 1.0) < ALIKE:
+    if not bare or abs(factor - 1.0) < ALIKE:
         out.doubts.append(Doubt(key, f"no unit in the header; its readings are {factor:.3g} times as large: taken for "
                                 "the same unit"))
         return

@@ -62,7 +62,8 @@ def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
     body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data(row)), None)
     if body is None:
         return None
-    above = [k for k in range(body) if len(rows[k]) == width and _filled(rows[k]) > _FEW * width]
+    above = [k for k in range(body) if len(rows[k]) == width
+             and (_filled(rows[k]) > _FEW * width or is_unit_row(rows[k]))]
     near = [k for k in above if all(_is_blank(rows[j]) for j in range(k + 1, body) if j not in above)]
     if not near:
         return Layout(-1, None, body)
@@ -80,9 +81,10 @@ def is_unit_row(row: Sequence[str]) -> bool:
 
 
 def _usual_width(rows: Sequence[Sequence[str]]) -> int:
-    """Of the last rows looked at: titles stand above."""
-    widths = [len(row) for row in rows[len(rows) // 2:] if not _is_blank(row)] or [len(row) for row in rows] or [0]
-    return max(set(widths), key=lambda w: (widths.count(w), w))
+    """Of the rows with more than one cell, as titles have; of all, where there is none."""
+    widths = [len(row) for row in rows if not _is_blank(row)] or [0]
+    several = [width for width in widths if width > 1] or widths
+    return max(set(several), key=lambda w: (several.count(w), w))
 
 
 def _is_data(row: Sequence[str]) -> bool:

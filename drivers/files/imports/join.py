@@ -8,11 +8,10 @@ from typing import NamedTuple
 import polars as pl
 
 from drivers.files.findings import Finding
-from drivers.files.imports.convert import US, Converted
+from drivers.files.imports.convert import US, UTC_US, Converted
 from drivers.files.imports.mapping import Join
 from drivers.files.imports.trouble import ImportTrouble
 
-UTC_US = "utc_us"               # since 1970, where the file knows UTC
 EVENTS = "events"
 
 

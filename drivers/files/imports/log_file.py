@@ -10,8 +10,8 @@ import polars as pl
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.atomic import sidecar, write_atomically
 from drivers.files.config import sha256_of
-from drivers.files.imports.convert import US
-from drivers.files.imports.join import UTC_US, Joined
+from drivers.files.imports.convert import US, UTC_US
+from drivers.files.imports.join import Joined
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.log_text import DECIMALS
 from drivers.files.plain import plain

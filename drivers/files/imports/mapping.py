@@ -14,7 +14,7 @@ from drivers.files.imports.units import names_of, quantity_of, unit_named
 
 EXTRA_START = "x_"
 _EXTRA = re.compile(r"^x_\w+$")
-NOT_MAPPED = frozenset({"time_s", "utc"})       # made from the times of the file
+NOT_MAPPED = frozenset({"time_s"})      # made from the times of the file
 MADE_BY_WORKING = "state"
 
 Delimiter = Literal[",", ";", "tab", "|", "blank"]
@@ -161,7 +161,7 @@ def is_zone(name: str) -> bool:
         return True
     try:
         ZoneInfo(name)
-    except (ValueError, OSError):
+    except (KeyError, ValueError, OSError):
         return False
     return True
 

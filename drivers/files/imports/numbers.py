@@ -10,9 +10,11 @@ from drivers.files.table import NOTHING
 
 
 class Numbers(NamedTuple):
-    """`values`: Float64, null: not known. `bad`: how many cells are no number; `row`, `cell`: the first of them."""
+    """`values`: Float64, null: not known. `marked`: how many cells hold a number that stands for that. `bad`: how many
+    are no number; `row`, `cell`: the first of them."""
 
     values: pl.Series
+    marked: int = 0
     bad: int = 0
     row: int = 0
     cell: str = ""
@@ -23,7 +25,7 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     if series.dtype != pl.String:
-        return Numbers(_finite(series.cast(pl.Float64), marks))
+        return _known(series.cast(pl.Float64), marks)
     plain = series.str.replace(",", ".", literal=True) if decimal_comma else series
     values = plain.cast(pl.Float64, strict=False)
     odd = values.is_null() & series.is_not_null()
@@ -31,13 +33,13 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
         odd = odd | series.str.strip_chars().is_in(words).fill_null(False)
     rows = odd.arg_true()
     if not rows.len():
-        return Numbers(_finite(values, marks))
+        return _known(values, marks)
     cells, bad = _odd_cells(series.filter(odd), decimal_comma, words)
-    values = _finite(values.scatter(rows, cells), marks)
+    found = _known(values.scatter(rows, cells), marks)
     if not bad.any():
-        return Numbers(values)
+        return found
     first = int(rows.filter(bad)[0])
-    return Numbers(values, int(bad.sum()), first, str(series[first]))
+    return found._replace(bad=int(bad.sum()), row=first, cell=str(series[first]))
 
 
 def _odd_cells(cells: pl.Series, decimal_comma: bool, words: list[str]) -> tuple[pl.Series, pl.Series]:
@@ -59,8 +61,9 @@ def _odd_cells(cells: pl.Series, decimal_comma: bool, words: list[str]) -> tuple
     return values, frame["value"].is_null() & ~frame["nothing"]
 
 
-def _finite(values: pl.Series, marks: list[float]) -> pl.Series:
-    known = values.is_finite()
-    if marks:
-        known = known & ~values.is_in(marks)
-    return values.set(~known.fill_null(False), None)
+def _known(values: pl.Series, marks: list[float]) -> Numbers:
+    known = values.is_finite().fill_null(False)
+    marked = values.is_in(marks).fill_null(False) if marks else None
+    if marked is None or not marked.any():
+        return Numbers(values.set(~known, None))
+    return Numbers(values.set(~known | marked, None), int(marked.sum()))

@@ -70,25 +70,25 @@ def _frame(path: Path, data: bytes, dialect: Dialect, names: list[str], findings
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
     sign = DELIMITERS[dialect.delimiter]
-    body = memoryview(data)[start:]
+    body = data[start:]
+    tail = body[body.rfind(b"\n") + 1:]
+    if b"\n" in body and tail.strip() and tail.count(sign.encode()) < len(names) - 1:
+        findings.append(Finding("cut_row", "the last row was cut off and left out", rows=1))
+        body = body[:len(body) - len(tail)]
     try:
-        frame = _read(bytes(body), sign, len(names), ragged=False)
+        frame = _read(body, sign, len(names), ragged=False)
     except pl.exceptions.PolarsError:
-        body_bytes, left_out = _without_odd_rows(bytes(body), sign, len(names), dialect.layout.body)
-        if not body_bytes:
+        body, left_out = _without_odd_rows(body, sign, len(names), dialect.layout.body)
+        if not body:
             raise ImportTrouble(f"{path}: no row has the header's {len(names)} cells: allowed is one cell for each "
                                 f"column (is the decimal sign a comma, as the delimiter {sign!r} is?)") from None
         findings += left_out
-        frame = _read(body_bytes, sign, len(names), ragged=True)
+        frame = _read(body, sign, len(names), ragged=True)
     frame = frame.rename(dict(zip(frame.columns, names, strict=True)))
     texts = frame.select(pl.all().str.strip_chars())
     kept = texts.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all() == "")))
     if kept.height == 0:
         raise ImportTrouble(f"{path}: no rows below the header")
-    tail = data[data.rfind(b"\n") + 1:]
-    if tail.strip() and tail.count(sign.encode()) < len(names) - 1:
-        findings.append(Finding("cut_row", f"{path.name}: the last row was cut off and left out", rows=1))
-        kept = kept.head(-1)
     return kept
 
 

@@ -91,6 +91,7 @@ _SPELLINGS = {unit.name: unit for unit in UNITS} | {
 _ENDINGS = (("_kg_ha", "rate"), ("_mps", "speed"), ("_rpm", "rotation"), ("_rpm_cmd", "rotation"), ("_mm", "length"),
             ("_mm_cmd", "length"), ("_kg", "mass"), ("_deg", "angle"), ("_v", "voltage"), ("_percent", "share"),
             ("_s", "time"), ("_m", "length"))
+_IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
 _PER_METRE = 0.001           # lengths are in mm but for the one column in metres
 
 
@@ -124,8 +125,8 @@ def slug(text: str) -> str:
     """Small letters, digits and underscores of a name or a unit, as the names of columns are written: `N m` is `nm`."""
     unit = unit_named(text)
     plain = unit.name if unit is not None else text
-    if plain in ("%", SLOPE):
-        return "percent" if plain == "%" else "slope_percent"
+    if plain in _IN_NAMES:
+        return _IN_NAMES[plain]
     folded = unicodedata.normalize("NFKC", plain)
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", folded) if unit is None else folded
     return re.sub(r"[^\w]+", "_", spaced.casefold()).strip("_")

@@ -10,6 +10,8 @@ import unicodedata
 from functools import cache
 from typing import NamedTuple
 
+from drivers.files.imports.units import quantity_of
+
 Words = tuple[str, ...]
 
 
@@ -61,7 +63,7 @@ SUBJECTS = (
             never=_words("sample baud yaw turn update frame area total fuel"), quantities=("rate",)),
     Subject("shaft", (_words("shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke drehzahl 转速 =rpm motor "
                              "=drive antrieb 电机 roller spindle revolution"),), "shaft_rpm", "shaft_rpm_cmd",
-            never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom")), quantities=("rotation",)),
+            never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom wheel")), quantities=("rotation",)),
     Subject("flow", (_words("=flow massflow durchfluss massenstrom 流量"),), "applied_rate_kg_ha", "target_rate_kg_ha",
             quantities=("flow",)),
     Subject("speed", (_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),), "speed_mps",
@@ -75,6 +77,7 @@ COMMAND = _words("=cmd command setpoint set_point =set soll target desired deman
 RAW_COMMAND = _words("=pwm =duty")                  # a command even where a word of reading stands beside it
 READING = _words("actual =act =ist measured =meas ^ist feedback =fb 实际 测量 反馈 sensor applied gemessen reel =real "
                  "mesure")
+QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")     # such a command counts no steps
 PLAINLY_READING = READING[:3]                       # a reading even where a word of command stands beside it
 
 TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis")
@@ -112,11 +115,18 @@ def says(name: str, words: Words) -> bool:
 
 
 def subject_of(name: str, quantity: str | None) -> Subject | None:
-    """What a folded name, in a unit of `quantity` where one is told, is about."""
-    for subject in SUBJECTS:
-        if all(says(name, group) for group in subject.needs) and not says(name, subject.never):
-            return subject
-    for subject in SUBJECTS:
-        if quantity in subject.quantities and not says(name, subject.never):
-            return subject
-    return None
+    """What a folded name is about. A unit of `quantity`, where one is told, outweighs words that do not go with it:
+    a speed in r/min is no ground speed."""
+    worded = [subject for subject in SUBJECTS if all(says(name, group) for group in subject.needs)
+              and not says(name, subject.never)]
+    if quantity is None or quantity == "share" or (worded and not worded[0].reading):
+        return worded[0] if worded else None
+    fitting = [subject for subject in worded if goes_with(subject.reading, quantity)]
+    by_unit = [subject for subject in SUBJECTS if quantity in subject.quantities and not says(name, subject.never)]
+    return next(iter([*fitting, *by_unit]), None)
+
+
+def goes_with(column: str, quantity: str) -> bool:
+    """Whether a log column can be told in a unit of this quantity: a rate also as a flow over the ground covered."""
+    own = quantity_of(column)
+    return own is None or own == quantity or (own, quantity) == ("rate", "flow")
