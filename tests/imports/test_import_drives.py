@@ -12,9 +12,7 @@ from click.testing import Result
 
 from drivers.files.read_log import read_log
 
-DRIVES = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "drives"
-if not DRIVES.is_dir():
-    DRIVES = Path("/work/shared/data/drives")
+DRIVES = Path(__file__).resolve().parents[3] / "shared" / "data" / "drives"
 
 STAIRS = {"shaft_rpm_cmd": {"from": "motorCommand", "scale": 2.5}, "shaft_rpm": {"from": "rightSpeedRpm"}}
 LOOP = {"shaft_rpm_cmd": {"from": "targetSpeed"}, "shaft_rpm": {"from": "leftSpeed"}}
@@ -23,7 +21,8 @@ LOOP = {"shaft_rpm_cmd": {"from": "targetSpeed"}, "shaft_rpm": {"from": "leftSpe
 FILES = [
     ("wheelSpeedCalibration1.csv", 3, 27, {"columns": STAIRS}),
     ("wheelSpeedCalibration2.csv", 3, 103, {"columns": STAIRS}),
-    ("wheelSpeedCalibration3.csv", 3, 511, {"columns": STAIRS | {"supply_v": {"from": "batteryVoltage", "unit": "mV"}}}),
+    ("wheelSpeedCalibration3.csv", 3, 511,
+     {"columns": STAIRS | {"supply_v": {"from": "batteryVoltage", "unit": "mV"}}}),
     ("testPid1.csv", 4, 872, {"columns": LOOP}), ("testPid2.csv", 3, 748, {"columns": LOOP}),
     ("testPid3.csv", 3, 476, {"columns": LOOP}),
 ]
