@@ -126,6 +126,18 @@ def test_a_file_without_a_header(imported: Callable[..., RunLog]) -> None:
     assert log.numbers("shaft_rpm").tolist() == [5.0, 6.0, 7.0]
 
 
+@pytest.mark.parametrize(("delimiter", "cells", "want"), [
+    (";", ["1.234,5", "999,5", "1 234,5", "0,25"], [1234.5, 999.5, 1234.5, 0.25]),
+    (";", ["1,234.5", "999.5", "1'234.5", "0.25"], [1234.5, 999.5, 1234.5, 0.25]),
+    ("\t", ["1,5", "2,5", "-3e1", ""], [1.5, 2.5, -30.0, np.nan]),
+])
+def test_numbers_with_groups_of_digits(delimiter: str, cells: list[str], want: list[float],
+                                       imported: Callable[..., RunLog]) -> None:
+    content = f"t{delimiter}m\n" + "".join(f"{k}{delimiter}{cell}\n" for k, cell in enumerate(cells))
+    log = imported(content, columns={"hopper_kg": {"from": "m"}})
+    assert np.array_equal(log.numbers("hopper_kg"), want, equal_nan=True)
+
+
 def test_a_cut_last_row_and_rows_of_another_width(imported: Callable[..., RunLog]) -> None:
     log = imported("t,m,k\n0,5,1\n1,6,1\n2,7,1,9,9\n3,8,1\n4,9", columns={"shaft_rpm": {"from": "m"}})
     assert log.time_s.tolist() == [0.0, 1.0, 3.0] and log.numbers("shaft_rpm").tolist() == [5.0, 6.0, 8.0]

@@ -107,6 +107,6 @@ def _layout(rows: list[list[str]], said: Source) -> Layout | None:
 
 
 def _has_comma(body: list[list[str]]) -> bool:
-    with_comma = [cell for row in body for cell in row if "," in cell]
+    with_comma = [cell for row in body for cell in row if cell.rfind(",") > cell.rfind(".")]
     numbers = [cell for cell in with_comma if is_value(cell)]
     return len(numbers) > 0.5 * len(with_comma) if with_comma else False

@@ -176,7 +176,8 @@ def _chosen(candidates: list[_Candidate], out: Guess) -> dict[str, _Candidate]:
     for target, several in by_target.items():
         several = sorted(several, key=lambda one: one.weight, reverse=True)
         best = chosen[target] = several[0]
-        rivals = [one.source for one in several[1:] if one.weight == best.weight]
+        rivals = [one.source for one in several[1:] if one.weight == best.weight
+                  or one.source.startswith(f"{best.source} (")]         # of the same name
         if rivals:
             out.doubts.append(Doubt(("columns", target), f"{' and '.join(rivals)} would fit as well as {best.source}"))
         if best.role == "by physics":

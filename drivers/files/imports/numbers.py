@@ -34,7 +34,7 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
     rows = odd.arg_true()
     if not rows.len():
         return _known(values, marks)
-    cells, bad = _odd_cells(series.filter(odd), decimal_comma, words)
+    cells, bad = _odd_cells(series.filter(odd), words)
     found = _known(values.scatter(rows, cells), marks)
     if not bad.any():
         return found
@@ -42,18 +42,17 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
     return found._replace(bad=int(bad.sum()), row=first, cell=str(series[first]))
 
 
-def _odd_cells(cells: pl.Series, decimal_comma: bool, words: list[str]) -> tuple[pl.Series, pl.Series]:
+def _odd_cells(cells: pl.Series, words: list[str]) -> tuple[pl.Series, pl.Series]:
     """Cells that are no plain number: what they are worth, and which are no number at all.
 
-    Blanks and apostrophes group digits; so does a point before a decimal comma, or a comma before a decimal point.
+    Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a comma alone is one.
     """
     text = pl.col("cell").str.strip_chars()
     plain = text.str.replace_all(r"[\s'\u{2019}\u{A0}\u{202F}]", "")
-    point, comma = plain.str.contains(".", literal=True), plain.str.contains(",", literal=True)
-    group, sign = (".", ",") if decimal_comma else (",", ".")
-    plain = pl.when(point & comma).then(plain.str.replace_all(group, "", literal=True)).otherwise(plain)
-    plain = plain.str.replace(",", ".", literal=True) if sign == "," else pl.when(point).then(plain).otherwise(
-        plain.str.replace(",", ".", literal=True))
+    comma_last, point_last = plain.str.contains(r"\.[^.]*,[^.]*$"), plain.str.contains(r",[^,]*\.[^,]*$")
+    plain = pl.when(comma_last).then(plain.str.replace_all(".", "", literal=True)).when(point_last).then(
+        plain.str.replace_all(",", "", literal=True)).otherwise(plain)
+    plain = plain.str.replace(",", ".", literal=True)
     frame = cells.alias("cell").to_frame().select(
         value=plain.cast(pl.Float64, strict=False),
         nothing=text.str.to_lowercase().is_in(list(NOTHING)) | text.is_in(words))
