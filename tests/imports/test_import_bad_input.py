@@ -111,6 +111,23 @@ def test_nothing_is_written_over(written: Callable[..., Path], topdress: Callabl
     assert source.read_text() == GOOD and mapping.read_text() == HEAD + SHAFT % ""
 
 
+@pytest.mark.parametrize("fails_at", [1, 2])
+def test_a_full_disk_leaves_nothing(fails_at: int, written: Callable[..., Path], topdress: Callable[..., Result],
+                                    tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from drivers.files.imports import log_file
+    source, whole, calls = written(GOOD), log_file.write_atomically, []
+
+    def full(path: Path, content: str | bytes) -> None:
+        calls.append(path)
+        if len(calls) == fails_at:
+            raise OSError(28, "No space left on device", str(path))
+        whole(path, content)
+    monkeypatch.setattr(log_file, "write_atomically", full)
+    result = topdress("import", source, "--out", tmp_path / "out.csv")
+    assert result.exit_code == 1 and "No space left on device" in result.output
+    assert list(tmp_path.iterdir()) == [source]
+
+
 def test_a_log_needs_a_place(written: Callable[..., Path], topdress: Callable[..., Result], tmp_path: Path) -> None:
     assert "no --out LOG.csv given" in topdress("import", written(GOOD)).output
     assert "ends in .csv" in topdress("import", written(GOOD), "--out", tmp_path / "x.txt").output

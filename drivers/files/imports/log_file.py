@@ -35,8 +35,13 @@ def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: P
     text = io.BytesIO()
     frame.write_csv(text)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(sidecar(path), _meta(log, mapping, mapping_file))
-    write_atomically(path, text.getvalue())
+    part = path.with_name(f".{path.stem}.part.csv")
+    try:
+        write_atomically(part, text.getvalue())
+        write_atomically(sidecar(path), _meta(log, mapping, mapping_file))
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     return frame
 
 
