@@ -9,7 +9,7 @@ import typer
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
-    from drivers.files.imports.guess import Guess
+    from drivers.files.imports.guessed import Guess
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
 

@@ -121,6 +121,13 @@ def test_what_counts_as_working(imported: Callable[..., RunLog]) -> None:
     assert by_word.texts("state").tolist() == ["ready", "working", "", "working"]
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_byte_order_mark_is_no_part_of_a_name(encoding: str, imported: Callable[..., RunLog]) -> None:
+    log = imported("\ufeff" + table("t,m", range(3), [1, 2, 3]), source={"encoding": encoding},
+                   columns={"shaft_rpm": {"from": "m"}})
+    assert log.numbers("shaft_rpm").tolist() == [1.0, 2.0, 3.0]
+
+
 def test_a_file_without_a_header(imported: Callable[..., RunLog]) -> None:
     log = imported("0,5\n1,6\n2,7\n", source={"names": ["t", "m"]}, columns={"shaft_rpm": {"from": "m"}})
     assert log.numbers("shaft_rpm").tolist() == [5.0, 6.0, 7.0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import Result
 
@@ -11,6 +12,7 @@ from drivers.files.config import load
 from drivers.files.imports.guess import guess
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import IMPORT
+from drivers.files.imports.physics import answer
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.words import folded, subject_of
 
@@ -50,6 +52,13 @@ def test_doubts(content: str, doubts: list[str], written: Callable[..., Path]) -
     found = [f"{'.'.join(doubt.key)}: {doubt.text}" for doubt in guess(read_raw(written(content))).doubts]
     assert len(found) == len(doubts), found
     assert all(told.startswith(want) for told, want in zip(found, doubts, strict=True)), found
+
+
+def test_of_commands_that_repeat_the_nearest_answer_counts() -> None:
+    command = np.tile(np.repeat([20.0, 30.0, 45.0], 3), 40)
+    for lag in (0, 1, 3):
+        found = answer(command, np.roll(command, lag))
+        assert found is not None and found.lag == lag
 
 
 def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from drivers.files.imports.guess import Guess, Key
+from drivers.files.imports.guessed import Guess, Key
 from drivers.files.imports.mapping import IMPORT, Column
 from drivers.files.plain import plain
 from drivers.files.yaml_text import dump_yaml

@@ -16,6 +16,7 @@ SPEED_TOLERANCE = 0.08
 FARTHEST_LAG = 40                   # rows, within which an answer is looked for
 LEAST_CHANGES = 8                   # of a command, to tell anything of its answer
 LEAST_CORRELATION = 0.3             # of steps of command and answer
+AS_GOOD = 0.98                      # of the best correlation: repeating commands agree at many lags, the nearest holds
 A_SETTING_A_ROW = 0.5               # share of rows with another command: a table of settings, not a run
 SETTLED_S = 0.5                     # and rows so far apart that each can have settled
 
@@ -52,7 +53,8 @@ def answer(command: Floats, reading: Floats) -> Answer | None:
         return None
     most = min(FARTHEST_LAG, steps.size // 4)
     strengths = {lag: _correlation(steps, moves, lag) for lag in range(-most, most + 1)}
-    lag = max(strengths, key=lambda one: strengths[one])
+    best = max(strengths.values())
+    lag = min((one for one, strength in strengths.items() if strength >= AS_GOOD * best), key=abs, default=0)
     return Answer(lag, strengths[lag])
 
 
