@@ -108,7 +108,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
     target = None
     tools: dict[str, Any]
     if order.kind == "run":
-        from control.diagnosis.run import diagnose_run
+        from control.diagnosis.runs.diagnose import diagnose_run
         from drivers.files.read_log import read_log
         log = read_log(data)
         columns = dict(log.columns)

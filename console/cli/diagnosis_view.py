@@ -22,8 +22,8 @@ from console.reports.run_views import View, parts_of, run_views
 from console.reports.table_views import TableView, table_views
 from console.reports.verdict import others, title_of
 from control.diagnosis.extend import adoptable
-from control.diagnosis.hypothesis import Part
 from control.diagnosis.result import Cause, Diagnosis
+from control.diagnosis.runs.hypothesis import Part
 from control.diagnosis.tables.sentences import held_in_part
 from control.machine.machine import CATALOGUE, Machine
 

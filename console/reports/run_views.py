@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of, shown_share, telling
 from console.reports.variables import OF_RUNS
-from control.diagnosis.data_gate import gate
-from control.diagnosis.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
-from control.diagnosis.residuals import Channel, channels
 from control.diagnosis.result import Cause
-from control.diagnosis.stages_data import Drive, RunData, run_data
+from control.diagnosis.runs.channels import Channel, channels
+from control.diagnosis.runs.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
+from control.diagnosis.runs.log import gate
+from control.diagnosis.runs.stages import Drive, RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
 from control.machine.over_log import MOST_STEP_S
 

@@ -14,8 +14,8 @@ from console.app.diagnosis_data import Stop, Stopped
 from console.cli.diagnosis_services import DiagnosisFiles
 from console.cli.diagnosis_view import sorted_out
 from console.cli.separating_run import _DRIVES, drive_of, run_id
-from control.diagnosis.next_run import manoeuvres
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+from control.diagnosis.runs.next_run import manoeuvres
 from control.orders import State
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run

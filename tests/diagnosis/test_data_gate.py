@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from control.diagnosis.data_gate import gate
-from control.diagnosis.run import _between_rows
+from control.diagnosis.runs.diagnose import _between_rows
+from control.diagnosis.runs.log import gate
 
 ROWS = 400
 

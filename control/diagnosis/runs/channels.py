@@ -19,7 +19,7 @@ from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
 from .hypothesis import MOST_SWITCHES, Schedule
 from .noise import NoisePrior, Segments, segments
-from .stages_data import Drive, Grid, Heads, Hopper, RunData, Speed, joined
+from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on

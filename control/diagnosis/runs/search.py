@@ -11,11 +11,11 @@ from control.machine.machine import CATALOGUE, Machine
 from control.machine.over_log import MOST_STEP_S
 
 from . import noise as noises
+from .channels import FINE_S, Channel
 from .hypothesis import Part, Parts, bounds, schedule, stages_of
 from .likelihood import Z90, Column, Fit, Problem, best_fitted, calm, fitted, problem, projected, solved
 from .noise import Noise, coefficients, series_of
-from .residuals import FINE_S, Channel
-from .sensitivities import (
+from .nuisances import (
     FORM_CHANNEL,
     FORM_OVER,
     LADDERS,
@@ -27,9 +27,9 @@ from .sensitivities import (
     nuisances,
     stamp_sd_s,
 )
+from .robust import tail_excess
 from .smooth import TABLES, series, span
-from .stages_data import RunData
-from .tails import tail_excess
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 

@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from control.machine.elements import Table as Nodes
 
+from .evidence import scores, slow_share, spread_over, without_best_block
 from .likelihood import Column, Fit, Problem, best_fitted, power_left
 from .noise import Noise
-from .null import scores, slow_share, spread_over, without_best_block
+from .nuisances import FORM_CHANNEL
 from .search import Group, Refit
-from .sensitivities import FORM_CHANNEL
 from .smooth import LEAST_RANGE, SHAPES, TABLES, Span, shape, span
 
 OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, over all stages and variables

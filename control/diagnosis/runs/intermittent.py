@@ -14,9 +14,9 @@ from scipy.signal import find_peaks
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
+from .channels import hopper_channel
 from .hypothesis import Part, schedule, stages_of
-from .residuals import hopper_channel
-from .stages_data import Hopper, RunData, Speed
+from .stages import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
 

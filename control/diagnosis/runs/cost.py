@@ -3,13 +3,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.diagnosis.result import FieldCost
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
+from .channels import shaft_channel
 from .hypothesis import Part, schedule, stages_of
-from .residuals import shaft_channel
-from .result import FieldCost
-from .stages_data import RunData
+from .stages import RunData
 
 FLOW_PERCENT = {         # relative change of the dose where the size is one in percent already
     "flow.gain": 1.0, "flow.batch": 1.0, "flow.blocked_outlet": -1.0, "flow.bridging": -1.0,

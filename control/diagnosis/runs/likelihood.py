@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import noise as noises
+from .channels import Channel
 from .noise import Noise
-from .residuals import Channel
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

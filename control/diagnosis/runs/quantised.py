@@ -14,11 +14,11 @@ from scipy.special import ndtr
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .data_gate import Clean
+from .channels import shaft_channel
 from .hypothesis import Part, schedule, stages_of
-from .residuals import shaft_channel
-from .spells import Seen
-from .stages_data import drives
+from .intermittent import Seen
+from .log import Clean
+from .stages import drives
 
 Array = npt.NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
+from control.diagnosis.result import Gain
 from control.field.job import Job
 from control.machine.machine import Machine
 from control.machine.planting import Planted
@@ -16,14 +17,13 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
 
+from .channels import Channel as ChannelOf
 from .likelihood import Z90, Column, fitted, problem
-from .naming import Named
 from .noise import Noise, coefficients, segments, series_of
-from .open_set import DOWNSTREAM
-from .residuals import Channel as ChannelOf
-from .result import Gain
-from .sensitivities import FORM_CHANNEL, Candidate
+from .nuisances import FORM_CHANNEL, Candidate
+from .selection import Named
 from .smooth import LEAST_RANGE, TABLES
+from .unexplained import DOWNSTREAM
 
 Array = npt.NDArray[np.float64]
 

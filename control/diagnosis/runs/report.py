@@ -5,11 +5,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from control.diagnosis.result import Channel
 from control.machine.machine import Machine
 
-from .naming import Named
-from .result import Channel
-from .stages_data import RunData
+from .selection import Named
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length

@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 from control.machine.machine import Machine
 
-from .data_gate import HEADS, MOVING_MPS, Clean
+from .log import HEADS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 

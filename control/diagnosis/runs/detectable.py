@@ -3,12 +3,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.diagnosis.result import Detectable, NotShown
 from control.machine.machine import CATALOGUE
 
 from .likelihood import projected
-from .naming import THRESHOLD, Named
-from .result import Detectable, NotShown
-from .sensitivities import LADDERS, THRESHOLDS, tolerance_of
+from .nuisances import LADDERS, THRESHOLDS, tolerance_of
+from .selection import THRESHOLD, Named
 
 
 def not_shown(one: Named) -> list[NotShown]:

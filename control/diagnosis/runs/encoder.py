@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .hypothesis import Part
+from .nuisances import Candidate
 from .search import Group
-from .sensitivities import Candidate
 
 Array = npt.NDArray[np.float64]
 

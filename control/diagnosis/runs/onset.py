@@ -8,9 +8,9 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from control.machine.machine import CATALOGUE
 
 from .hypothesis import Part, Parts
+from .nuisances import Candidate
 from .search import HALT_S, Group, Refit
-from .sensitivities import Candidate
-from .stages_data import RunData
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 

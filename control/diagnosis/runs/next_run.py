@@ -7,16 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.result import Cause, NextRun
 from control.machine.machine import CATALOGUE, Machine
 
-from .data_gate import gate
+from .channels import channels
 from .hypothesis import Part
 from .likelihood import projected
-from .residuals import channels
-from .result import Cause, NextRun
+from .log import gate
+from .nuisances import GROUPS, PROBES
 from .search import Group
-from .sensitivities import GROUPS, PROBES
-from .stages_data import run_data
+from .stages import run_data
 
 Array = npt.NDArray[np.float64]
 

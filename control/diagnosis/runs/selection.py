@@ -9,13 +9,13 @@ import numpy.typing as npt
 from control.machine.machine import CATALOGUE
 
 from .encoder import encoder_steps
+from .evidence import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
 from .hypothesis import Part, Parts
 from .likelihood import Column, best_fitted
-from .null import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
+from .nuisances import THRESHOLDS, tolerance_of
 from .onset import blocked, refined, still_disobeys, stops, with_onset
-from .open_set import SLOW_ENERGY, Table, gain_elsewhere, unexplained
 from .search import Found, Group, Refit
-from .sensitivities import THRESHOLDS, tolerance_of
+from .unexplained import SLOW_ENERGY, Table, gain_elsewhere, unexplained
 
 Array = npt.NDArray[np.float64]
 

@@ -8,11 +8,11 @@ import numpy as np
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .data_gate import Clean
+from .channels import gate_channel, shaft_channel
 from .hypothesis import schedule
-from .naming import Named
-from .residuals import gate_channel, shaft_channel
-from .stages_data import drives, looked_at
+from .log import Clean
+from .selection import Named
+from .stages import drives, looked_at
 
 CHANNEL = {"shaft": shaft_channel, "gate": gate_channel}
 

@@ -10,9 +10,9 @@ from control.machine.elements import FLAT, Table
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
+from .channels import Channel, hopper_channel
 from .hypothesis import Part, Stages, schedule
-from .residuals import Channel, hopper_channel
-from .stages_data import RunData
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 

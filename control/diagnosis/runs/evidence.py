@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import noise as noises
+from .channels import Channel
 from .hypothesis import Parts
 from .likelihood import Column, solved, weighted
 from .noise import Noise, series_of
-from .residuals import Channel
 from .search import Group
 
 Array = npt.NDArray[np.float64]
