@@ -11,7 +11,7 @@ from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of
 from console.reports.variables import OF_RUNS
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import Channel, channels
-from control.diagnosis.runs.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
+from control.diagnosis.runs.hypothesis import MAX_SWITCHES, Part, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.stages import Drive, RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
@@ -79,7 +79,7 @@ class View(NamedTuple):
         """Those effects that this channel can feel, as many onsets as one run may have."""
         mine = [part for part in parts if CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name]]
         late = [part for part in mine if part.onset_s is not None]
-        dropped = late[MOST_SWITCHES:]
+        dropped = late[MAX_SWITCHES:]
         return tuple(part for part in mine if part not in dropped)
 
 

@@ -338,7 +338,7 @@ def test_short_bridges_show_by_the_mass_that_stayed():
 
 
 def test_a_long_log_is_looked_at_in_windows_and_judged_on_every_row(monkeypatch):
-    monkeypatch.setattr(stages, "MOST_ROWS", 5_000)
+    monkeypatch.setattr(stages, "MAX_ROWS", 5_000)
     monkeypatch.setattr(stages, "WINDOW_ROWS", 3_000)
     columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=23, seconds=900.0)
     found = diagnose_run(columns, Machine())

@@ -17,14 +17,14 @@ from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
-from .hypothesis import MOST_SWITCHES, Schedule
+from .hypothesis import MAX_SWITCHES, Schedule
 from .noise import NoisePrior, Segments, segments
 from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on
-MOST_CHAINED = 4            # refills of one log that are filled into the model
-SEAM_S = 20.0               # a longer gap between readings, times MOST_BRIDGED_STEPS, is a seam of windows
+MAX_CHAINED = 4            # refills of one log that are filled into the model
+SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
 WHITE_S = 0.02              # correlation time that stands for "none"
 
 
@@ -42,10 +42,10 @@ class Channel(NamedTuple):
 
 
 def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
-    """Parameter sets of one stage and the rows from which they hold, always MOST_SWITCHES + 1 of them."""
+    """Parameter sets of one stage and the rows from which they hold, always MAX_SWITCHES + 1 of them."""
     sets = [one.by_name[stage] for one in plan.sets]
     rows = [int(np.searchsorted(time_s, begin)) for begin in plan.from_s]
-    while len(sets) <= MOST_SWITCHES:
+    while len(sets) <= MAX_SWITCHES:
         sets.append(sets[-1])
         rows.append(len(time_s) + 1)
     return tuple(sets), np.array(rows, np.int64)
@@ -129,7 +129,7 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
     over: it is then set to the level that was read after each.
     """
     count = len(h.time_s) - 1
-    if len(h.jumps) <= MOST_CHAINED:
+    if len(h.jumps) <= MAX_CHAINED:
         return [(0, count, h.start_kg)]
     begins = [0, *(j for j in h.jumps if 0 < j < count)]
     levels = [h.start_kg, *(float(np.nanmedian(h.reading_kg[j:j + 6])) for j in begins[1:])]

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.diagnosis import effects
 from control.diagnosis.result import FieldCost
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
@@ -12,10 +13,11 @@ from .hypothesis import Part, schedule, stages_of
 from .stages import RunData
 
 FLOW_PERCENT = {         # relative change of the dose where the size is one in percent already
-    "flow.gain": 1.0, "flow.batch": 1.0, "flow.blocked_outlet": -1.0, "flow.bridging": -1.0,
-    "speed.wheel_slip": 1.0, "speed.wheel_radius": 1.0, "speed.missed_pulses": -1.0,
+    effects.FLOW_GAIN.id: 1.0, effects.FLOW_BATCH.id: 1.0, effects.FLOW_BLOCKED_OUTLET.id: -1.0,
+    effects.FLOW_BRIDGING.id: -1.0,
+    effects.SPEED_WHEEL_SLIP.id: 1.0, effects.SPEED_WHEEL_RADIUS.id: 1.0, effects.SPEED_MISSED_PULSES.id: -1.0,
 }
-LATE_S = ("shaft.dead_time", "shaft.slow", "speed.gnss_latency")
+LATE_S = (effects.SHAFT_DEAD_TIME.id, effects.SHAFT_SLOW.id, effects.SPEED_GNSS_LATENCY.id)
 
 
 def field_cost(part: Part, machine: Machine, data: RunData) -> FieldCost:
@@ -40,8 +42,8 @@ def _speed(data: RunData) -> float:
 
 
 def _rate_percent(part: Part, machine: Machine, data: RunData) -> float | None:
-    stage = part.id.split(".")[0]
-    if stage in ("scale", "canopy") or data.hopper is None:
+    stage = effects.ROWS[part.id].stage
+    if stage in ("scale", "heads") or data.hopper is None:
         return None
     h = data.hopper
     on = h.shaft_rpm > 0.0
@@ -49,21 +51,21 @@ def _rate_percent(part: Part, machine: Machine, data: RunData) -> float | None:
         return None
     rpm, opening, pitch = h.shaft_rpm[on], h.opening_mm[on], h.pitch_deg[on]
     turned = np.sum(rpm * opening)
-    if part.id in ("gate.offset", "gate.home_error"):
-        sign = -1.0 if part.id == "gate.offset" else 1.0
+    if part.id in (effects.GATE_OFFSET.id, effects.GATE_HOME_ERROR.id):
+        sign = -1.0 if part.id == effects.GATE_OFFSET.id else 1.0
         return float(100.0 * sign * part.size * np.sum(rpm) / turned)
-    if part.id == "flow.zero_offset":
+    if part.id == effects.FLOW_ZERO_OFFSET.id:
         return float(100.0 * part.size * np.sum(rpm) / (turned * machine.flow.grams_per_rev_mm))
-    if part.id == "flow.fill_falloff":
+    if part.id == effects.FLOW_FILL_FALLOFF.id:
         return float(-part.size * np.sum(rpm * opening * (rpm / 100.0) ** 3) / turned)
-    if part.id == "flow.slope":
+    if part.id == effects.FLOW_SLOPE.id:
         return float(part.size * np.sum(rpm * opening * pitch) / turned)
-    if part.id == "flow.moisture_drift":
+    if part.id == effects.FLOW_MOISTURE_DRIFT.id:
         return float(part.size * np.sum(rpm * opening * h.time_s[on] / 3600.0) / turned)
-    if part.id == "flow.hopper_head":
+    if part.id == effects.FLOW_HOPPER_HEAD.id:
         level = np.interp(h.time_s[on], data.time_s, data.variables.get("hopper_kg", data.time_s * 0.0))
         return float(-part.size * np.sum(rpm * opening * (1.0 - level / machine.flow.full_kg)) / turned)
-    if part.id == "flow.leak":
+    if part.id == effects.FLOW_LEAK.id:
         kg = turned * machine.flow.grams_per_rev_mm / 60_000.0 * float(np.median(np.diff(h.time_s)))
         return float(100.0 * part.size / 3600.0 * data.duration_s / kg)
     if stage == "shaft" and data.shaft is not None:

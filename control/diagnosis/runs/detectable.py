@@ -3,11 +3,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.diagnosis.effects import ROWS
 from control.diagnosis.result import Detectable, NotShown
 from control.machine.machine import CATALOGUE
 
 from .likelihood import projected
-from .nuisances import LADDERS, THRESHOLDS, tolerance_of
+from .nuisances import tolerance_of
 from .selection import THRESHOLD, Named
 
 
@@ -26,9 +27,9 @@ def not_shown(one: Named) -> list[NotShown]:
         if CATALOGUE[effect_id].effect.onset_only or stiff <= 0.0:
             continue
         size = float(np.sqrt(THRESHOLD * (1.0 / stiff + tolerance_of(effect_id, group.machine) ** 2)))
-        if effect_id in THRESHOLDS:
+        if ROWS[effect_id].threshold:
             size = abs(candidate.part.size) if size <= abs(candidate.part.size) else np.inf
-        if effect_id in LADDERS and size > abs(candidate.part.size) * 2.0:
+        if ROWS[effect_id].ladder and size > abs(candidate.part.size) * 2.0:
             continue
         if effect_id not in best or size < best[effect_id]:
             best[effect_id] = size

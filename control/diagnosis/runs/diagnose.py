@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from control.diagnosis.effects import ROWS
 from control.diagnosis.result import (
     STRUCTURE_P,
     Cause,
@@ -47,7 +48,6 @@ from .whole import on_the_whole
 Progress = Callable[[float, str], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
-MOVE_SHAPED = {"gate.slow", "gate.backlash", "gate.lost_steps", "shaft.slow", "shaft.dead_time"}
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
 
@@ -117,7 +117,7 @@ def _between_rows(log: Clean, ids: set[str]) -> list[str]:
     """Said of small faults of the drives where the log may not hold every command that was given."""
     steps = np.diff(log.time_s)
     lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
-    doubtful = sorted(ids & MOVE_SHAPED)
+    doubtful = sorted(one for one in ids if ROWS[one].move_shaped)
     if not doubtful or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
         return []
     why = f"{100.0 * lost:.0f} % of the rows are missing" if lost >= LOST_SHARE else \

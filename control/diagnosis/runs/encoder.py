@@ -7,6 +7,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis import effects
+
 from .hypothesis import Part
 from .nuisances import Candidate
 from .search import Group
@@ -45,4 +47,4 @@ def encoder_steps(group: Group) -> list[Candidate]:
             best, best_score = float(part[k]), float(score[k] ** 2)
     if best_score < LEAST:
         return []
-    return [Candidate(Part("shaft.coarse_encoder", best), best, best)]
+    return [Candidate(Part(effects.SHAFT_COARSE_ENCODER.id, best), best, best)]

@@ -26,7 +26,7 @@ BLOCKS = 64                 # of each channel: a block is far longer than whiten
 REPLICATES = 1000
 SEED = 20260101
 UNEVEN = 1.5                # times the variance of even noise between blocks: less is chance
-LEAST_DRIFT = 0.12          # of the fast noise's s.d.: less is no drift
+MIN_DRIFT = 0.12          # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
 
 
@@ -82,7 +82,7 @@ def slow_share(banded: Array, channel: Channel, noise: Noise) -> float:
 
     0 where there is no slow noise worth the name: its prior never lets it vanish altogether.
     """
-    if noise.slow_sd < LEAST_DRIFT * noise.fast_sd:
+    if noise.slow_sd < MIN_DRIFT * noise.fast_sd:
         return 0.0
     fast = np.array([*noise.theta[:2], NO_NOISE, noise.theta[3]])
     cut, step_s = channel.cut, channel.grid.step_s

@@ -22,7 +22,7 @@ from .likelihood import Z90, Column, fitted, problem
 from .noise import Noise, coefficients, segments, series_of
 from .nuisances import FORM_CHANNEL, Candidate
 from .selection import Named
-from .smooth import LEAST_RANGE, TABLES
+from .smooth import MIN_RANGE, TABLES
 from .unexplained import DOWNSTREAM
 
 Array = npt.NDArray[np.float64]
@@ -94,7 +94,7 @@ def _instead(named: Named, channel: str) -> list[tuple[str, list[Column]]]:
     for stage in TABLES:
         if FORM_CHANNEL[stage] != channel:
             continue
-        for variable in LEAST_RANGE:
+        for variable in MIN_RANGE:
             columns = [] if variable in DOWNSTREAM[stage] else group.forms(stage, variable)
             if columns:
                 p, count = group.compressed((), columns)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
+from control.diagnosis import effects
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -22,16 +23,16 @@ Array = npt.NDArray[np.float64]
 
 BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
-LEAST_GAIN = 60.0           # of twice the log-likelihood, of all spells together
-LEAST_DIPS = 6
+MIN_GAIN = 60.0           # of twice the log-likelihood, of all spells together
+MIN_DIPS = 6
 STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
 STEP_GAP_S = 8.0            # of a step's own
 STEP_Z = 4.0
-LEAST_STEPS_SEEN = 2
-MOST_UNSEEN = 6.0           # of the mass of the steps seen: further standstills may lie below the noise
+MIN_STEPS_SEEN = 2
+MAX_UNSEEN = 6.0           # of the mass of the steps seen: further standstills may lie below the noise
 UNSEEN_SD = 0.2             # of that mass
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
-LEAST_DIP = 0.1
+MIN_DIP = 0.1
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
 FAST_MPS = 0.6
 
@@ -69,20 +70,20 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     middle, spread = _usual(ratio[moving])
     ratio, spread = ratio / middle, spread / middle
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
-    deep = max(LEAST_DIP, DIP_SD * spread)
+    deep = max(MIN_DIP, DIP_SD * spread)
     if not (moving & (ratio < usual - deep)).any():
         return s, None
     usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
     deep = max(deep, 0.5 * usually)         # a GNSS outlier this large upwards is as odd as a dip is
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
     starts, odd = _starts(dips), _starts(rises)
-    if starts < LEAST_DIPS + 3 * odd:
+    if starts < MIN_DIPS + 3 * odd:
         return s, None
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / starts)
-    return s._replace(wheel_mps=wheel), Seen(Part("speed.missed_pulses", share), float(sd), 10.0 * starts)
+    return s._replace(wheel_mps=wheel), Seen(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
 
 
 def _usual(ratio: Array) -> tuple[float, float]:
@@ -129,7 +130,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     used = predicted[at] - predicted[at + gap]              # kg that a standstill of the whole gap keeps back
     z = np.where((used > 0.0) & ~_near_refill(h, at, side + gap), rose / sd, 0.0)
     ups, downs = _peaks(z, side), _peaks(-z, side)
-    if len(ups) < LEAST_STEPS_SEEN + 2 * len(downs):
+    if len(ups) < MIN_STEPS_SEEN + 2 * len(downs):
         return None
     kept = np.zeros(len(left))
     for k in ups:
@@ -137,15 +138,16 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     flow = np.concatenate(([0.0], np.maximum(0.0, -np.diff(predicted))))
     flowed = float(flow.sum())
     rest = float(np.mean(left[-side:]) - np.mean(left[:side]) - kept[-1])
-    unseen = rest if 0.0 < rest < MOST_UNSEEN * kept[-1] else 0.0
+    unseen = rest if 0.0 < rest < MAX_UNSEEN * kept[-1] else 0.0
     kept += unseen * np.cumsum(flow) / max(flowed, 1e-9)    # spells too short to be seen one by one
     share, gain = 100.0 * float(kept[-1]) / max(flowed, 1e-9), float(np.sum(z[ups] ** 2) - np.sum(z[downs] ** 2))
-    if gain < LEAST_GAIN or share > 60.0:
+    if gain < MIN_GAIN or share > 60.0:
         return None
     middle = h.time_s[:-1] + 0.5 * step_s
     stayed = np.interp(middle, h.grid.even_s, kept)
     sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
-    return h._replace(reading_kg=h.reading_kg - stayed), Seen(Part("flow.bridging", share), float(sd_share), gain)
+    seen = Seen(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
+    return h._replace(reading_kg=h.reading_kg - stayed), seen
 
 
 def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArray[np.bool_]:
@@ -180,7 +182,7 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     score = np.clip(np.where(fell > sd, score, -1.0), -12.0, 12.0)
     on, gain = _spells(score)
     starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
-    if starts < 2 or 2.0 * gain < LEAST_GAIN:
+    if starts < 2 or 2.0 * gain < MIN_GAIN:
         return None
     working = fell > 0.0
     share = 100.0 * float(on[working].mean())
@@ -191,7 +193,7 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)
     sd_share = 100.0 * starts ** 0.5 * hop * h.grid.step_s / (working.sum() * hop * h.grid.step_s)
     return (h._replace(reading_kg=h.reading_kg - stayed),
-            Seen(Part("flow.bridging", share), float(sd_share), 2.0 * gain))
+            Seen(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
 
 
 def _spells(score: Array) -> tuple[npt.NDArray[np.bool_], float]:

@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 Z90 = 1.645                 # half an interval of 90 % in s.d.
-MOST_ROUNDS = 15
+MAX_ROUNDS = 15
 SLOWER = 5.0                # times, at least, that the slow part of a noise remembers longer than the fast one
 SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round
 
@@ -84,7 +84,7 @@ def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Arr
     return _solve(normal, right, p, chosen)
 
 
-def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MOST_ROUNDS) -> Fit:
+def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS) -> Fit:
     """Most probable amplitudes and noise together: each in turn until nothing is gained, at most `rounds` times.
 
     A drift and a constant can stand for each other, so that the way from one to the other is slow.

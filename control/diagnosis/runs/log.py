@@ -21,9 +21,9 @@ NEEDED = {
 }
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
-LEAST_ROWS = 40
+MIN_ROWS = 40
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
-HELD_AT_MOST_S = 3.0
+MAX_HELD_S = 3.0
 
 
 class Clean(NamedTuple):
@@ -65,7 +65,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
     for stage, needed in NEEDED.items():
         if stood and stage in ("speed", "heads"):
             continue
-        missing = [name for name in needed if np.isfinite(found[name]).sum() < LEAST_ROWS]
+        missing = [name for name in needed if np.isfinite(found[name]).sum() < MIN_ROWS]
         if missing:
             findings.append(f"stage {stage} is left out: column {missing[0]} is missing or nearly empty")
         else:
@@ -88,8 +88,8 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
     if not keep.all():
         findings.append(f"column time_s: {int((~keep).sum())} rows repeat a time; the first of each is kept")
     order = order[keep]
-    if len(order) < LEAST_ROWS:
-        raise ValueError(f"column time_s: {len(order)} usable rows: at least {LEAST_ROWS} are needed")
+    if len(order) < MIN_ROWS:
+        raise ValueError(f"column time_s: {len(order)} usable rows: at least {MIN_ROWS} are needed")
     steps = np.diff(time[order])
     step = float(np.median(steps))
     missing = int(np.round(steps / step - 1.0)[steps > 1.5 * step].sum())
@@ -116,7 +116,7 @@ def _units(found: dict[str, Array], findings: list[str]) -> None:
     typical = {}
     for name in ("speed_mps", "wheel_speed_mps"):
         moving = found[name][found[name] > 0.3]
-        typical[name] = float(np.median(moving)) if len(moving) > LEAST_ROWS else np.nan
+        typical[name] = float(np.median(moving)) if len(moving) > MIN_ROWS else np.nan
     for name, other in (("speed_mps", "wheel_speed_mps"), ("wheel_speed_mps", "speed_mps")):
         ratio = typical[name] / typical[other] if np.isfinite(typical[other]) else np.nan
         if 3.2 < ratio < 4.0 or (not np.isfinite(ratio) and typical[name] > FASTEST_MPS):
@@ -137,7 +137,7 @@ def _stood(found: dict[str, Array]) -> bool:
 def _without_held(name: str, values: Array, step_s: float, findings: list[str]) -> Array:
     """Readings held through a dropout say nothing new: only the first of an improbably long run of equals is kept.
 
-    A run longer than HELD_AT_MOST_S is no dropout: the cell would be empty by then.
+    A run longer than MAX_HELD_S is no dropout: the cell would be empty by then.
     """
     same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
     known = np.isfinite(values)
@@ -148,7 +148,7 @@ def _without_held(name: str, values: Array, step_s: float, findings: list[str]) 
     starts = np.flatnonzero(~same)
     lengths = np.diff(np.append(starts, len(values)))
     held = np.zeros(len(values), bool)
-    odd = (lengths > longest) & (lengths * step_s < HELD_AT_MOST_S)
+    odd = (lengths > longest) & (lengths * step_s < MAX_HELD_S)
     for start, length in zip(starts[odd], lengths[odd], strict=True):
         held[start + 1:start + length] = True
     if held.any():

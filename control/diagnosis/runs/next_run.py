@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.effects import ROWS
 from control.diagnosis.result import Cause, NextRun
 from control.machine.machine import CATALOGUE, Machine
 
@@ -14,7 +15,7 @@ from .channels import channels
 from .hypothesis import Part
 from .likelihood import projected
 from .log import gate
-from .nuisances import GROUPS, PROBES
+from .nuisances import GROUPS
 from .search import Group
 from .stages import run_data
 
@@ -88,7 +89,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
         return None
     cause = max(doubtful, key=lambda c: c.rivals[0].probability)
     rival = cause.rivals[0].id
-    value = cause.size.value or PROBES.get(cause.id, 1.0)
+    value = cause.size.value or ROWS[cause.id].probe or 1.0
     best: tuple[float, Manoeuvre] | None = None
     for manoeuvre in manoeuvres(machine):
         z = separation(manoeuvre, machine, Part(cause.id, value, None, cause.member), rival)
@@ -106,7 +107,7 @@ def separation(manoeuvre: Manoeuvre, machine: Machine, part: Part, rival_id: str
     log = gate(manoeuvre.columns)
     data = run_data(log, machine)
     seen = channels(data, machine)
-    names = next(names for names in GROUPS.values() if _home(part.id) in names)
+    names = next(names for names in GROUPS.values() if ROWS[part.id].channels[0] in names)
     members = [seen[n] for n in names if n in seen]
     if not members:
         return 0.0
@@ -119,8 +120,3 @@ def separation(manoeuvre: Manoeuvre, machine: Machine, part: Part, rival_id: str
     p, before = group.compressed((), [group.candidate_column((), other), group.candidate_column((), own)])
     normal, _ = projected(p, np.arange(before + 1), group.noise)
     return float(abs(part.size) * np.sqrt(max(0.0, normal[-1, -1])))
-
-
-def _home(effect_id: str) -> str:
-    stage = effect_id.split(".")[0]
-    return {"flow": "scale", "canopy": "heads"}.get(stage, stage)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE, Machine
 
 from .hypothesis import Part
@@ -23,34 +24,6 @@ class Nuisance(NamedTuple):
     sd: float
 
 
-# Sizes tried for effects whose influence is not a straight line in their size.
-LADDERS: dict[str, tuple[float, ...]] = {
-    "shaft.slow": (0.03, 0.1, 0.3, 0.8),
-    "shaft.dead_time": (0.03, 0.1, 0.25, 0.6),
-    "shaft.dead_band": (11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0),
-    "gate.backlash": (0.02, 0.06, 0.15, 0.4, 1.0, 2.5),
-    "gate.slow": (1.5, 5.0, 10.0, 15.0),
-    "speed.gnss_latency": (0.1, 0.3, 0.8),
-}
-THRESHOLDS = frozenset({"shaft.dead_band"})          # no slope at all: refined on a grid
-
-# Straight-line effects: the size at which the slope is taken.
-PROBES: dict[str, float] = {
-    "shaft.gain": 0.5, "shaft.voltage_sag": 0.5, "shaft.load_droop": 1.0, "gate.offset": 0.1, "gate.home_error": 0.1,
-    "gate.lost_steps": 0.02, "flow.gain": 1.0, "flow.zero_offset": 1.0, "flow.fill_falloff": 1.0,
-    "flow.hopper_head": 1.0, "flow.moisture_drift": 1.0, "flow.batch": 1.0, "flow.leak": 1.0, "flow.slope": 0.2,
-    "flow.blocked_outlet": 2.0, "scale.gain": 0.2, "scale.drift": 0.5, "scale.tilt": 0.05, "speed.wheel_slip": 0.5,
-    "speed.wheel_radius": 0.5, "speed.missed_pulses": 0.5, "canopy.head_fouled": 1.0,
-}
-
-# The recorded variable in which an effect's form is a matter of taste.
-FORM_OVER: dict[str, str] = {
-    "shaft.voltage_sag": "supply_v", "shaft.load_droop": "opening_mm", "shaft.gain": "shaft_rpm",
-    "gate.home_error": "opening_mm", "gate.offset": "opening_mm", "flow.fill_falloff": "shaft_rpm",
-    "flow.hopper_head": "hopper_kg", "flow.moisture_drift": "time_s", "flow.slope": "pitch_deg",
-    "flow.zero_offset": "opening_mm", "scale.drift": "time_s", "scale.tilt": "pitch_deg",
-    "speed.wheel_slip": "pitch_deg",
-}
 FORM_CHANNEL: dict[str, str] = {"shaft": "shaft", "gate": "gate", "flow": "scale", "scale": "scale", "speed": "speed"}
 
 GROUPS: dict[str, tuple[str, ...]] = {       # channels that share an effect are judged together
@@ -86,15 +59,10 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
     return ()
 
 
-# Effects that move a nominal value itself: what its tolerance leaves open, their sizes leave open too. Where a row is
-# longer than the tolerance the two have kinks at different places, and no slope says so.
-SAME_VALUE = {"shaft.dead_time": "shaft dead time", "shaft.slow": "shaft time constant", "gate.slow": "gate slew"}
-
-
 def tolerance_of(effect_id: str, machine: Machine) -> float:
     """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0 where it moves none."""
-    stage = effect_id.split(".")[0]
-    return sum(n.sd for n in nuisances(stage, machine) if n.key == SAME_VALUE.get(effect_id))
+    row = ROWS[effect_id]
+    return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
 
 
 class Candidate(NamedTuple):
@@ -116,24 +84,19 @@ def candidates(channel_names: tuple[str, ...], heads: int, refilled: bool) -> li
     for effect_id, entry in CATALOGUE.items():
         if not any(kind.startswith("run") and kind != "run with revisited ground" for kind in entry.effect.seen_in):
             continue
-        if entry.effect.onset_only or effect_id in ("flow.bridging", "shaft.coarse_encoder", "flow.blocked_outlet"):
+        row = ROWS[effect_id]
+        if row.found_by not in (FoundBy.SCAN, FoundBy.DIPS) or not row.channels or row.channels[0] not in channel_names:
             continue
-        if _channel_of(effect_id) not in channel_names:
-            continue
-        if effect_id == "flow.batch" and not refilled:
+        if row.needs_refill and not refilled:
             continue
         low, high = entry.low - entry.neutral, entry.high - entry.neutral
-        if effect_id in LADDERS:
-            for size in LADDERS[effect_id]:
+        probe = entry.effect.probes[0] if row.probe is None else row.probe
+        if row.ladder:
+            for size in row.ladder:
                 near = (size * 0.5, size * 1.9) if size > 0 else (size * 1.9, size * 0.3)
                 found.append(Candidate(Part(effect_id, size), max(low, near[0]), min(high, near[1])))
         elif entry.effect.member_field:
-            found += [Candidate(Part(effect_id, PROBES[effect_id], None, k + 1), low, high) for k in range(heads)]
+            found += [Candidate(Part(effect_id, probe, None, k + 1), low, high) for k in range(heads)]
         else:
-            found.append(Candidate(Part(effect_id, PROBES.get(effect_id, entry.effect.probes[0])), low, high))
+            found.append(Candidate(Part(effect_id, probe), low, high))
     return found
-
-
-def _channel_of(effect_id: str) -> str:
-    stage = effect_id.split(".")[0]
-    return {"flow": "scale", "canopy": "heads"}.get(stage, stage)

@@ -5,6 +5,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from control.diagnosis import effects
+from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 
 from .hypothesis import Part, Parts
@@ -24,7 +26,6 @@ STUCK_MM = 0.02             # worth as much as STUCK_WITHIN_S
 SAME_PLACE_SD = 1.0         # of one reading
 STOP_SD_S = 0.5             # how sharply a stop is seen
 ONSET_SHARE = 0.08          # of what the effect explains: forms are never quite right
-NEVER_WITH_ONSET = frozenset({"flow.batch", "flow.moisture_drift", "scale.drift", "gate.lost_steps"})
 
 
 def working_times(data: RunData, count: int = TIMES) -> Array:
@@ -37,8 +38,9 @@ def working_times(data: RunData, count: int = TIMES) -> Array:
 
 def blocked(data: RunData) -> list[Candidate]:
     """An outlet that closes at some time."""
-    entry = CATALOGUE["flow.blocked_outlet"]
-    return [Candidate(Part("flow.blocked_outlet", 2.0, float(at)), 0.0, entry.high) for at in working_times(data)]
+    row = effects.FLOW_BLOCKED_OUTLET
+    assert row.probe is not None
+    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, CATALOGUE[row.id].high) for at in working_times(data)]
 
 
 def stops(group: Group, data: RunData) -> list[Candidate]:
@@ -50,11 +52,11 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
             asked = predicted["shaft"] > 5.0
             obeyed = asked & (median_filter(channel.measured, CALM) > 0.3 * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
-            effect = "shaft.stall"
+            effect = effects.SHAFT_STALL.id
         elif channel.name == "gate":
             least = int(np.ceil(STILL_S / channel.grid.step_s))
             at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
-            effect = "gate.stuck"
+            effect = effects.GATE_STUCK.id
             if at is not None:
                 at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s)
         else:
@@ -66,7 +68,7 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
 
 def still_disobeys(group: Group, parts: Parts, stop: Part) -> bool:
     """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
-    channel = group.channel(stop.id.split(".")[0])
+    channel = group.channel(ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
     off = uniform_filter1d(channel.measured - group.predicted(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
@@ -105,7 +107,7 @@ def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
 
 def stop_interval(group: Group, part: Part) -> tuple[float, float]:
     """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
-    channel = group.channel(part.id.split(".")[0])
+    channel = group.channel(ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
     asked, even_s = group.predicted(())[channel.name], channel.grid.even_s
     at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))
@@ -130,7 +132,7 @@ def with_onset(group: Group, found: Refit, data: RunData, threshold: float) -> R
     """The hypothesis with an onset for the part that gains most by one, where it gains more than `threshold`."""
     best = found
     for k, part in enumerate(found.parts):
-        if part.onset_s is not None or part.id in NEVER_WITH_ONSET or CATALOGUE[part.id].effect.onset_only:
+        if part.onset_s is not None or not ROWS[part.id].may_begin or CATALOGUE[part.id].effect.onset_only:
             continue
         others: Parts = (*found.parts[:k], *found.parts[k + 1:])
         if sum(p.onset_s is not None for p in others) >= 2:
@@ -149,9 +151,8 @@ def with_onset(group: Group, found: Refit, data: RunData, threshold: float) -> R
 
 
 def _as_blocked(part: Part) -> Part:
-    if part.id == "flow.gain" and part.size < 0.0:
-        return Part("flow.blocked_outlet", -part.size, part.onset_s)
-    return part
+    begun = ROWS[part.id].loss_begins_as
+    return Part(begun, -part.size, part.onset_s) if begun and part.size < 0.0 else part
 
 
 def refined(group: Group, found: Refit, data: RunData) -> Refit:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
+from control.diagnosis import effects
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -22,12 +23,12 @@ from .stages import drives
 
 Array = npt.NDArray[np.float64]
 
-LEAST_STEP_RPM = 0.45       # finer steps are how an ordinary log is written
+MIN_STEP_RPM = 0.45       # finer steps are how an ordinary log is written
 ON_STEPS = 0.995            # of the readings
 WRITTEN_RPM = 0.001         # digits of a log
-LEAST_READINGS = 200
+MIN_READINGS = 200
 NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
-LEAST_CHANCE = 1e-3         # of a reading: some were taken while the shaft changed its speed
+MIN_CHANCE = 1e-3         # of a reading: some were taken while the shaft changed its speed
 
 
 class Steps(NamedTuple):
@@ -40,14 +41,14 @@ class Steps(NamedTuple):
 
 def whole_steps(readings_rpm: Array) -> Steps | None:
     """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps."""
-    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > LEAST_STEP_RPM)]
+    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > MIN_STEP_RPM)]
     kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
-    if len(turning) < LEAST_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
+    if len(turning) < MIN_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
         return None
     gaps = np.diff(kinds)
     for parts in (1.0, 2.0, 3.0):
         step = float(gaps.min()) / parts
-        if step < LEAST_STEP_RPM:
+        if step < MIN_STEP_RPM:
             return None
         for _ in range(5):
             number = np.round(turning / step)
@@ -75,7 +76,7 @@ def noise_before_rounding(readings_rpm: Array, true_rpm: Array, step_rpm: float,
 
     def log_likelihood(noise: float) -> float:
         share = ndtr(up / noise) - ndtr((up - step_rpm) / noise)
-        return float(np.sum(np.log(np.maximum(share, LEAST_CHANCE))))
+        return float(np.sum(np.log(np.maximum(share, MIN_CHANCE))))
 
     return float(max(tried, key=log_likelihood)) if steady.any() else usual_rpm
 
@@ -93,4 +94,4 @@ def without_steps(log: Clean, machine: Machine) -> tuple[Clean, Seen | None]:
     noise = noise_before_rounding(readings, asked, steps.step_rpm, machine.noise.shaft_rpm)
     columns = {**log.columns, "shaft_rpm": readings - rounding_error(asked, steps.step_rpm, noise)}
     return (log._replace(columns=columns),
-            Seen(Part("shaft.coarse_encoder", steps.step_rpm), steps.sd_rpm, float(steps.readings)))
+            Seen(Part(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm), steps.sd_rpm, float(steps.readings)))

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis import effects
+from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE, Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -17,10 +19,6 @@ from .likelihood import Z90, Column, Fit, Problem, best_fitted, calm, fitted, pr
 from .noise import Noise, coefficients, series_of
 from .nuisances import (
     FORM_CHANNEL,
-    FORM_OVER,
-    LADDERS,
-    PROBES,
-    THRESHOLDS,
     Candidate,
     Nuisance,
     candidates,
@@ -35,7 +33,6 @@ Array = npt.NDArray[np.float64]
 
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
 RIVAL_FORM_SHARE = 0.1      # the same where names are held against each other
-SIBLINGS = {"shaft.slow": ("shaft.dead_time",), "shaft.dead_time": ("shaft.slow",)}
 ROUNDS = 4
 SETTLE_ROUNDS = 4
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
@@ -47,10 +44,8 @@ FITTED_FROM = 4.0           # of twice the log-likelihood under a given noise, f
 DEAD_TIME_HALVINGS = 5      # of its tolerance, when a dead time is looked for
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
-UNSEEN_IN_STEPS = frozenset({"shaft.dead_time", "shaft.slow"})      # a reading in steps has its own way of being late
 THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
 THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size
-LEAST_MOVES_MM = {"gate.backlash": 2.0, "gate.slow": 2.0}   # 1st to 99th percentile of the command
 
 
 class Found(NamedTuple):
@@ -117,16 +112,14 @@ class Group:
         left = {c.name: c.measured - self._excess[c.name] - now[c.name] for c in self.channels}
         for part in parts:
             if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
-                channel = self.channel(part.id.split(".")[0])
+                channel = self.channel(ROWS[part.id].stage)
                 after_s = channel.grid.even_s - part.onset_s
                 left[channel.name] = np.where((after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name])
         return left
 
     def _touched(self, effect_id: str) -> tuple[str, ...]:
-        stage = effect_id.split(".")[0]
-        if effect_id == "gate.offset":
-            return tuple(n for n in ("gate", "scale") if n in self.names)
-        return ({"flow": "scale", "canopy": "heads"}.get(stage, stage),)
+        on = ROWS[effect_id].channels
+        return tuple(n for n in on if n in self.names) if len(on) > 1 else on
 
     def difference(self, parts: Parts, more: Part) -> dict[str, Array]:
         """What one more part does to the channels that it touches."""
@@ -140,8 +133,9 @@ class Group:
         return Column(key, {name: coefficients(one, cuts[name]) for name, one in parts_series.items()}, sd)
 
     def _unit(self, part: Part) -> Array:
-        probe = part._replace(size=PROBES[part.id])
-        return self.difference((), probe)[self._touched(part.id)[0]] / probe.size
+        size = ROWS[part.id].probe
+        assert size is not None
+        return self.difference((), part._replace(size=size))[self._touched(part.id)[0]] / size
 
     def settle(self, parts: Parts) -> Parts:
         """Nominal values moved, within their tolerances, to where they fit best: their slopes are then taken there.
@@ -262,12 +256,12 @@ class Group:
                     sd = REFILL_SD_KG if self.data.hopper.told[k] else 20.0
                     found.append(self.column(f"refill {k}", {"scale": after}, sd))
             if channel.name == "speed":
-                late = self.difference((), Part("speed.gnss_latency", 2.0 * FINE_S))
+                late = self.difference((), Part(effects.SPEED_GNSS_LATENCY.id, 2.0 * FINE_S))
                 stamp = {name: series / (2.0 * FINE_S) for name, series in late.items()}
                 found.append(self.column("gnss stamp", stamp, stamp_sd_s(self.machine, channel.grid.step_s)))
             if channel.name == "heads":
                 for k in range(self._heads):
-                    one = self.difference((), Part("canopy.head_fouled", 1.0, None, k + 1))
+                    one = self.difference((), Part(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
                     found.append(self.column(f"head {k + 1}", one, self.machine.tolerance.head_percent))
         return found
 
@@ -323,13 +317,13 @@ class Group:
         """Slope of the prediction in each part's size, at the hypothesis."""
         found = []
         for k, part in enumerate(parts):
-            if part.id in THRESHOLDS or part.id == "shaft.coarse_encoder" or CATALOGUE[part.id].effect.onset_only:
+            row = ROWS[part.id]
+            if not row.has_slope:
                 continue
-            step = PROBES.get(part.id) or max(0.002, 0.02 * abs(part.size))
-            if part.id in LADDERS:
-                step = max(0.02 * abs(part.size), 0.02 * abs(LADDERS[part.id][-1]))
-            if part.id == "speed.gnss_latency":
-                step = 2.0 * FINE_S
+            step = row.probe or max(0.002, 0.02 * abs(part.size))
+            if row.ladder:
+                step = max(0.02 * abs(part.size), 0.02 * abs(row.ladder[-1]))
+            step = row.slope_step or step
             touched = self._touched(part.id)
             high = bounds(part.id)[1]
             step = step if part.size + step <= high else -step
@@ -347,11 +341,11 @@ class Group:
         for column in slope:
             part = parts[int(column.key.split()[1])]
             wobbles: list[Column] = []
-            if part.id in FORM_OVER:
-                stage = part.id.split(".")[0]
-                wobbles = self.forms(stage, FORM_OVER[part.id])
-            for sibling in SIBLINGS.get(part.id, ()):
-                step = LADDERS[sibling][1]
+            row = ROWS[part.id]
+            if row.form_over:
+                wobbles = self.forms(row.stage, row.form_over)
+            for sibling in row.siblings:
+                step = ROWS[sibling].ladder[1]
                 one = self.difference(parts, Part(sibling, step))
                 wobbles = [*wobbles, self.column(f"sibling {sibling}", {k: v / step for k, v in one.items()})]
             if not wobbles:
@@ -417,7 +411,7 @@ class Group:
         stiff, before = normal[at, at], len(null.amplitude)
         if stiff <= 0.0:
             return Found(c.part, -np.inf)
-        whole = c.part.id in THRESHOLDS             # half a threshold's column is not what half a threshold does
+        whole = ROWS[c.part.id].threshold             # half a threshold's column is not what half a threshold does
         size = c.part.size if whole else float(np.clip(right[at] / stiff, c.low, c.high))
         gain = 2.0 * right[at] * size - stiff * size * size
         if gain > FITTED_FROM and not whole:
@@ -455,7 +449,7 @@ class Group:
             now = tuple(moved)
         assert best is not None
         best = best._replace(parts=tuple(moved) if biggest < 0.05 else best.parts)
-        return self._threshold(best) if any(part.id in THRESHOLDS for part in best.parts) else best
+        return self._threshold(best) if any(ROWS[part.id].threshold for part in best.parts) else best
 
     def under(self, parts: Parts, noise: dict[str, Noise]) -> float:
         """Log-likelihood of a refitted hypothesis under a given noise, its forms held closer to the catalogue's."""
@@ -483,7 +477,7 @@ class Group:
 
         A threshold acts on the commands that were given: between two of them every value is as good.
         """
-        k = next(k for k, part in enumerate(found.parts) if part.id in THRESHOLDS)
+        k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
         part = found.parts[k]
         edges = self._commands_between(*bounds(part.id))
         tried: dict[int, Refit] = {}
@@ -555,15 +549,15 @@ def _excited(candidate: Candidate, data: RunData) -> bool:
 
     Missing pulses show as dips where the log is fine enough (`spells`); only a coarse log shows nothing but their mean.
     """
-    if candidate.part.id == "speed.missed_pulses" and data.speed is not None:
+    row = ROWS[candidate.part.id]
+    if row.found_by is FoundBy.DIPS and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
-    if candidate.part.id in UNSEEN_IN_STEPS and data.shaft is not None and data.shaft.step > 0.0:
+    if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
         return False
-    least = LEAST_MOVES_MM.get(candidate.part.id)
     opening = data.variables.get("opening_mm")
-    if least is None or opening is None:
+    if not row.min_move_mm or opening is None:
         return True
-    return bool(np.ptp(np.percentile(opening, (1.0, 99.0))) >= least)
+    return bool(np.ptp(np.percentile(opening, (1.0, 99.0))) >= row.min_move_mm)
 
 
 def _sized(parts: Parts, k: int, size: float) -> Parts:

@@ -6,34 +6,34 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE
 
 from .encoder import encoder_steps
 from .evidence import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
 from .hypothesis import Part, Parts
 from .likelihood import Column, best_fitted
-from .nuisances import THRESHOLDS, tolerance_of
+from .nuisances import tolerance_of
 from .onset import blocked, refined, still_disobeys, stops, with_onset
 from .search import Found, Group, Refit
 from .unexplained import SLOW_ENERGY, Table, gain_elsewhere, unexplained
 
 Array = npt.NDArray[np.float64]
 
-MOST_CAUSES = 4
+MAX_CAUSES = 4
 THRESHOLD = 17.0            # of twice the log-likelihood; see docs/diagnosis.md for its calibration
 ONSET_THRESHOLD = 16.0
 RIVAL_GAP = 6.0             # rivals within this much of twice the log-likelihood: 95 % for one degree of freedom,
 RIVAL_SHARE = 0.03          # ... and within this share of what the cause explains: forms are never quite right
 TANGLED = 0.97              # two effects whose sizes hang together like this are not two findings
 FALSE_ALARMS = 0.002        # of one group of channels in one log
-LEAST_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
-LEAST_SHARE_WITHOUT_BLOCK = 0.2     # of the gain
+MIN_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
+MIN_SHARE_WITHOUT_BLOCK = 0.2     # of the gain
 DRIFT_FACTOR = 1.6          # of the threshold, for what is as slow as the drift that the log has
 BEGUN_IN_DRIFT = 2.4        # of the threshold, for what begins at a time of its own in a log that drifts without it
-ALONG = {"flow.slope": "pitch_deg", "scale.tilt": "pitch_deg", "shaft.voltage_sag": "supply_v"}
 MOVED_MARGIN = 1.5          # times what four smooth shapes of the same variable gain with it moved along the log ...
 SURE = 4.0                  # ... asked of what gains less than so many thresholds
-MOST_RIVALS = 12            # of a scan that are refitted
+MAX_RIVALS = 12            # of a scan that are refitted
 REFITTED = 4                # best of a scan that are refitted in full
 
 
@@ -65,7 +65,7 @@ def name(group: Group, threshold: float = THRESHOLD) -> Named:
     null = group.refit(())
     first = group.scan((), null.noise)
     current = null
-    for _ in range(MOST_CAUSES):
+    for _ in range(MAX_CAUSES):
         better = _extended(group, current, threshold)
         if better is None:
             break
@@ -112,24 +112,25 @@ def _holds(group: Group, found: Refit, k: int, without: Refit, threshold: float)
 
     A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must show once only.
     """
-    part, gain = found.parts[k], 2.0 * (found.log_likelihood - without.log_likelihood)
-    if CATALOGUE[part.id].effect.onset_only or part.id == "shaft.coarse_encoder":
+    part, row = found.parts[k], ROWS[found.parts[k].id]
+    gain = 2.0 * (found.log_likelihood - without.log_likelihood)
+    if CATALOGUE[part.id].effect.onset_only or row.found_by is FoundBy.STEPS:
         return True
     others = (*found.parts[:k], *found.parts[k + 1:])
     if abs(part.size) < threshold ** 0.5 * tolerance_of(part.id, group.machine):
         return False
     trace = group.trace(found.parts, k)
     seen = scores(group, others, found.noise, [trace])
-    share = 0.0 if part.id in THRESHOLDS else LEAST_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
-    least = max(LEAST_WITHOUT_BLOCK * threshold, share * gain)
+    share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
+    least = max(MIN_WITHOUT_BLOCK * threshold, share * gain)
     if without_best_block(seen, 0) < least or gain < threshold * spread_over(seen, 0) ** 0.5:
         return False
     if gain < DRIFT_FACTOR * threshold and _slow(group, trace, found):
         return False
     if part.onset_s is not None and gain < BEGUN_IN_DRIFT * threshold and _slow(group, trace, without):
         return False
-    if part.id in ALONG and gain < SURE * threshold and \
-            gain < MOVED_MARGIN * gain_elsewhere(group, without, part.id.split(".")[0], ALONG[part.id]):
+    if row.along and gain < SURE * threshold and \
+            gain < MOVED_MARGIN * gain_elsewhere(group, without, row.stage, row.along):
         return False
     tried = [c for c in group.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     every = scores(group, found.parts, found.noise, [group.candidate_column(others, c) for c in tried])
@@ -219,7 +220,7 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
         reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
         found = []
-        scanned = _one_of_each(group.scan(others, alone.noise))[:MOST_RIVALS]
+        scanned = _one_of_each(group.scan(others, alone.noise))[:MAX_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
         for f in scanned:
             if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis import effects
 from control.machine.elements import FLAT, Table
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
@@ -18,18 +19,17 @@ Array = npt.NDArray[np.float64]
 
 NODES = 8
 SHAPES = 4                  # half-waves over the range of the variable: slope, bend, and two finer ones
-LEAST_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
+MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
 
 # stage -> (its table's field, the effect whose column a table multiplies)
 TABLES: dict[str, tuple[str, Part]] = {
-    "shaft": ("table_percent", Part("shaft.gain", 1.0)),
-    "gate": ("table_mm", Part("gate.home_error", 1.0)),
-    "flow": ("table_percent", Part("flow.gain", 1.0)),
-    "scale": ("table_kg", Part("scale.drift", 1.0)),
-    "speed": ("table_percent", Part("speed.wheel_radius", 1.0)),
+    "shaft": ("table_percent", Part(effects.SHAFT_GAIN.id, 1.0)),
+    "gate": ("table_mm", Part(effects.GATE_HOME_ERROR.id, 1.0)),
+    "flow": ("table_percent", Part(effects.FLOW_GAIN.id, 1.0)),
+    "scale": ("table_kg", Part(effects.SCALE_DRIFT.id, 1.0)),
+    "speed": ("table_percent", Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
 }
-CHANNEL_OF = {"shaft": "shaft", "gate": "gate", "flow": "scale", "scale": "scale", "speed": "speed"}
 
 
 class Span(NamedTuple):
@@ -45,7 +45,7 @@ def span(data: RunData, variable: str) -> Span | None:
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    if not high - low >= LEAST_RANGE[variable]:
+    if not high - low >= MIN_RANGE[variable]:
         return None
     return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
 

@@ -13,12 +13,12 @@ from .log import HEADS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
-MOST_ROWS = 100_000         # longer logs are looked at in windows, row by row ...
+MAX_ROWS = 100_000         # longer logs are looked at in windows, row by row ...
 WINDOW_ROWS = 20_000        # ... of so many rows in all
 WINDOWS = 5
 EVERY_ROW = 20              # of the recorded variables between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
-MOST_BINS = 60_000          # of the scale: a longer log has longer bins
+MAX_BINS = 60_000          # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
@@ -28,7 +28,7 @@ REFILL_KG = 3.0
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
-MOST_BRIDGED_STEPS = 5.0    # a longer gap of a grid is left out
+MAX_BRIDGED_STEPS = 5.0    # a longer gap of a grid is left out
 
 
 class Grid(NamedTuple):
@@ -180,7 +180,7 @@ def _smooth(series: Array, step_s: float) -> Array:
 def joined(time: Array, step_s: float) -> Array:
     """The clock of readings at `time`, long gaps left out: (m,)."""
     spans = np.diff(time)
-    spans = np.where(spans > MOST_BRIDGED_STEPS * step_s, step_s, spans)
+    spans = np.where(spans > MAX_BRIDGED_STEPS * step_s, step_s, spans)
     return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
 
 
@@ -237,7 +237,7 @@ def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, 
 
 def looked_at(count: int) -> npt.NDArray[np.int64]:
     """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of WINDOW_ROWS in all."""
-    if count <= MOST_ROWS:
+    if count <= MAX_ROWS:
         return np.arange(count)
     each = WINDOW_ROWS // WINDOWS
     starts = np.linspace(0, count - each, WINDOWS).astype(np.int64)
@@ -252,7 +252,7 @@ def known_rows(count: int) -> npt.NDArray[np.int64]:
 
 def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float,
             written: list[tuple[float, float]]) -> Hopper:
-    width = max(HOPPER_STEP_S, step_s, float(np.ceil((time[-1] - time[0]) / MOST_BINS)))
+    width = max(HOPPER_STEP_S, step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
     spans = np.diff(time)

@@ -14,11 +14,11 @@ from .likelihood import Column, Fit, Problem, best_fitted, power_left
 from .noise import Noise
 from .nuisances import FORM_CHANNEL
 from .search import Group, Refit
-from .smooth import LEAST_RANGE, SHAPES, TABLES, Span, shape, span
+from .smooth import MIN_RANGE, SHAPES, TABLES, Span, shape, span
 
 OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, over all stages and variables
-LEAST_SHARE = 0.005         # of what is left; a structure below this and below LEAST_FIELD_PERCENT is nobody's worry
-LEAST_FIELD_PERCENT = 0.1   # of the dose
+MIN_SHARE = 0.005         # of what is left; a structure below this and below MIN_FIELD_PERCENT is nobody's worry
+MIN_FIELD_PERCENT = 0.1   # of the dose
 TIME_FACTOR = 2.0           # slow noise is smooth in time by its nature ...
 TIME_TIE = 0.7              # of the gain over the hopper's level, from which on the time is named in its place
 TIME_LIKE = frozenset({"time_s", "hopper_kg"})      # ... and in what only falls with time
@@ -26,7 +26,7 @@ SLOW_ENERGY = 0.5           # of a structure, in bands where the slow noise is s
 DRIFT_LEFT = 0.2            # of the slow noise's variance, once the structure is taken out
 SHIFTS = 7                  # of a slow variable along the log: what it gains then is what drift gives
 SHIFT_MARGIN = 1.5          # times the most that it gains then
-LEAST_WITHOUT_BLOCK = 0.4   # of the evidence, once the best block is left out
+MIN_WITHOUT_BLOCK = 0.4   # of the evidence, once the best block is left out
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
 
 # Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
@@ -64,7 +64,7 @@ def best_table(group: Group, now: Refit) -> Table | None:
     in_steps = group.data.shaft is not None and group.data.shaft.step > 0.0     # rounding is a dependence of its own
     tried = [_table(group, now, stage, variable) for stage in TABLES
              if FORM_CHANNEL[stage] in group.names and not (stage == "shaft" and in_steps)
-             for variable in LEAST_RANGE if variable not in DOWNSTREAM[stage]]
+             for variable in MIN_RANGE if variable not in DOWNSTREAM[stage]]
     found = [table for table in tried if table is not None and not table.slow_noise]
     best = max(found, key=lambda table: table.gain, default=None)
     if best is not None and best.variable == "hopper_kg":
@@ -83,7 +83,7 @@ def unexplained(group: Group, now: Refit, explained: float) -> Table | None:
 
 def significant(table: Table, explained: float) -> bool:
     """Whether a dependence is worth a verdict. `explained`: gain of the named causes, twice the log-likelihood."""
-    if table.explained_share < LEAST_SHARE and table.field_percent < LEAST_FIELD_PERCENT:
+    if table.explained_share < MIN_SHARE and table.field_percent < MIN_FIELD_PERCENT:
         return False
     factor = TIME_FACTOR if table.variable in TIME_LIKE else 1.0
     return table.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
@@ -97,7 +97,7 @@ def holds(group: Group, now: Refit, table: Table, explained: float) -> bool:
     seen = scores(group, now.parts, now.noise, [table.trace])
     whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
     least = max(OPEN_THRESHOLD, OPEN_SHARE * explained)
-    if without_best_block(seen, 0) < LEAST_WITHOUT_BLOCK * whole or table.gain < least * spread_over(seen, 0):
+    if without_best_block(seen, 0) < MIN_WITHOUT_BLOCK * whole or table.gain < least * spread_over(seen, 0):
         return False
     if not table.slow or table.variable in TIME_LIKE:
         return True

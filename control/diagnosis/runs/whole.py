@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from control.diagnosis.effects import ROWS
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -31,7 +32,7 @@ def on_the_whole(log: Clean, named: Sequence[Named], machine: Machine) -> list[s
     every = drives(log, machine, whole=True)
     for one in named:
         for name in ("shaft", "gate"):
-            parts = tuple(p for p in one.found.parts if p.id.startswith(name))
+            parts = tuple(p for p in one.found.parts if ROWS[p.id].stage == name)
             if not parts or name not in every or name not in one.group.names:
                 continue
             channel = CHANNEL[name](every[name], machine)
