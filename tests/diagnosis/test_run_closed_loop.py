@@ -64,8 +64,8 @@ def test_a_speed_sensors_own_noise_is_no_finding(setup: Setup, strategy: Strateg
     (0.004, 0.05, False), (0.006, 0.05, True), (0.004, 0.2, True)])
 def test_specks_are_worth_no_verdict(share: float, field_percent: float, worth: bool) -> None:
     nodes = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
-    table = unexplained.Table("gate", "roll_deg", 100.0, nodes, nodes, share, field_percent)
-    assert unexplained.significant(table, 0.0) is worth
+    found = unexplained.Dependence("gate", "roll_deg", 100.0, nodes, nodes, share, field_percent)
+    assert unexplained.significant(found, 0.0) is worth
 
 
 def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup) -> None:

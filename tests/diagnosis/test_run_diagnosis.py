@@ -15,6 +15,7 @@ from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from control.diagnosis.runs.hypothesis import Part
 from control.diagnosis.runs.next_run import manoeuvres, separation
+from control.diagnosis.runs.settle import settle
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
@@ -265,10 +266,10 @@ def test_a_gate_stuck_while_its_moves_are_small_is_named():
 
 
 def test_a_gate_whose_last_move_came_late_is_not_stuck():
-    group = a_gate_alone(Machine(), 0.02)
-    channel = group.channels[0]
+    found = a_gate_alone(Machine(), 0.02)
+    channel = found.model.channels[0]
     still = channel.measured.copy()
-    asked = group.predicted(())["gate"].copy()
+    asked = found.model.predicted(())["gate"].copy()
     asked[-400:], still[-400:] = 20.0, 20.0 + 0.05 * np.random.default_rng(2).standard_normal(400)
     still[-500:-400] = asked[-500:-400] = 27.0
     asked[-400] = 21.0
@@ -287,29 +288,29 @@ def a_gate_alone(machine, dead_time_off_s=0.0):
                     input_rows(GateInput, len(time), command_mm=command), time, MOST_STEP_S)[:, 1]
     columns = {"time_s": time, "opening_mm_cmd": command, "opening_mm": read + 0.05 * rng.standard_normal(len(time))}
     data = stages.run_data(log.gate(columns), machine)
-    return search.Group([channels(data, machine)["gate"]], machine, data)
+    return search.Search([channels(data, machine)["gate"]], machine, data)
 
 
 def test_drift_that_stays_beside_a_smooth_structure_makes_it_drift():
-    group = a_gate_alone(Machine())
-    channel = group.channels[0]
+    found = a_gate_alone(Machine())
+    channel = found.model.channels[0]
     before = noise.Noise((np.log(0.05), np.log(0.02), np.log(0.05), np.log(60.0)))
     without_drift = before._replace(theta=(*before.theta[:2], np.log(0.001), before.theta[3]))
     along = channel.grid.even_s / channel.grid.even_s[-1]
     slow = noise.coefficients(np.cos(np.pi * along), channel.cut)
     quick = noise.coefficients(np.cos(300.0 * np.pi * along), channel.cut)
-    assert unexplained._slow_noise(group, "gate", slow, before, before) == (True, True)
-    assert unexplained._slow_noise(group, "gate", slow, before, without_drift) == (True, False)
-    assert unexplained._slow_noise(group, "gate", quick, before, before) == (False, False)
+    assert unexplained.as_drift(channel, slow, before, before) == (True, True)
+    assert unexplained.as_drift(channel, slow, before, without_drift) == (True, False)
+    assert unexplained.as_drift(channel, quick, before, before) == (False, False)
     assert evidence.slow_share(slow, channel, without_drift) == 0.0
 
 
 @pytest.mark.parametrize("off_s", [-0.012, -0.006])
 def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s):
     """Such a move has begun or is over when it is read: the likelihood has a kink, and its slope leads nowhere."""
-    group = a_gate_alone(Machine(), off_s)
-    group.settle(())
-    assert group._off["gate dead time"] == pytest.approx(off_s, abs=0.004)
+    found = a_gate_alone(Machine(), off_s)
+    settle(found.columns, ())
+    assert found.model.offsets["gate.dead_time_s"] == pytest.approx(off_s, abs=0.004)
 
 
 def test_one_stretch_alone_is_no_evidence():
@@ -390,18 +391,18 @@ def test_a_slow_dependence_must_gain_more_than_with_its_variable_moved_along_the
     columns = drifting(a_run(Machine(), seed=32, seconds=900.0), 0.06, 9)
     clean = log.gate(columns)
     data = stages.run_data(clean, Machine())
-    group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
+    group = search.Search([channels(data, Machine())["gate"]], Machine(), data)
     null_fit = group.refit(())
-    plain = [unexplained._table(group, null_fit, "gate", "roll_deg")]
-    moved = [unexplained._moved_gain(group, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
+    plain = [unexplained.dependence(group.columns, null_fit, "gate", "roll_deg")]
+    moved = [unexplained.moved_gain(group.columns, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
     assert plain[0].gain < unexplained.SHIFT_MARGIN * max(moved)
     rolls = {**columns, "opening_mm": columns["opening_mm"] + 0.12 * columns["roll_deg"]}
     data = stages.run_data(log.gate(rolls), Machine())
-    group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
+    group = search.Search([channels(data, Machine())["gate"]], Machine(), data)
     null_fit = group.refit(())
-    there = unexplained._table(group, null_fit, "gate", "roll_deg")
-    moved = [unexplained._moved_gain(group, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
-    assert there.gain > 2.0 * max(moved) and unexplained.holds(group, null_fit, there, 0.0)
+    there = unexplained.dependence(group.columns, null_fit, "gate", "roll_deg")
+    moved = [unexplained.moved_gain(group.columns, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
+    assert there.gain > 2.0 * max(moved) and unexplained.holds(group.columns, null_fit, there, 0.0)
 
 
 def test_the_interval_of_a_dead_band_is_what_the_commands_leave_open():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from control.diagnosis import effects
-from control.diagnosis.runs.nuisances import nuisances
+from control.diagnosis.runs.model import nuisances
 from control.diagnosis.runs.smooth import MIN_RANGE
 from control.machine.machine import CATALOGUE, Machine
 

@@ -28,7 +28,7 @@ SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_S
 WHITE_S = 0.02              # correlation time that stands for "none"
 
 
-class Channel(NamedTuple):
+class ChannelSeries(NamedTuple):
     """One measured series on its even grid, with its way through the model."""
 
     name: str
@@ -51,7 +51,7 @@ def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...]
     return tuple(sets), np.array(rows, np.int64)
 
 
-def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
     inputs = input_rows(ShaftInput, len(drive.time_s), command_rpm=drive.command, opening_mm=drive.opening_mm,
                         supply_v=drive.supply_v, **_table(record))
     first = float(drive.command[0])
@@ -66,7 +66,7 @@ def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | No
                     NoisePrior(machine.noise.shaft_rpm, WHITE_S, max(floor, 0.02 * machine.noise.shaft_rpm)))
 
 
-def gate_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+def gate_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
     inputs = input_rows(GateInput, len(drive.time_s), command_mm=drive.command, **_table(record))
     first = float(drive.command[0])
 
@@ -80,7 +80,7 @@ def gate_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | Non
                     NoisePrior(machine.noise.opening_mm, WHITE_S, max(floor, 0.02 * machine.noise.opening_mm)))
 
 
-def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
     """Scale reading, kg. The flow follows the true opening: a read-back offset (gate.offset) is taken off first."""
     count = len(h.time_s)
     none = np.zeros(count)
@@ -136,7 +136,7 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
     return list(zip(begins, [*begins[1:], count], levels, strict=True))
 
 
-def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None = None) -> Channel:
+def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
     """Wheel less GNSS speed, m/s. The true speed runs between readings; the model is given it in FINE_S rows."""
     clock = joined(s.time_s, SEAM_S)
     fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
@@ -158,7 +158,7 @@ def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None =
     return _channel("speed", "m/s", s.grid, s.wheel_mps - s.gnss_mps, predict, NoisePrior(sd, WHITE_S, 0.05 * sd))
 
 
-def heads_channel(h: Heads, machine: Machine) -> Channel:
+def heads_channel(h: Heads, machine: Machine) -> ChannelSeries:
     """Each head less the mean of all, one after the other."""
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
     measured = (h.ndvi[used] - h.mean)
@@ -174,13 +174,14 @@ def heads_channel(h: Heads, machine: Machine) -> Channel:
         return h.grid.of(reads - reads.mean(axis=0)).ravel()
     length = len(h.grid.even_s)
     bounds = tuple((k * length, (k + 1) * length) for k in range(len(used)))
-    return Channel("heads", "NDVI", h.grid.of(measured).ravel(), predict, h.grid, segments(length * len(used), bounds),
-                   NoisePrior(2.0 * machine.noise.ndvi, 3.0, 0.7 * machine.noise.ndvi), len(used))
+    prior = NoisePrior(2.0 * machine.noise.ndvi, 3.0, 0.7 * machine.noise.ndvi)
+    return ChannelSeries("heads", "NDVI", h.grid.of(measured).ravel(), predict, h.grid,
+                         segments(length * len(used), bounds), prior, len(used))
 
 
-def channels(data: RunData, machine: Machine) -> dict[str, Channel]:
+def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
     """Every channel that the log can show, by name; flow and scale are read off the same reading."""
-    found: dict[str, Channel] = {}
+    found: dict[str, ChannelSeries] = {}
     if data.shaft is not None:
         found["shaft"] = shaft_channel(data.shaft, machine)
     if data.gate is not None:
@@ -194,16 +195,16 @@ def channels(data: RunData, machine: Machine) -> dict[str, Channel]:
     return found
 
 
-def step_error(channel: Channel, plan: Schedule) -> float:
+def step_error(channel: ChannelSeries, plan: Schedule) -> float:
     """Largest typical change of the prediction when the model's step is halved, in units of the channel's noise."""
     change = channel.predict(plan, 0.5 * MOST_STEP_S) - channel.predict(plan, MOST_STEP_S)
     return float(np.sqrt(np.mean(change ** 2))) / channel.prior.fast_sd
 
 
 def _channel(name: str, unit: str, grid: Grid, measured: Array, predict: Callable[[Schedule, float], Array],
-             prior: NoisePrior) -> Channel:
+             prior: NoisePrior) -> ChannelSeries:
     series = grid.of(measured)
-    return Channel(name, unit, series, predict, grid, segments(len(series)), prior)
+    return ChannelSeries(name, unit, series, predict, grid, segments(len(series)), prior)
 
 
 def _table(record: tuple[str, Array] | None) -> dict[str, Array]:

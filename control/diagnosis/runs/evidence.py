@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from . import noise as noises
-from .channels import Channel
+from .channels import ChannelSeries
+from .columns import Columns
 from .hypothesis import Parts
-from .likelihood import Column, solved, weighted
+from .likelihood import Column, problem, solved, weighted
 from .noise import Noise, series_of
-from .search import Group
 
 Array = npt.NDArray[np.float64]
 
@@ -40,17 +40,17 @@ class Scores(NamedTuple):
     energy: Array               # (blocks + 1, k): sum of trace squared
 
 
-def scores(group: Group, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
+def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
     """Block sums of `traces` on top of a hypothesis."""
-    base = group.base_columns(parts)
-    p, before = group.compressed(parts, traces)
+    base, model = columns.of_hypothesis(parts), columns.model
+    before, data = len(base), model.banded_residual(parts)
+    p = problem(model.channels, data, [*base, *traces])
     chosen = np.arange(before)
     amplitude, covariance = solved(p, chosen, noise)
     normal, _ = weighted(p, noise)
     shares = covariance @ normal[:before, before:]                    # of each base column in each trace
-    data = group.data_of(parts)
     found: list[tuple[Array, Array]] = []
-    for channel in group.channels:
+    for channel in model.channels:
         name = channel.name
         strength = noises.spectrum(np.array(noise[name].theta), channel.prior, channel.cut, channel.grid.step_s)
         scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
@@ -77,7 +77,7 @@ def scores(group: Group, parts: Parts, noise: dict[str, Noise], traces: Sequence
     return Scores(np.concatenate([s for s, _ in found]), np.concatenate([e for _, e in found]))
 
 
-def slow_share(banded: Array, channel: Channel, noise: Noise) -> float:
+def slow_share(banded: Array, channel: ChannelSeries, noise: Noise) -> float:
     """Share of the energy of `banded` coefficients (m,) in bands where the slow noise is stronger than the fast.
 
     0 where there is no slow noise worth the name: its prior never lets it vanish altogether.

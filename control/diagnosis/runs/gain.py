@@ -17,11 +17,10 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
 
-from .channels import Channel as ChannelOf
-from .likelihood import Z90, Column, fitted, problem
+from .channels import ChannelSeries
+from .likelihood import Z90, Column, Role, fitted, problem
 from .noise import Noise, coefficients, segments, series_of
-from .nuisances import FORM_CHANNEL, Candidate
-from .selection import Named
+from .selection import Judged
 from .smooth import MIN_RANGE, TABLES
 from .unexplained import DOWNSTREAM
 
@@ -30,52 +29,72 @@ Array = npt.NDArray[np.float64]
 BLOCKS = 8
 HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
 GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
+FLOW_S = 10.0                   # flow is read off the scale over windows of this length
 PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
 
 
-def measure_gain(named: Named) -> list[Gain]:
+class _HeldOut(NamedTuple):
+    """One channel cut into blocks: sizes are fitted to some of them and judged on the pieces of the others."""
+
+    whole: ChannelSeries
+    fitted: ChannelSeries               # the same, cut to the blocks that are fitted
+    pieces: tuple[slice, ...]           # of the held-out blocks
+
+
+def measure_gain(judged: Judged) -> list[Gain]:
     """Error of each touched channel before and after, on held-out blocks, sizes refitted on the others.
 
     Low and high: 90 % interval of `after`, from the spread between the held-out pieces.
     """
-    if not named.found.parts:
+    parts, search = judged.found.parts, judged.search
+    if not parts:
         return []
-    group = named.group
-    parts = named.found.parts
+    slopes = search.columns.slopes(parts)
+    columns = search.columns.by_channel(parts)
+    before, at_fit = search.model.residual(()), search.model.residual(parts)
     found: list[Gain] = []
-    slope = group.slopes(parts)
-    unit = group.series_columns(parts)
-    before, at_fit = group.residual(()), group.residual(parts)
-    for channel in group.channels:
-        if channel.copies > 1 or not any(channel.name in c.coefficients for c in slope):
-            continue
-        length = len(channel.measured)
-        edges = np.linspace(0, length, BLOCKS + 1).astype(int)
-        gap = int(np.ceil(GAP_S / channel.grid.step_s))
-        kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
-        cut = segments(length, kept)
-        plain = channel._replace(cut=cut)
-        columns = [c._replace(coefficients={channel.name: coefficients(c_series, cut)})
-                   for c, c_series in unit[channel.name]]
-        p = problem([plain], {channel.name: coefficients(at_fit[channel.name], cut)}, columns)
-        fit = fitted(p, np.arange(len(columns)), named.found.noise)
-        change = sum(a * s for a, (c, s) in zip(fit.amplitude, unit[channel.name], strict=True)
-                     if c.key.startswith("slope "))
-        after = at_fit[channel.name] - change
-        pieces = [slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT]
-        name, unit_word, errors_before, errors_after = _judged(channel.name, channel.unit, channel.grid.step_s,
-                                                               before[channel.name], after, pieces)
-        if not len(errors_after):
-            continue
-        words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
-        rms_before = float(np.sqrt(np.mean(errors_before ** 2)))
-        found.append(_gain(name, f"rmse, {unit_word}", rms_before, errors_after, words))
-        fixed = [pair for pair in unit[channel.name] if not pair[0].key.startswith("slope ")]
-        for word, others in _instead(named, channel.name):
-            left = _corrected(before[channel.name], fixed, others, plain, named.found.noise)
-            judged = _judged(channel.name, channel.unit, channel.grid.step_s, before[channel.name], left, pieces)[3]
-            found.append(_gain(name, f"rmse, {unit_word}, {word}", rms_before, judged, words))
+    for channel in search.model.channels:
+        if channel.copies == 1 and any(channel.name in c.coefficients for c in slopes):
+            name = channel.name
+            found += _channel_gain(judged, _held_out(channel), columns[name], before[name], at_fit[name])
     return found
+
+
+def _held_out(channel: ChannelSeries) -> _HeldOut:
+    length = len(channel.measured)
+    edges = np.linspace(0, length, BLOCKS + 1).astype(int)
+    gap = int(np.ceil(GAP_S / channel.grid.step_s))
+    kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
+    pieces = tuple(slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
+    return _HeldOut(channel, channel._replace(cut=segments(length, kept)), pieces)
+
+
+def _channel_gain(judged: Judged, blocks: _HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
+                  at_fit: Array) -> list[Gain]:
+    """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
+    noise = judged.found.noise
+    amplitude = _amplitudes(blocks, columns, at_fit, noise)
+    change = sum(a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE)
+    name, unit, errors_before, errors_after = _judged(blocks, before, at_fit - change)
+    if not len(errors_after):
+        return []
+    words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
+    rms_before = float(np.sqrt(np.mean(errors_before ** 2)))
+    found = [_gain(name, f"rmse, {unit}", rms_before, errors_after, words)]
+    fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
+    for word, others in _instead(judged, blocks.whole.name):
+        left = _corrected(blocks, fixed, others, before, noise)
+        found.append(_gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words))
+    return found
+
+
+def _amplitudes(blocks: _HeldOut, columns: Sequence[tuple[Column, Array]], left: Array,
+                noise: dict[str, Noise]) -> Array:
+    """Amplitudes of columns (given with their series) fitted to the blocks that are not held out."""
+    name, cut = blocks.whole.name, blocks.fitted.cut
+    there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
+    p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
+    return fitted(p, np.arange(len(there)), noise).amplitude
 
 
 def _gain(channel: str, metric: str, before: float, errors_after: Array, held_out: str) -> Gain:
@@ -87,51 +106,49 @@ def _gain(channel: str, metric: str, before: float, errors_after: Array, held_ou
     return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
 
 
-def _instead(named: Named, channel: str) -> list[tuple[str, list[Column]]]:
+def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
     """What else might be put in: the best nameless smooth corrector, and the cause that the log speaks least for."""
-    group, found = named.group, []
+    search, found = judged.search, []
     best: tuple[float, str, list[Column]] | None = None
     for stage in TABLES:
-        if FORM_CHANNEL[stage] != channel:
+        if TABLES[stage].channel != channel:
             continue
         for variable in MIN_RANGE:
-            columns = [] if variable in DOWNSTREAM[stage] else group.forms(stage, variable)
+            columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms(stage, variable)
             if columns:
-                p, count = group.compressed((), columns)
-                value = fitted(p, np.arange(count + len(columns)), named.null.noise, rounds=1).log_likelihood
+                p, count = search.columns.compressed((), columns)
+                value = fitted(p, np.arange(count + len(columns)), judged.null.noise, rounds=1).log_likelihood
                 if best is None or value > best[0]:
                     best = (value, variable, columns)
     if best is not None:
         found.append((f"nameless corrector over {best[1]}", best[2]))
-    names = {part.id for part in named.found.parts}
-    for one in sorted(named.scan, key=lambda f: abs(f.gain)):
+    names = {part.id for part in judged.found.parts}
+    for one in sorted(judged.scan, key=lambda f: abs(f.gain)):
         if one.part.id not in names and one.part.size != 0.0 and one.part.onset_s is None:
-            column = group.candidate_column((), Candidate(one.part, one.part.size, one.part.size))
+            column = search.columns.of_candidate((), one.part)
             if channel in column.coefficients and column.coefficients[channel].any():
                 found.append((f"placebo {one.part.id}", [column]))
                 break
     return found
 
 
-def _corrected(before: Array, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], plain: ChannelOf,
+def _corrected(blocks: _HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
                noise: dict[str, Noise]) -> Array:
-    """The error once `others` are fitted, beside the tolerances, to the blocks of `plain`, and taken off everywhere."""
-    name = plain.name
+    """The error once `others` are fitted, beside the tolerances, to the fitted blocks, and taken off everywhere."""
     whole = segments(len(before))
-    shapes = [series_of(c.coefficients[name], whole) for c in others]
-    columns = [Column(c.key, {name: coefficients(series, plain.cut)}, c.sd, c.mean)
-               for c, series in [*fixed, *zip(others, shapes, strict=True)]]
-    p = problem([plain], {name: coefficients(before, plain.cut)}, columns)
-    amplitude = fitted(p, np.arange(len(columns)), noise).amplitude[len(fixed):]
+    shapes = [series_of(c.coefficients[blocks.whole.name], whole) for c in others]
+    amplitude = _amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
 
 
-def _judged(name: str, unit: str, step_s: float, before: Array, after: Array,
-            pieces: Sequence[slice]) -> tuple[str, str, Array, Array]:
-    """The scale is judged by what it is read for: flow, over windows of ten seconds."""
-    if name != "scale":
-        return name, unit, np.concatenate([before[p] for p in pieces]), np.concatenate([after[p] for p in pieces])
-    hop = max(1, round(10.0 / step_s))
+def _judged(blocks: _HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:
+    """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over windows of FLOW_S."""
+    channel, pieces = blocks.whole, blocks.pieces
+    if channel.name != "scale":
+        return (channel.name, channel.unit, np.concatenate([before[p] for p in pieces]),
+                np.concatenate([after[p] for p in pieces]))
+    step_s = channel.grid.step_s
+    hop = max(1, round(FLOW_S / step_s))
 
     def flow(series: Array) -> Array:
         rows = [-(series[p][hop::hop] - series[p][:-hop:hop][:len(series[p][hop::hop])]) / (hop * step_s)
@@ -150,8 +167,8 @@ class LoopGain(NamedTuple):
 def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
                      seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
     """Two simulated runs of the same machine with the `planted` effects: the loop knows `nominal`, then `extended`."""
-    judged = [_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s) for known in (nominal, extended)]
-    return LoopGain(judged[0], judged[1])
+    return LoopGain(*(_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s)
+                      for known in (nominal, extended)))
 
 
 def _run(nominal: Machine, known: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,

@@ -20,6 +20,16 @@ class Part(NamedTuple):
 Parts = tuple[Part, ...]
 
 
+def replaced(parts: Parts, k: int, part: Part) -> Parts:
+    """A hypothesis with another part in place k."""
+    return (*parts[:k], part, *parts[k + 1:])
+
+
+def without(parts: Parts, k: int) -> Parts:
+    """A hypothesis without its part in place k."""
+    return (*parts[:k], *parts[k + 1:])
+
+
 class Stages(NamedTuple):
     """Parameter tuples of the stages in force, by stage name."""
 

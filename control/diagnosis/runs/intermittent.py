@@ -37,7 +37,7 @@ USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows w
 FAST_MPS = 0.6
 
 
-class Seen(NamedTuple):
+class ReadOff(NamedTuple):
     """An effect read off the data."""
 
     part: Part
@@ -45,9 +45,9 @@ class Seen(NamedTuple):
     gain: float                 # of twice the log-likelihood
 
 
-def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Seen, ...]]:
+def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[ReadOff, ...]]:
     """The data with spells taken out, and the effects that they were."""
-    found: list[Seen] = []
+    found: list[ReadOff] = []
     if data.speed is not None:
         speed, seen = _without_dips(data.speed)
         if seen is not None:
@@ -61,7 +61,7 @@ def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Seen
     return data, tuple(found)
 
 
-def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
+def _without_dips(s: Speed) -> tuple[Speed, ReadOff | None]:
     """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed."""
     moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
@@ -83,7 +83,7 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     share = 100.0 * float(missing.mean()) / usual
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / starts)
-    return s._replace(wheel_mps=wheel), Seen(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
+    return s._replace(wheel_mps=wheel), ReadOff(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
 
 
 def _usual(ratio: Array) -> tuple[float, float]:
@@ -103,7 +103,7 @@ def _starts(on: npt.NDArray[np.bool_]) -> int:
     return int((on & ~np.insert(on[:-1], 0, False)).sum())
 
 
-def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
+def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | None]:
     """Spells in which the scale stands still though the shaft turns; the mass that stayed behind is taken off.
 
     Long spells are seen block by block, short ones by the step that they leave in (reading - prediction) for good.
@@ -114,7 +114,7 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
     return max(found, key=lambda one: one[1].gain) if found else (h, None)
 
 
-def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
+def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     """Upward steps of (reading - prediction), each against the mean level on both of its sides."""
     channel = hopper_channel(h, machine)
     predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
@@ -146,7 +146,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     middle = h.time_s[:-1] + 0.5 * step_s
     stayed = np.interp(middle, h.grid.even_s, kept)
     sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
-    seen = Seen(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
+    seen = ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
     return h._replace(reading_kg=h.reading_kg - stayed), seen
 
 
@@ -163,7 +163,7 @@ def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
     return np.asarray(find_peaks(z, height=STEP_Z, distance=apart)[0], np.int64)
 
 
-def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
+def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     """Blocks in which the scale stood still."""
     channel = hopper_channel(h, machine)
     even = h.grid.even_s
@@ -193,7 +193,7 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)
     sd_share = 100.0 * starts ** 0.5 * hop * h.grid.step_s / (working.sum() * hop * h.grid.step_s)
     return (h._replace(reading_kg=h.reading_kg - stayed),
-            Seen(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
+            ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
 
 
 def _spells(score: Array) -> tuple[npt.NDArray[np.bool_], float]:

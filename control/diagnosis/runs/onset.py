@@ -9,9 +9,9 @@ from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 
-from .hypothesis import Part, Parts
-from .nuisances import Candidate
-from .search import HALT_S, Group, Refit
+from .hypothesis import Part, Parts, replaced, without
+from .model import HALT_S, GroupModel
+from .search import Candidate, Refit, Search
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -43,11 +43,11 @@ def blocked(data: RunData) -> list[Candidate]:
     return [Candidate(Part(row.id, row.probe, float(at)), 0.0, CATALOGUE[row.id].high) for at in working_times(data)]
 
 
-def stops(group: Group, data: RunData) -> list[Candidate]:
+def stops(model: GroupModel) -> list[Candidate]:
     """Drives that stood still to the end of the log though commanded."""
     found: list[Candidate] = []
-    predicted = group.predicted(())
-    for channel in group.channels:
+    predicted = model.predicted(())
+    for channel in model.channels:
         if channel.name == "shaft":
             asked = predicted["shaft"] > 5.0
             obeyed = asked & (median_filter(channel.measured, CALM) > 0.3 * predicted["shaft"])
@@ -66,11 +66,11 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
     return found
 
 
-def still_disobeys(group: Group, parts: Parts, stop: Part) -> bool:
+def still_disobeys(model: GroupModel, parts: Parts, stop: Part) -> bool:
     """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
-    channel = group.channel(ROWS[stop.id].stage)
+    channel = model.channel(ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
-    off = uniform_filter1d(channel.measured - group.predicted(parts)[channel.name], second)
+    off = uniform_filter1d(channel.measured - model.predicted(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
     return float(np.sum(np.abs(off[later]) > DISOBEYS_SD * channel.prior.fast_sd)) * channel.grid.step_s > STILL_S
 
@@ -105,11 +105,11 @@ def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
     return int(near[np.argmin(away)])
 
 
-def stop_interval(group: Group, part: Part) -> tuple[float, float]:
+def stop_interval(model: GroupModel, part: Part) -> tuple[float, float]:
     """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
-    channel = group.channel(ROWS[part.id].stage)
+    channel = model.channel(ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
-    asked, even_s = group.predicted(())[channel.name], channel.grid.even_s
+    asked, even_s = model.predicted(())[channel.name], channel.grid.even_s
     at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))
     level = float(np.median(channel.measured[at:]))
     away = np.flatnonzero(np.abs(asked - level) > SAME_PLACE_SD * channel.prior.fast_sd)
@@ -128,25 +128,25 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
     return last + 1 if asked[last + 1:].sum() * step_s > STILL_S else None
 
 
-def with_onset(group: Group, found: Refit, data: RunData, threshold: float) -> Refit:
+def with_onset(search: Search, found: Refit, data: RunData, threshold: float) -> Refit:
     """The hypothesis with an onset for the part that gains most by one, where it gains more than `threshold`."""
     best = found
     for k, part in enumerate(found.parts):
         if part.onset_s is not None or not ROWS[part.id].may_begin or CATALOGUE[part.id].effect.onset_only:
             continue
-        others: Parts = (*found.parts[:k], *found.parts[k + 1:])
+        others: Parts = without(found.parts, k)
         if sum(p.onset_s is not None for p in others) >= 2:
             continue
         low, high = CATALOGUE[part.id].low, CATALOGUE[part.id].high
         tried = [Candidate(part._replace(onset_s=float(at)), low, high) for at in working_times(data)]
-        ranked = group.scan(others, found.noise, tried)
+        ranked = search.scan(others, found.noise, tried)
         if not ranked:
             continue
-        better = group.refit((*others, _as_blocked(ranked[0].part)), found.noise)
-        alone = group.refit(others, found.noise)
+        better = search.refit((*others, _as_blocked(ranked[0].part)), found.noise)
+        alone = search.refit(others, found.noise)
         reach = max(threshold, ONSET_SHARE * 2.0 * (found.log_likelihood - alone.log_likelihood))
         if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
-            best = refined(group, better, data)
+            best = refined(search, better, data)
     return best
 
 
@@ -155,7 +155,7 @@ def _as_blocked(part: Part) -> Part:
     return Part(begun, -part.size, part.onset_s) if begun and part.size < 0.0 else part
 
 
-def refined(group: Group, found: Refit, data: RunData) -> Refit:
+def refined(search: Search, found: Refit, data: RunData) -> Refit:
     """Onsets moved to where they fit best, in ever smaller steps."""
     best = found
     step = float(np.median(np.diff(working_times(data))))
@@ -167,8 +167,8 @@ def refined(group: Group, found: Refit, data: RunData) -> Refit:
             for moved_s in (part.onset_s - step, part.onset_s + step):
                 if not data.time_s[0] < moved_s < data.time_s[-1]:
                     continue
-                parts = (*best.parts[:k], part._replace(onset_s=moved_s), *best.parts[k + 1:])
-                tried = group.refit(parts, best.noise)
+                parts = replaced(best.parts, k, part._replace(onset_s=moved_s))
+                tried = search.refit(parts, best.noise)
                 if tried.log_likelihood > best.log_likelihood:
                     best = tried
     return best

@@ -9,14 +9,16 @@ import numpy.typing as npt
 from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE
 
-from .encoder import encoder_steps
 from .evidence import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
-from .hypothesis import Part, Parts
+from .hypothesis import Part, Parts, without
 from .likelihood import Column, best_fitted
-from .nuisances import tolerance_of
+from .model import tolerance_of
 from .onset import blocked, refined, still_disobeys, stops, with_onset
-from .search import Found, Group, Refit
-from .unexplained import SLOW_ENERGY, Table, gain_elsewhere, unexplained
+from .quantised import encoder_steps
+from .robust import draw_in
+from .search import Refit, Scanned, Search
+from .settle import settle
+from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
 
 Array = npt.NDArray[np.float64]
 
@@ -38,174 +40,205 @@ REFITTED = 4                # best of a scan that are refitted in full
 
 
 class RivalOf(NamedTuple):
-    part: Part                  # what could stand in its place
+    """What could stand in a part's place."""
+
+    part: Part
     behind: float               # by so much of twice the log-likelihood
 
 
-class Named(NamedTuple):
-    """What one group shows."""
+class Judged(NamedTuple):
+    """What one group of channels shows."""
 
-    group: Group
+    search: Search
     null: Refit
     found: Refit
     gains: tuple[float, ...]                    # of each part: twice the log-likelihood lost without it
     rivals: tuple[tuple[RivalOf, ...], ...]     # by part
-    scan: tuple[Found, ...]                     # the whole catalogue on top of nothing
-    table: Table | None                         # what no effect explains
+    scan: tuple[Scanned, ...]                   # the whole catalogue on top of nothing
+    left: Dependence | None                     # what no effect explains
 
 
-def name(group: Group, threshold: float = THRESHOLD) -> Named:
-    """Judge a group of channels."""
-    group.candidates += [*stops(group, group.data), *encoder_steps(group)]
-    if "scale" in group.names:
-        group.candidates += blocked(group.data)
-    group.settle(())
-    group.tame(())
-    group.settle(())
-    null = group.refit(())
-    first = group.scan((), null.noise)
+def judged(search: Search) -> Judged:
+    """Judge a group: forward selection with lateral and backward steps, then what is left, then rivals."""
+    null = _nothing(search)
+    first = search.scan((), null.noise)
+    current = _forward(search, null)
+    if current.parts:
+        current, null = _settled_at(search, current), search.refit(())
+        current = _begun(search, current)
+        current = _without_chance(search, current)
+    explained = 2.0 * (current.log_likelihood - null.log_likelihood)
+    left = unexplained(search.columns, current, explained)
+    if left is not None:
+        beside = _beside(search, current, left)
+        if beside is not current:
+            current, left = beside, unexplained(search.columns, beside, explained)
+    gains, rivals = _rivals(search, current)
+    return Judged(search, null, current, gains, rivals, tuple(first), left)
+
+
+def _nothing(search: Search) -> Refit:
+    """The group with nothing wrong, once what is read off the drives is among the candidates."""
+    search.candidates += [*stops(search.model), *encoder_steps(search.model)]
+    if "scale" in search.model.names:
+        search.candidates += blocked(search.model.data)
+    settle(search.columns, ())
+    _draw_in(search, ())
+    settle(search.columns, ())
+    return search.refit(())
+
+
+def _forward(search: Search, null: Refit) -> Refit:
+    """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned."""
     current = null
     for _ in range(MAX_CAUSES):
-        better = _extended(group, current, threshold)
+        better = _extended(search, current)
         if better is None:
             break
-        group.unsettle()
-        better = group.refit(better.parts, better.noise)
-        better = group.refit(group.settle(better.parts), better.noise)
-        current = _pruned(group, _swapped(group, better), threshold)
-    if current.parts:
-        group.tame(current.parts)
-        current, null = group.refit(group.settle(current.parts), current.noise), group.refit(())
-        if any(part.onset_s is not None for part in current.parts):
-            current = refined(group, current, group.data)
-        current = _pruned(group, with_onset(group, current, group.data, ONSET_THRESHOLD), threshold)
-        current = _without_chance(group, current, threshold)
-    explained = 2.0 * (current.log_likelihood - null.log_likelihood)
-    table = unexplained(group, current, explained)
-    if table is not None:
-        beside = _beside_table(group, current, table, threshold)
-        if beside is not current:
-            current, table = beside, unexplained(group, beside, explained)
-    gains, rivals = _rivals(group, current)
-    return Named(group, null, current, gains, rivals, tuple(first), table)
+        search.model.move({})       # what the nominal values took upon themselves may be the effect's
+        better = search.refit(better.parts, better.noise)
+        better = search.refit(settle(search.columns, better.parts), better.noise)
+        current = _pruned(search, _swapped(search, better))
+    return current
 
 
-def _extended(group: Group, now: Refit, threshold: float) -> Refit | None:
+def _settled_at(search: Search, current: Refit) -> Refit:
+    """A hypothesis once more, its own outliers drawn in and the nominal values settled beside it."""
+    _draw_in(search, current.parts)
+    return search.refit(settle(search.columns, current.parts), current.noise)
+
+
+def _begun(search: Search, current: Refit) -> Refit:
+    """Onsets refined, and tried for the parts that have none; then what they make superfluous is dropped."""
+    if any(part.onset_s is not None for part in current.parts):
+        current = refined(search, current, search.model.data)
+    return _pruned(search, with_onset(search, current, search.model.data, ONSET_THRESHOLD))
+
+
+def _draw_in(search: Search, parts: Parts) -> None:
+    """Tails drawn in beside the richest fit: a hypothesis with every other candidate."""
+    more = [search.columns.of_candidate(parts, c.part)._replace(sd=max(abs(c.low), abs(c.high)))
+            for c in search.candidates if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
+    draw_in(search.columns, parts, more)
+
+
+def _extended(search: Search, now: Refit) -> Refit | None:
     """The hypothesis with one more part, where that gains more than the threshold."""
-    found = _one_of_each(group.scan(now.parts, now.noise))
-    ranked = [f for f in found if f.gain > 0.5 * threshold][:REFITTED]
+    found = _one_of_each(search.scan(now.parts, now.noise))
+    ranked = [f for f in found if f.gain > 0.5 * THRESHOLD][:REFITTED]
     # How a drive runs down is nobody's effect: a column has it, a refit leaves it out.
     ranked = [f for f in ranked if not CATALOGUE[f.part.id].effect.onset_only]
-    ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only and still_disobeys(group, now.parts, f.part)]
-    tried = [r for r in (group.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
+    ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only
+               and still_disobeys(search.model, now.parts, f.part)]
+    tried = [r for r in (search.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
     if not tried:
         return None
     for best in sorted(tried, key=lambda r: -r.log_likelihood):
         gain = 2.0 * (best.log_likelihood - now.log_likelihood)
-        if gain > threshold and _holds(group, best, len(now.parts), now, threshold):
+        if gain > THRESHOLD and _holds(search, best, len(now.parts), now):
             return best
     return None
 
 
-def _holds(group: Group, found: Refit, k: int, without: Refit, threshold: float) -> bool:
+def _holds(search: Search, found: Refit, k: int, alone: Refit) -> bool:
     """Whether a part's evidence is more than this log's own noise gives: in size, over time, and beside its drift.
 
     A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must show once only.
     """
     part, row = found.parts[k], ROWS[found.parts[k].id]
-    gain = 2.0 * (found.log_likelihood - without.log_likelihood)
+    gain = 2.0 * (found.log_likelihood - alone.log_likelihood)
     if CATALOGUE[part.id].effect.onset_only or row.found_by is FoundBy.STEPS:
         return True
-    others = (*found.parts[:k], *found.parts[k + 1:])
-    if abs(part.size) < threshold ** 0.5 * tolerance_of(part.id, group.machine):
+    others = without(found.parts, k)
+    if abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
         return False
-    trace = group.trace(found.parts, k)
-    seen = scores(group, others, found.noise, [trace])
+    trace = search.columns.trace(found.parts, k)
+    seen = scores(search.columns, others, found.noise, [trace])
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
-    least = max(MIN_WITHOUT_BLOCK * threshold, share * gain)
-    if without_best_block(seen, 0) < least or gain < threshold * spread_over(seen, 0) ** 0.5:
+    least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
+    if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
         return False
-    if gain < DRIFT_FACTOR * threshold and _slow(group, trace, found):
+    if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
         return False
-    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * threshold and _slow(group, trace, without):
+    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and _slow(search, trace, alone):
         return False
-    if row.along and gain < SURE * threshold and \
-            gain < MOVED_MARGIN * gain_elsewhere(group, without, row.stage, row.along):
+    if row.along and gain < SURE * THRESHOLD and \
+            gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along):
         return False
-    tried = [c for c in group.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
-    every = scores(group, found.parts, found.noise, [group.candidate_column(others, c) for c in tried])
+    tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
+    traces = [search.columns.of_candidate(others, c.part) for c in tried]
+    every = scores(search.columns, found.parts, found.noise, traces)
     return chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
 
 
-def _slow(group: Group, trace: Column, under: Refit) -> bool:
+def _slow(search: Search, trace: Column, under: Refit) -> bool:
     """Whether a trace is as slow as the drift that a hypothesis leaves."""
     return any(slow_share(trace.coefficients[c.name], c, under.noise[c.name]) > SLOW_ENERGY
-               for c in group.channels if c.name in trace.coefficients)
+               for c in search.model.channels if c.name in trace.coefficients)
 
 
-def _one_of_each(found: list[Found]) -> list[Found]:
-    best: dict[tuple[str, int | None], Found] = {}
+def _one_of_each(found: list[Scanned]) -> list[Scanned]:
+    best: dict[tuple[str, int | None], Scanned] = {}
     for f in found:
         best.setdefault((f.part.id, f.part.member), f)
     return list(best.values())
 
 
-def _swapped(group: Group, now: Refit) -> Refit:
+def _swapped(search: Search, now: Refit) -> Refit:
     """Each member in turn against the best that could stand in its place."""
     if len(now.parts) < 2:
         return now
     best = now
     for k in range(len(now.parts)):
-        others = (*best.parts[:k], *best.parts[k + 1:])
-        for f in group.scan(others, best.noise)[:2]:
+        others = without(best.parts, k)
+        for f in search.scan(others, best.noise)[:2]:
             if f.part.id == best.parts[k].id:
                 continue
-            tried = group.refit((*others, f.part), best.noise)
+            tried = search.refit((*others, f.part), best.noise)
             if tried.tangled < TANGLED and tried.log_likelihood > best.log_likelihood + 1.0:
                 best = tried
     return best
 
 
-def _pruned(group: Group, now: Refit, threshold: float) -> Refit:
+def _pruned(search: Search, now: Refit) -> Refit:
     """Members that the others make superfluous are dropped."""
     while len(now.parts) > 1:
-        without = [group.refit((*now.parts[:k], *now.parts[k + 1:]), now.noise) for k in range(len(now.parts))]
-        best = max(without, key=lambda r: r.log_likelihood)
-        if 2.0 * (now.log_likelihood - best.log_likelihood) > threshold:
+        fewer = [search.refit(without(now.parts, k), now.noise) for k in range(len(now.parts))]
+        best = max(fewer, key=lambda r: r.log_likelihood)
+        if 2.0 * (now.log_likelihood - best.log_likelihood) > THRESHOLD:
             break
         now = best
     return now
 
 
-def _without_chance(group: Group, now: Refit, threshold: float) -> Refit:
+def _without_chance(search: Search, now: Refit) -> Refit:
     """Parts whose evidence does not hold beside the others are dropped."""
     for k in reversed(range(len(now.parts))):
-        without = group.refit((*now.parts[:k], *now.parts[k + 1:]), now.noise)
-        if not _holds(group, now, k, without, threshold):
-            now = without
+        alone = search.refit(without(now.parts, k), now.noise)
+        if not _holds(search, now, k, alone):
+            now = alone
     return now
 
 
-def _beside_table(group: Group, now: Refit, table: Table, threshold: float) -> Refit:
+def _beside(search: Search, now: Refit, left: Dependence) -> Refit:
     """Members that a smooth dependence on one variable makes superfluous are dropped."""
     parts = now.parts
     while parts:
-        with_all = _with_table(group, parts, now, table)
-        without = [(_with_table(group, (*parts[:k], *parts[k + 1:]), now, table), k) for k in range(len(parts))]
-        best, k = max(without)
-        if 2.0 * (with_all - best) > threshold:
+        with_all = _with_dependence(search, parts, now, left)
+        best, k = max((_with_dependence(search, without(parts, k), now, left), k) for k in range(len(parts)))
+        if 2.0 * (with_all - best) > THRESHOLD:
             break
-        parts = (*parts[:k], *parts[k + 1:])
-    return now if parts == now.parts else group.refit(parts, now.noise)
+        parts = without(parts, k)
+    return now if parts == now.parts else search.refit(parts, now.noise)
 
 
-def _with_table(group: Group, parts: Parts, now: Refit, table: Table) -> float:
-    columns: list[Column] = group.forms(table.stage, table.variable)
-    p, before = group.compressed(parts, columns)
-    return best_fitted(p, np.arange(before + len(columns)), now.noise, group.channels).log_likelihood
+def _with_dependence(search: Search, parts: Parts, now: Refit, left: Dependence) -> float:
+    shapes = search.columns.forms(left.stage, left.variable)
+    p, before = search.columns.compressed(parts, shapes)
+    return best_fitted(p, np.arange(before + len(shapes)), now.noise, search.model.channels).log_likelihood
 
 
-def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
     """Gain of each part, and what could stand in its place.
 
     Rivals are held against the noise that the best hypothesis leaves: a noise of its own, grown by what a rival does
@@ -213,20 +246,20 @@ def _rivals(group: Group, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
     """
     gains: list[float] = []
     rivals: list[tuple[RivalOf, ...]] = []
-    own_value = group.under(now.parts, now.noise) if now.parts else 0.0
+    own_value = search.under(now.parts, now.noise) if now.parts else 0.0
     for k, part in enumerate(now.parts):
-        others = (*now.parts[:k], *now.parts[k + 1:])
-        alone = group.refit(others, now.noise)
+        others = without(now.parts, k)
+        alone = search.refit(others, now.noise)
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
         reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
         found = []
-        scanned = _one_of_each(group.scan(others, alone.noise))[:MAX_RIVALS]
+        scanned = _one_of_each(search.scan(others, alone.noise))[:MAX_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
         for f in scanned:
             if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:
                 continue
-            tried = group.refit((*others, f.part), now.noise)
-            behind = 2.0 * (own_value - group.under(tried.parts, now.noise))
+            tried = search.refit((*others, f.part), now.noise)
+            behind = 2.0 * (own_value - search.under(tried.parts, now.noise))
             if behind < reach:
                 found.append(RivalOf(tried.parts[-1], behind))
         gains.append(gain)

@@ -11,7 +11,7 @@ from control.machine.elements import FLAT, Table
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import Channel, hopper_channel
+from .channels import ChannelSeries, hopper_channel
 from .hypothesis import Part, Stages, schedule
 from .stages import RunData
 
@@ -22,13 +22,20 @@ SHAPES = 4                  # half-waves over the range of the variable: slope, 
 MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
 
-# stage -> (its table's field, the effect whose column a table multiplies)
-TABLES: dict[str, tuple[str, Part]] = {
-    "shaft": ("table_percent", Part(effects.SHAFT_GAIN.id, 1.0)),
-    "gate": ("table_mm", Part(effects.GATE_HOME_ERROR.id, 1.0)),
-    "flow": ("table_percent", Part(effects.FLOW_GAIN.id, 1.0)),
-    "scale": ("table_kg", Part(effects.SCALE_DRIFT.id, 1.0)),
-    "speed": ("table_percent", Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
+
+class StageTable(NamedTuple):
+    """The smooth extension of one stage: the channel that shows it, and the effect whose column it multiplies."""
+
+    channel: str
+    unit: Part
+
+
+TABLES: dict[str, StageTable] = {
+    "shaft": StageTable("shaft", Part(effects.SHAFT_GAIN.id, 1.0)),
+    "gate": StageTable("gate", Part(effects.GATE_HOME_ERROR.id, 1.0)),
+    "flow": StageTable("scale", Part(effects.FLOW_GAIN.id, 1.0)),
+    "scale": StageTable("scale", Part(effects.SCALE_DRIFT.id, 1.0)),
+    "speed": StageTable("speed", Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
 }
 
 
@@ -59,7 +66,7 @@ def at_times(data: RunData, variable: str, time_s: Array) -> Array:
     return np.interp(time_s, data.time_s, data.variables[variable])
 
 
-def series(stage: str, over: Span, channel: Channel, unit: Array, data: RunData, base: Stages,
+def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: RunData, base: Stages,
            machine: Machine) -> Array:
     """What one unit of each shape does to the channel: (SHAPES, m).
 

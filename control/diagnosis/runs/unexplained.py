@@ -9,12 +9,16 @@ import numpy.typing as npt
 
 from control.machine.elements import Table as Nodes
 
+from .channels import ChannelSeries
+from .columns import Columns
 from .evidence import scores, slow_share, spread_over, without_best_block
-from .likelihood import Column, Fit, Problem, best_fitted, power_left
+from .likelihood import Column, Fit, Label, Problem, Role, best_fitted, power_left
 from .noise import Noise
-from .nuisances import FORM_CHANNEL
-from .search import Group, Refit
+from .search import Refit
 from .smooth import MIN_RANGE, SHAPES, TABLES, Span, shape, span
+from .stages import RunData
+
+Array = npt.NDArray[np.float64]
 
 OPEN_THRESHOLD = 30.0       # of twice the log-likelihood for SHAPES shapes, over all stages and variables
 MIN_SHARE = 0.005         # of what is left; a structure below this and below MIN_FIELD_PERCENT is nobody's worry
@@ -41,7 +45,7 @@ DOWNSTREAM: dict[str, frozenset[str]] = {
 }
 
 
-class Table(NamedTuple):
+class Dependence(NamedTuple):
     """A smooth nameless dependence of one stage on one variable."""
 
     stage: str
@@ -53,110 +57,115 @@ class Table(NamedTuple):
     field_percent: float        # of the dose, r.m.s. over the working rows; a scale's error moves no dose
     slow: bool = False          # as slow as the channel's drift
     slow_noise: bool = False    # ... which remains once it is taken out
-    trace: Column = Column("", {}, np.inf)      # what it does to its channel
+    trace: Column = Column(Label(Role.TRACE), {}, np.inf)       # what it does to its channel
 
 
-def best_table(group: Group, now: Refit) -> Table | None:
+def unexplained(columns: Columns, now: Refit, explained: float) -> Dependence | None:
+    """The strongest dependence left, where it is worth a verdict and shows all over the log.
+
+    explained : gain of the named causes, twice the log-likelihood.
+    """
+    found = strongest(columns, now)
+    if found is None or not significant(found, explained) or not holds(columns, now, found, explained):
+        return None
+    return found
+
+
+def strongest(columns: Columns, now: Refit) -> Dependence | None:
     """The strongest smooth dependence left at a hypothesis, over every stage of the group and recorded variable.
 
     A hopper that only empties tells the time: of the two, nearly as good, the plain one is named.
     """
-    in_steps = group.data.shaft is not None and group.data.shaft.step > 0.0     # rounding is a dependence of its own
-    tried = [_table(group, now, stage, variable) for stage in TABLES
-             if FORM_CHANNEL[stage] in group.names and not (stage == "shaft" and in_steps)
+    data, names = columns.model.data, columns.model.names
+    in_steps = data.shaft is not None and data.shaft.step > 0.0     # rounding is a dependence of its own
+    tried = [dependence(columns, now, stage, variable) for stage, table in TABLES.items()
+             if table.channel in names and not (stage == "shaft" and in_steps)
              for variable in MIN_RANGE if variable not in DOWNSTREAM[stage]]
-    found = [table for table in tried if table is not None and not table.slow_noise]
-    best = max(found, key=lambda table: table.gain, default=None)
+    found = [one for one in tried if one is not None and not one.slow_noise]
+    best = max(found, key=lambda one: one.gain, default=None)
     if best is not None and best.variable == "hopper_kg":
-        return next((table for table in found if table.stage == best.stage and table.variable == "time_s"
-                     and table.gain > TIME_TIE * best.gain), best)
+        return next((one for one in found if one.stage == best.stage and one.variable == "time_s"
+                     and one.gain > TIME_TIE * best.gain), best)
     return best
 
 
-def unexplained(group: Group, now: Refit, explained: float) -> Table | None:
-    """The strongest dependence left, where it is worth a verdict and shows all over the log."""
-    table = best_table(group, now)
-    if table is None or not significant(table, explained) or not holds(group, now, table, explained):
-        return None
-    return table
-
-
-def significant(table: Table, explained: float) -> bool:
-    """Whether a dependence is worth a verdict. `explained`: gain of the named causes, twice the log-likelihood."""
-    if table.explained_share < MIN_SHARE and table.field_percent < MIN_FIELD_PERCENT:
+def significant(found: Dependence, explained: float) -> bool:
+    """Whether a dependence is worth a verdict. explained : gain of the named causes, twice the log-likelihood."""
+    if found.explained_share < MIN_SHARE and found.field_percent < MIN_FIELD_PERCENT:
         return False
-    factor = TIME_FACTOR if table.variable in TIME_LIKE else 1.0
-    return table.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
+    factor = TIME_FACTOR if found.variable in TIME_LIKE else 1.0
+    return found.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
 
 
-def holds(group: Group, now: Refit, table: Table, explained: float) -> bool:
+def holds(columns: Columns, now: Refit, found: Dependence, explained: float) -> bool:
     """Whether a dependence shows all over the log, and not in a stretch or at a few moments of it.
 
     One as slow as drift must gain more than it does with its variable moved along the log, where it can mean nothing.
     """
-    seen = scores(group, now.parts, now.noise, [table.trace])
+    seen = scores(columns, now.parts, now.noise, [found.trace])
     whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
     least = max(OPEN_THRESHOLD, OPEN_SHARE * explained)
-    if without_best_block(seen, 0) < MIN_WITHOUT_BLOCK * whole or table.gain < least * spread_over(seen, 0):
+    if without_best_block(seen, 0) < MIN_WITHOUT_BLOCK * whole or found.gain < least * spread_over(seen, 0):
         return False
-    if not table.slow or table.variable in TIME_LIKE:
+    if not found.slow or found.variable in TIME_LIKE:
         return True
-    return table.gain > SHIFT_MARGIN * gain_elsewhere(group, now, table.stage, table.variable)
+    return found.gain > SHIFT_MARGIN * gain_elsewhere(columns, now, found.stage, found.variable)
 
 
-def gain_elsewhere(group: Group, now: Refit, stage: str, variable: str) -> float:
+def gain_elsewhere(columns: Columns, now: Refit, stage: str, variable: str) -> float:
     """The most that a stage's dependence on a variable gains with the variable moved along the log."""
-    return max(_moved_gain(group, now, stage, variable, k / (SHIFTS + 1.0)) for k in range(1, SHIFTS + 1))
+    return max(moved_gain(columns, now, stage, variable, k / (SHIFTS + 1.0)) for k in range(1, SHIFTS + 1))
 
 
-def _moved_gain(group: Group, now: Refit, stage: str, variable: str, share: float) -> float:
+def moved_gain(columns: Columns, now: Refit, stage: str, variable: str, share: float) -> float:
     """Gain of a dependence once its variable is moved along the log by a share of it, round the end."""
-    columns = group.moved_forms(stage, variable, share)
-    if not columns:
+    shapes = columns.moved_forms(stage, variable, share)
+    if not shapes:
         return 0.0
-    _, plain, full = _without_and_with(group, now, columns)
+    _, plain, full = _without_and_with(columns, now, shapes)
     return 2.0 * (full.log_likelihood - plain.log_likelihood)
 
 
-def _without_and_with(group: Group, now: Refit, columns: Sequence[Column]) -> tuple[Problem, Fit, Fit]:
-    """A hypothesis and `columns` as one problem, fitted without and with the columns, which come last."""
-    p, before = group.compressed(now.parts, columns)
-    plain = best_fitted(p, np.arange(before), now.noise, group.channels)
-    return p, plain, best_fitted(p, np.arange(before + len(columns)), plain.noise, group.channels)
+def _without_and_with(columns: Columns, now: Refit, shapes: Sequence[Column]) -> tuple[Problem, Fit, Fit]:
+    """A hypothesis and `shapes` as one problem, fitted without and with the shapes, which come last."""
+    channels = columns.model.channels
+    p, before = columns.compressed(now.parts, shapes)
+    plain = best_fitted(p, np.arange(before), now.noise, channels)
+    return p, plain, best_fitted(p, np.arange(before + len(shapes)), plain.noise, channels)
 
 
-def _table(group: Group, now: Refit, stage: str, variable: str) -> Table | None:
-    columns = group.forms(stage, variable)
-    over = span(group.data, variable)
-    if not columns or over is None:
+def dependence(columns: Columns, now: Refit, stage: str, variable: str) -> Dependence | None:
+    """A stage's dependence on a variable at a hypothesis; None where the variable hardly moves."""
+    shapes = columns.forms(stage, variable)
+    over = span(columns.model.data, variable)
+    if not shapes or over is None:
         return None
-    p, plain, full = _without_and_with(group, now, columns)
+    p, plain, full = _without_and_with(columns, now, shapes)
     weights = full.amplitude[len(plain.amplitude):]
     values = np.array([shape(k) for k in range(1, SHAPES + 1)]).T @ weights
-    name = FORM_CHANNEL[stage]
-    series = np.asarray(sum(w * c.coefficients[name] for w, c in zip(weights, columns, strict=True)))
+    name = TABLES[stage].channel
+    series = np.asarray(sum(w * c.coefficients[name] for w, c in zip(weights, shapes, strict=True)))
     left = power_left(p, name, np.arange(len(plain.amplitude)), plain.amplitude)
     share = float(np.clip(np.sum(series ** 2) / max(1e-300, left), 0.0, 1.0))
-    return Table(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
-                 tuple(values.tolist()), share, _field_percent(group, stage, over, values),
-                 *_slow_noise(group, name, series, plain.noise[name], full.noise[name]),
-                 Column(f"{stage} over {variable}", {name: series}, np.inf))
+    slow, slow_noise = as_drift(columns.model.channel(name), series, plain.noise[name], full.noise[name])
+    return Dependence(stage, variable, 2.0 * (full.log_likelihood - plain.log_likelihood), over.nodes,
+                      tuple(values.tolist()), share, _field_percent(columns.model.data, stage, over, values),
+                      slow, slow_noise, Column(Label(Role.TRACE), {name: series}, np.inf))
 
 
-def _slow_noise(group: Group, name: str, series: npt.NDArray[np.float64], before: Noise,
-                after: Noise) -> tuple[bool, bool]:
+def as_drift(channel: ChannelSeries, series: Array, before: Noise, after: Noise) -> tuple[bool, bool]:
     """Whether a structure lives where the slow noise does, and whether that is there with it as without it.
 
     Drift is a few slow waves over the length of a log, and four smooth shapes of anything that itself changes slowly
-    follow some of them; a dependence that is really there leaves no drift behind.
+    follow some of them; a dependence that is really there leaves no drift behind. series : banded coefficients (m,).
     """
-    slow = slow_share(series, group.channel(name), before) > SLOW_ENERGY
+    slow = slow_share(series, channel, before) > SLOW_ENERGY
     return slow, slow and after.slow_sd ** 2 > DRIFT_LEFT * before.slow_sd ** 2
 
 
-def _field_percent(group: Group, stage: str, over: Span, values: npt.NDArray[np.float64]) -> float:
+def _field_percent(data: RunData, stage: str, over: Span, values: Array) -> float:
     """R.m.s. of a table over the working rows, less its mean, as per cent of the dose."""
-    variables, working = group.data.variables, group.data.working > 0.0
+    variables, working = data.variables, data.working > 0.0
     if stage == "scale" or not working.any():
         return 0.0
     wrong = np.interp(variables[over.variable][working], over.nodes, values)
