@@ -23,7 +23,7 @@ from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on
-MAX_CHAINED = 4            # refills of one log that are filled into the model
+MAX_CHAINED = 4             # refills of one log that are filled into the model
 SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
 WHITE_S = 0.02              # correlation time that stands for "none"
 

@@ -31,12 +31,70 @@ class Cancelled(Exception):
 def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
                  progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
                  seed: int = 0, each: Each = map) -> Diagnosis:
-    """What the machine model gets wrong in a run log, and why.
+    """What the machine model gets wrong in a run log, why, and what putting it right gains.
 
-    columns : arrays (n,) by the run log's column names and units; float with NaN for not known, texts as objects.
-    progress : called with a share 0 to 1 and a word; cancelled : asked between steps, True raises `Cancelled`.
-    each : `map`, or a pool's: the groups of channels may be judged side by side.
-    Raises ValueError with one plain line where the log cannot be used at all.
+    Parameters
+    ----------
+    columns
+        Arrays of shape (n,), one row a control tick or any other step, by the run log's column names and units
+        (contract of the run log): float64 with NaN for not known, texts as objects. Only `time_s` is needed; a stage
+        without its columns is left out and said in the findings.
+    machine
+        The machine as its file has it. Its tolerances are priors; sizes found are on top of its own effects.
+    path
+        Of the data, for the result.
+    progress
+        `progress(share, word)` is called between steps, share from 0 to 1.
+    cancelled
+        Asked between steps; True ends the diagnosis with `Cancelled`.
+    seed
+        Not used: the bootstrap has a seed of its own. It is here so that both entries are called alike.
+    each
+        `map`, or that of a pool: the groups of channels may be judged side by side.
+
+    Returns
+    -------
+    Diagnosis
+        By the contract "topdress-diagnosis/1". Sizes and their 90 % intervals are in the catalogue's units
+        (`topdress effects`), residuals in r/min, mm, kg, kg/s, m/s and NDVI. Field costs are % and m.
+
+    Raises
+    ------
+    ValueError
+        One line, where there is no time column or fewer rows than a diagnosis needs.
+    Cancelled
+        Where `cancelled` said so.
+
+    Notes
+    -----
+    Each channel is predicted through the machine model from the measured output of the stage before. The likelihood is
+    Whittle's, in the cosine domain, with a fast and a slow noise refitted under every hypothesis [1]_; heavy tails are
+    drawn in by pseudo-values [2]_. Effects enter by a score test of their simulated column, then by stepwise selection
+    with refits through the model [3]_. What noise alone would give is a wild block bootstrap of the whitened residual
+    [4]_. The gain is measured on blocks that no size was fitted to.
+
+    References
+    ----------
+    .. [1] Whittle, Estimation and information in stationary time series, Arkiv for Matematik 2, 1953.
+    .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009, 7.8.
+    .. [3] Miller, Subset Selection in Regression, 2nd ed., 2002, ch. 3.
+    .. [4] Wu, Jackknife, bootstrap and other resampling methods, Annals of Statistics 14, 1986.
+
+    Examples
+    --------
+    Four minutes in which the wheel reads 2 % more than the ground speed, ten rows a second:
+
+    >>> import numpy as np
+    >>> from control.machine.machine import Machine
+    >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
+    >>> speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
+    >>> columns = {"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(2400),
+    ...            "wheel_speed_mps": 1.02 * speed_mps + 0.02 * rng.standard_normal(2400)}
+    >>> found = diagnose_run(columns, Machine())
+    >>> found.verdict, [(cause.id, round(cause.size.value, 1), cause.size.unit) for cause in found.causes]
+    ('named', [('speed.wheel_radius', 2.0, '%')])
+    >>> found.gain[0].after < 0.9 * found.gain[0].before
+    True
     """
     def step(share: float, word: str) -> None:
         if cancelled is not None and cancelled():

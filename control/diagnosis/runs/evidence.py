@@ -1,4 +1,4 @@
-"""What a search finds where there is nothing: replicates of the log's own whitened residual, block by block.
+"""Evidence block by block, and what a search finds where there is nothing: replicates of the whitened residual.
 
 Every statistic of the search is a sum over time of (whitened residual) x (whitened trace). Cut into blocks, those sums
 are few numbers; with the sign of each block drawn anew they are what noise of this strength, this unevenness and these
@@ -23,10 +23,10 @@ from .noise import Noise, series_of
 Array = npt.NDArray[np.float64]
 
 BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
-REPLICATES = 1000
-SEED = 20260101
+REPLICATES = 1000           # so that a chance of 0.002 is two of them
+SEED = 20260101             # of the signs: the same log gives the same diagnosis
 UNEVEN = 1.5                # times the variance of even noise between blocks: less is chance
-MIN_DRIFT = 0.12          # of the fast noise's s.d.: less is no drift
+MIN_DRIFT = 0.12            # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
 
 

@@ -166,7 +166,19 @@ class LoopGain(NamedTuple):
 
 def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
                      seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
-    """Two simulated runs of the same machine with the `planted` effects: the loop knows `nominal`, then `extended`."""
+    """Rate and place error of two simulated runs of the same machine: control without and with knowing its effects.
+
+    Parameters
+    ----------
+    nominal, extended
+        The machine file that the loop knows in the first and in the second run.
+    planted
+        The effects that the simulated machine has in both.
+    crop, rule, job
+        What is to be spread where; a job without a field gets the simulated one.
+    seconds, seed, dt_s
+        Length of each run, s; seed of its noise; its tick, s.
+    """
     return LoopGain(*(_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s)
                       for known in (nominal, extended)))
 

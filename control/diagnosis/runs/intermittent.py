@@ -21,20 +21,28 @@ from .stages import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
 
+MIN_GAIN = 60.0             # of twice the log-likelihood, of all spells together; set on the tuning half
+MAX_SHARE = 60.0            # % of the time: what stands still for longer is no bridge
+
+# Bridges of many seconds, block by block: two states and a cost at each beginning (Viterbi's path).
 BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
-MIN_GAIN = 60.0           # of twice the log-likelihood, of all spells together
-MIN_DIPS = 6
+MAX_BLOCK_SCORE = 12.0      # of one block, either way: a refill or a knock on the scale is no bridge
+
+# Bridges below the scale's noise, by the step that each leaves in (reading - prediction) for good.
 STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
 STEP_GAP_S = 8.0            # of a step's own
-STEP_Z = 4.0
-MIN_STEPS_SEEN = 2
-MAX_UNSEEN = 6.0           # of the mass of the steps seen: further standstills may lie below the noise
+MIN_STEP_SD = 4.0           # of the difference of two sides
+MIN_STEPS_SEEN = 2          # and two more for each step downwards
+MAX_UNSEEN = 6.0            # of the mass of the steps seen: further standstills may lie below the noise
 UNSEEN_SD = 0.2             # of that mass
+
+# Missing pulses of the wheel, as dips of its speed over the GNSS speed.
+MIN_DIPS = 6                # and three more for each rise of the same size
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
-MIN_DIP = 0.1
+MIN_DIP = 0.1               # of the speed
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
-FAST_MPS = 0.6
+FAST_MPS = 0.6              # slower, a reading says little of the ratio
 
 
 class ReadOff(NamedTuple):
@@ -141,7 +149,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None
     unseen = rest if 0.0 < rest < MAX_UNSEEN * kept[-1] else 0.0
     kept += unseen * np.cumsum(flow) / max(flowed, 1e-9)    # spells too short to be seen one by one
     share, gain = 100.0 * float(kept[-1]) / max(flowed, 1e-9), float(np.sum(z[ups] ** 2) - np.sum(z[downs] ** 2))
-    if gain < MIN_GAIN or share > 60.0:
+    if gain < MIN_GAIN or share > MAX_SHARE:
         return None
     middle = h.time_s[:-1] + 0.5 * step_s
     stayed = np.interp(middle, h.grid.even_s, kept)
@@ -159,8 +167,8 @@ def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArra
 
 
 def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
-    """Places of peaks above STEP_Z, at least `apart` from each other."""
-    return np.asarray(find_peaks(z, height=STEP_Z, distance=apart)[0], np.int64)
+    """Places of peaks above MIN_STEP_SD, at least `apart` from each other."""
+    return np.asarray(find_peaks(z, height=MIN_STEP_SD, distance=apart)[0], np.int64)
 
 
 def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
@@ -179,14 +187,14 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
         fell[max(0, j - 12):j + 4] = 0.0
     sd = 1.4826 * float(np.median(np.abs(rose - np.median(rose)))) + 0.02
     score = (2.0 * rose * fell - fell ** 2) / (2.0 * sd ** 2)
-    score = np.clip(np.where(fell > sd, score, -1.0), -12.0, 12.0)
+    score = np.clip(np.where(fell > sd, score, -1.0), -MAX_BLOCK_SCORE, MAX_BLOCK_SCORE)
     on, gain = _spells(score)
     starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
     if starts < 2 or 2.0 * gain < MIN_GAIN:
         return None
     working = fell > 0.0
     share = 100.0 * float(on[working].mean())
-    if share > 60.0:
+    if share > MAX_SHARE:
         return None
     kept = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
     times = np.append(even[marks], even[min(len(even) - 1, int(marks[-1]) + hop)])

@@ -21,9 +21,8 @@ from .stages import run_data
 
 Array = npt.NDArray[np.float64]
 
-STEP_S = 0.5
-ENOUGH_Z = 3.0
-STATIC_KG = 100.0
+STEP_S = 0.5                # of the logs that manoeuvres are played into
+MIN_SEPARATION_SD = 3.0     # of an effect, once its rival is fitted: from there on a run tells them apart
 
 
 class Manoeuvre(NamedTuple):
@@ -101,7 +100,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     for manoeuvre in manoeuvres(machine):
         z = separation(manoeuvre, machine, Part(cause.id, value, None, cause.member), rival)
         score = z / manoeuvre.minutes ** 0.5
-        if z >= ENOUGH_Z and (best is None or score > best[0]):
+        if z >= MIN_SEPARATION_SD and (best is None or score > best[0]):
             best = (score, manoeuvre)
     why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
     if best is None:

@@ -16,16 +16,23 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-TIMES = 16                  # onsets tried over the working time
-CALM = 5                    # samples of a median: an outlier is no turning
-STILL_S = 3.0               # a drive must disobey for this long in all
-DISOBEYS_SD = 2.0           # of one reading, for the mean of a second
-STILL_GAIN = 60.0           # of twice the log-likelihood, for one constant against the model
+# A stop, read off a drive.
+MEDIAN_SAMPLES = 5          # an outlier is no turning
+TURNS_SHARE = 0.3           # of the predicted speed: a shaft that reads more obeys
+MIN_STILL_S = 3.0           # a drive must disobey for this long in all
+MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
+MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
 STUCK_MM = 0.02             # worth as much as STUCK_WITHIN_S
-SAME_PLACE_SD = 1.0         # of one reading
+SAME_PLACE_SD = 1.0         # of one reading: a command so near to where a drive stands cannot tell whether it moves
 STOP_SD_S = 0.5             # how sharply a stop is seen
-ONSET_SHARE = 0.08          # of what the effect explains: forms are never quite right
+
+# An onset, tried on a grid.
+TIMES = 16                  # tried over the working time
+ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
+HALVINGS = 5                # of the step by which an onset is moved, about
+NARROWER = 0.45             # times the step, in each
+MAX_OTHER_ONSETS = 2        # of a hypothesis that is given one more
 
 
 def working_times(data: RunData, count: int = TIMES) -> Array:
@@ -50,11 +57,11 @@ def stops(model: GroupModel) -> list[Candidate]:
     for channel in model.channels:
         if channel.name == "shaft":
             asked = predicted["shaft"] > 5.0
-            obeyed = asked & (median_filter(channel.measured, CALM) > 0.3 * predicted["shaft"])
+            obeyed = asked & (median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
         elif channel.name == "gate":
-            least = int(np.ceil(STILL_S / channel.grid.step_s))
+            least = int(np.ceil(MIN_STILL_S / channel.grid.step_s))
             at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
             effect = effects.GATE_STUCK.id
             if at is not None:
@@ -72,7 +79,7 @@ def still_disobeys(model: GroupModel, parts: Parts, stop: Part) -> bool:
     second = max(1, round(1.0 / channel.grid.step_s))
     off = uniform_filter1d(channel.measured - model.predicted(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
-    return float(np.sum(np.abs(off[later]) > DISOBEYS_SD * channel.prior.fast_sd)) * channel.grid.step_s > STILL_S
+    return float(np.sum(np.abs(off[later]) > MIN_OFF_SD * channel.prior.fast_sd)) * channel.grid.step_s > MIN_STILL_S
 
 
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
@@ -87,13 +94,13 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     left = (measured - predicted)[::-1]
     about_model = (np.cumsum(left ** 2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
     better = (about_model - about_mean)[:-least] / noise ** 2
-    if len(better) < 1 or float(better.max()) < STILL_GAIN:
+    if len(better) < 1 or float(better.max()) < MIN_STILL_GAIN:
         return None
     level = float(np.median(measured[int(np.argmax(better)):]))
     gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise ** 2
     at = int(np.argmax(gained[:-least]))
     # The end of a move that came a little late speaks for a stop as well, but only for a moment.
-    return at if gained[min(at + least, len(gained) - 1)] > STILL_GAIN else None
+    return at if gained[min(at + least, len(gained) - 1)] > MIN_STILL_GAIN else None
 
 
 def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
@@ -125,7 +132,7 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
     """Sample after the last one at which the drive did something, where it was asked for long after that."""
     did = np.flatnonzero(obeyed)
     last = int(did[-1]) if len(did) else 0
-    return last + 1 if asked[last + 1:].sum() * step_s > STILL_S else None
+    return last + 1 if asked[last + 1:].sum() * step_s > MIN_STILL_S else None
 
 
 def with_onset(search: Search, found: Refit, data: RunData, threshold: float) -> Refit:
@@ -135,7 +142,7 @@ def with_onset(search: Search, found: Refit, data: RunData, threshold: float) ->
         if part.onset_s is not None or not ROWS[part.id].may_begin or CATALOGUE[part.id].effect.onset_only:
             continue
         others: Parts = without(found.parts, k)
-        if sum(p.onset_s is not None for p in others) >= 2:
+        if sum(p.onset_s is not None for p in others) >= MAX_OTHER_ONSETS:
             continue
         low, high = CATALOGUE[part.id].low, CATALOGUE[part.id].high
         tried = [Candidate(part._replace(onset_s=float(at)), low, high) for at in working_times(data)]
@@ -159,8 +166,8 @@ def refined(search: Search, found: Refit, data: RunData) -> Refit:
     """Onsets moved to where they fit best, in ever smaller steps."""
     best = found
     step = float(np.median(np.diff(working_times(data))))
-    for _ in range(5):
-        step *= 0.45
+    for _ in range(HALVINGS):
+        step *= NARROWER
         for k, part in enumerate(best.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue

@@ -26,7 +26,7 @@ from .stages import whole_drives
 
 Array = npt.NDArray[np.float64]
 
-MIN_STEP_RPM = 0.45       # finer steps are how an ordinary log is written
+MIN_STEP_RPM = 0.45         # finer steps are how an ordinary log is written
 ON_STEPS = 0.995            # of the readings
 WRITTEN_RPM = 0.001         # digits of a log
 MIN_READINGS = 200
@@ -34,7 +34,7 @@ NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
 SAW_TOOTH_BIN_RPM = 0.02
 STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))
 MIN_SAW_TOOTH = 40.0        # of the saw-tooth's squared score, over all steps tried
-MIN_CHANCE = 1e-3         # of a reading: some were taken while the shaft changed its speed
+MIN_CHANCE = 1e-3           # of a reading: some were taken while the shaft changed its speed
 
 
 class Steps(NamedTuple):

@@ -1,4 +1,9 @@
-"""Which set of effects one group of channels shows: forward with refits, swaps and pruning, then its rivals."""
+"""Which set of effects one group of channels shows: stepwise selection with refits, then the rivals of each member.
+
+Forward steps add the best effect, lateral steps put another in a member's place, backward steps drop what the others
+make superfluous (Miller 2002, Subset Selection in Regression, chapter 3); every hypothesis is refitted through the
+machine model.
+"""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -22,21 +27,29 @@ from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
 
 Array = npt.NDArray[np.float64]
 
-MAX_CAUSES = 4
-THRESHOLD = 17.0            # of twice the log-likelihood; see docs/diagnosis.md for its calibration
-ONSET_THRESHOLD = 16.0
-RIVAL_GAP = 6.0             # rivals within this much of twice the log-likelihood: 95 % for one degree of freedom,
-RIVAL_SHARE = 0.03          # ... and within this share of what the cause explains: forms are never quite right
-TANGLED = 0.97              # two effects whose sizes hang together like this are not two findings
-FALSE_ALARMS = 0.002        # of one group of channels in one log
-MIN_WITHOUT_BLOCK = 0.5   # of the threshold, once the best block is left out
-MIN_SHARE_WITHOUT_BLOCK = 0.2     # of the gain
-DRIFT_FACTOR = 1.6          # of the threshold, for what is as slow as the drift that the log has
-BEGUN_IN_DRIFT = 2.4        # of the threshold, for what begins at a time of its own in a log that drifts without it
-MOVED_MARGIN = 1.5          # times what four smooth shapes of the same variable gain with it moved along the log ...
-SURE = 4.0                  # ... asked of what gains less than so many thresholds
-MAX_RIVALS = 12            # of a scan that are refitted
+# Gains are of twice the log-likelihood (likelihood ratio, chi-square where nothing is there). The floors were set on
+# the tuning half of the benchmark (docs/diagnosis.md, "Verdicts"); above them each log has the null of its own noise.
+THRESHOLD = 17.0            # for one effect, the largest over the whole catalogue
+ONSET_THRESHOLD = 16.0      # for one onset, the largest over all times tried
+MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full
+MAX_TANGLED = 0.97          # likeness of two effects' traces: above it they are not two findings
+
+# Whether one part's evidence holds (`_holds`).
+FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replicates in which noise gains as much
+MIN_WITHOUT_BLOCK = 0.5     # of THRESHOLD, kept when the block that speaks loudest is left out ...
+MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and of the part's own gain
+DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
+BEGUN_IN_DRIFT = 2.4        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
+MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
+SURE = 4.0                  # ... asked of what gains less than so many times THRESHOLD
+
+# What could stand in a part's place.
+RIVAL_GAP = 6.0             # behind by at most this: 95 % of a chi-square with one degree of freedom is 3.8
+RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms are never quite right
+MAX_RIVALS = 12             # of a scan that are looked at
+SCAN_REACH = 3.0            # times the gap, and SCAN_MARGIN: so far a scan may be behind before it is not refitted
+SCAN_MARGIN = 10.0
 
 
 class RivalOf(NamedTuple):
@@ -66,7 +79,7 @@ def judged(search: Search) -> Judged:
     if current.parts:
         current, null = _settled_at(search, current), search.refit(())
         current = _begun(search, current)
-        current = _without_chance(search, current)
+        current = _without_doubtful(search, current)
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
     left = unexplained(search.columns, current, explained)
     if left is not None:
@@ -92,13 +105,13 @@ def _forward(search: Search, null: Refit) -> Refit:
     """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned."""
     current = null
     for _ in range(MAX_CAUSES):
-        better = _extended(search, current)
+        better = _forward_step(search, current)
         if better is None:
             break
         search.model.move({})       # what the nominal values took upon themselves may be the effect's
         better = search.refit(better.parts, better.noise)
         better = search.refit(settle(search.columns, better.parts), better.noise)
-        current = _pruned(search, _swapped(search, better))
+        current = _backward(search, _lateral(search, better))
     return current
 
 
@@ -112,7 +125,7 @@ def _begun(search: Search, current: Refit) -> Refit:
     """Onsets refined, and tried for the parts that have none; then what they make superfluous is dropped."""
     if any(part.onset_s is not None for part in current.parts):
         current = refined(search, current, search.model.data)
-    return _pruned(search, with_onset(search, current, search.model.data, ONSET_THRESHOLD))
+    return _backward(search, with_onset(search, current, search.model.data, ONSET_THRESHOLD))
 
 
 def _draw_in(search: Search, parts: Parts) -> None:
@@ -122,15 +135,15 @@ def _draw_in(search: Search, parts: Parts) -> None:
     draw_in(search.columns, parts, more)
 
 
-def _extended(search: Search, now: Refit) -> Refit | None:
-    """The hypothesis with one more part, where that gains more than the threshold."""
+def _forward_step(search: Search, now: Refit) -> Refit | None:
+    """Forward step: the hypothesis with one more part, where that gains more than the threshold and holds."""
     found = _one_of_each(search.scan(now.parts, now.noise))
     ranked = [f for f in found if f.gain > 0.5 * THRESHOLD][:REFITTED]
     # How a drive runs down is nobody's effect: a column has it, a refit leaves it out.
     ranked = [f for f in ranked if not CATALOGUE[f.part.id].effect.onset_only]
     ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only
                and still_disobeys(search.model, now.parts, f.part)]
-    tried = [r for r in (search.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < TANGLED]
+    tried = [r for r in (search.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < MAX_TANGLED]
     if not tried:
         return None
     for best in sorted(tried, key=lambda r: -r.log_likelihood):
@@ -184,8 +197,8 @@ def _one_of_each(found: list[Scanned]) -> list[Scanned]:
     return list(best.values())
 
 
-def _swapped(search: Search, now: Refit) -> Refit:
-    """Each member in turn against the best that could stand in its place."""
+def _lateral(search: Search, now: Refit) -> Refit:
+    """Lateral steps: each member in turn against the best that could stand in its place."""
     if len(now.parts) < 2:
         return now
     best = now
@@ -195,13 +208,13 @@ def _swapped(search: Search, now: Refit) -> Refit:
             if f.part.id == best.parts[k].id:
                 continue
             tried = search.refit((*others, f.part), best.noise)
-            if tried.tangled < TANGLED and tried.log_likelihood > best.log_likelihood + 1.0:
+            if tried.tangled < MAX_TANGLED and tried.log_likelihood > best.log_likelihood + 1.0:
                 best = tried
     return best
 
 
-def _pruned(search: Search, now: Refit) -> Refit:
-    """Members that the others make superfluous are dropped."""
+def _backward(search: Search, now: Refit) -> Refit:
+    """Backward steps: members that the others make superfluous are dropped."""
     while len(now.parts) > 1:
         fewer = [search.refit(without(now.parts, k), now.noise) for k in range(len(now.parts))]
         best = max(fewer, key=lambda r: r.log_likelihood)
@@ -211,7 +224,7 @@ def _pruned(search: Search, now: Refit) -> Refit:
     return now
 
 
-def _without_chance(search: Search, now: Refit) -> Refit:
+def _without_doubtful(search: Search, now: Refit) -> Refit:
     """Parts whose evidence does not hold beside the others are dropped."""
     for k in reversed(range(len(now.parts))):
         alone = search.refit(without(now.parts, k), now.noise)
@@ -256,7 +269,7 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
         scanned = _one_of_each(search.scan(others, alone.noise))[:MAX_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
         for f in scanned:
-            if f.part.id == part.id or f.gain < min(gain, own) - 3.0 * reach - 10.0:
+            if f.part.id == part.id or f.gain < min(gain, own) - SCAN_REACH * reach - SCAN_MARGIN:
                 continue
             tried = search.refit((*others, f.part), now.noise)
             behind = 2.0 * (own_value - search.under(tried.parts, now.noise))

@@ -13,12 +13,12 @@ from .log import HEADS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
-MAX_ROWS = 100_000         # longer logs are looked at in windows, row by row ...
+MAX_ROWS = 100_000          # longer logs are looked at in windows, row by row ...
 WINDOW_ROWS = 20_000        # ... of so many rows in all
 WINDOWS = 5
 EVERY_ROW = 20              # of the recorded variables between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
-MAX_BINS = 60_000          # of the scale: a longer log has longer bins
+MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
@@ -28,7 +28,7 @@ REFILL_KG = 3.0
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
-MAX_BRIDGED_STEPS = 5.0    # a longer gap of a grid is left out
+MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out
 
 
 class Grid(NamedTuple):
