@@ -4,7 +4,8 @@
     python benchmarks/diagnosis/answers.py --against before.jsonl
 
 Only the tuning half is asked. After a change that should change nothing the second command prints 0 differing answers;
-else each difference, case by case, and exits 1. Cases are dealt as by run.py; their data is the same for the same seed.
+else each difference, case by case, and exits 1 (--added: fields that only the new answers have are let pass). Cases are
+dealt as by run.py; their data is the same for the same seed.
 """
 from __future__ import annotations
 
@@ -55,6 +56,7 @@ def main() -> None:
     a.add_argument("--jobs", type=int, default=2)
     a.add_argument("--out", type=Path, help="write the answers here")
     a.add_argument("--against", type=Path, help="hold them against these")
+    a.add_argument("--added", action="store_true", help="fields that are new are told and not counted")
     a.add_argument("--ignore", action="append", default=[], help="a field whose changes are told and not counted")
     args = a.parse_args()
     args.programmes, args.category, args.kind = "tuning", None, None
@@ -75,7 +77,8 @@ def main() -> None:
     changed = 0
     for number in sorted(new):
         found = list(differences(old[number], new[number]))
-        counted = [line for line in found if not any(word in line.split(":")[0] for word in args.ignore)]
+        counted = [line for line in found if not any(word in line.split(":")[0] for word in args.ignore)
+                   and not (args.added and line.endswith(": added"))]
         changed += bool(counted)
         if found:
             print(f"case {number}: " + "; ".join(found[:SHOWN]) + ("; ..." if len(found) > SHOWN else ""))

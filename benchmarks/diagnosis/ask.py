@@ -10,7 +10,7 @@ from control.machine.machine import Machine
 def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> dict[str, Any]:
     """`kind`: run, lag, catch, weigh, heads, place. Raises whatever the diagnosis raises."""
     if kind == "run":
-        from control.diagnosis.run import diagnose_run
+        from control.diagnosis.runs.diagnose import diagnose_run
 
         found = diagnose_run(columns, machine, path=f"{name}.csv", seed=seed)
     else:
@@ -29,7 +29,7 @@ def missing(kind: str = "run") -> str:
     """Why the diagnosis of runs or tables cannot be asked yet; empty when it can."""
     try:
         if kind == "run":
-            import control.diagnosis.run
+            import control.diagnosis.runs.diagnose
         else:
             import control.diagnosis.tables  # noqa: F401
     except ImportError as error:

@@ -54,7 +54,7 @@ def main() -> None:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--rows", type=int, default=1_000_000)
     args = a.parse_args()
-    from control.diagnosis.run import diagnose_run
+    from control.diagnosis.runs.diagnose import diagnose_run
 
     short, machine = log_of(10_000)
     diagnose_run(short, machine)

@@ -31,7 +31,7 @@ def code_hash() -> str:
     digest = hashlib.sha256()
     for folder in ("control/diagnosis", "control/machine", "tests/diagnosis/hidden"):
         for path in sorted((ROOT / folder).rglob("*.py")):
-            if path.name not in AFTERWARDS:
+            if not (folder.endswith("hidden") and path.name in AFTERWARDS):
                 digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 

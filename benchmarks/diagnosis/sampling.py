@@ -66,7 +66,7 @@ def line(one: Rewritten, machine: Any, effects: list[tuple[str, float]]) -> str:
 
     What the diagnosis itself says against its verdict stands beside it.
     """
-    from control.diagnosis.run import diagnose_run
+    from control.diagnosis.runs.diagnose import diagnose_run
 
     found = diagnose_run(one.columns, machine)
     named = "; ".join(f"{c.id} {c.size.value:.3g} [{c.size.low:.3g}, {c.size.high:.3g}] {c.size.unit}"

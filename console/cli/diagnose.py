@@ -84,7 +84,7 @@ def _is_run(data: list[Path]) -> bool:
 
 
 def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
-    from control.diagnosis.run import diagnose_run
+    from control.diagnosis.runs.diagnose import diagnose_run
     from drivers.files.read_log import read_rows
     if len(data) > 1:
         raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
@@ -147,7 +147,7 @@ def _setup(machine: str, job: str) -> Setup:
 def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
     from control.diagnosis.extend import extend, planted
-    from control.diagnosis.gain import closed_loop_gain
+    from control.diagnosis.runs.gain import closed_loop_gain
     effects = planted(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]

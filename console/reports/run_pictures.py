@@ -21,8 +21,8 @@ from console.reports.panels import (
 )
 from console.reports.picture import Picture
 from console.reports.run_views import View
-from control.diagnosis.hypothesis import Part
 from control.diagnosis.result import TableFit, Unexplained
+from control.diagnosis.runs.hypothesis import Part
 from control.machine.machine import CATALOGUE
 
 Array = npt.NDArray[np.float64]

@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of, shown_share, telling
 from console.reports.variables import OF_RUNS
-from control.diagnosis.data_gate import gate
-from control.diagnosis.hypothesis import MOST_SWITCHES, Part, schedule, stages_of
-from control.diagnosis.residuals import Channel, channels
 from control.diagnosis.result import Cause
-from control.diagnosis.stages_data import Drive, RunData, run_data
+from control.diagnosis.runs.channels import ChannelSeries, channels
+from control.diagnosis.runs.hypothesis import MAX_SWITCHES, Part, schedule, stages_of
+from control.diagnosis.runs.log import gate
+from control.diagnosis.runs.stages import Drive, RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -79,7 +79,7 @@ class View(NamedTuple):
         """Those effects that this channel can feel, as many onsets as one run may have."""
         mine = [part for part in parts if CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name]]
         late = [part for part in mine if part.onset_s is not None]
-        dropped = late[MOST_SWITCHES:]
+        dropped = late[MAX_SWITCHES:]
         return tuple(part for part in mine if part not in dropped)
 
 
@@ -110,7 +110,7 @@ def run_views(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tupl
     return tuple(found)
 
 
-def _predictor(channel: Channel, machine: Machine) -> Callable[[tuple[Part, ...]], Array]:
+def _predictor(channel: ChannelSeries, machine: Machine) -> Callable[[tuple[Part, ...]], Array]:
     base = stages_of(machine)
     known: dict[tuple[Part, ...], Array] = {}
 
@@ -121,7 +121,7 @@ def _predictor(channel: Channel, machine: Machine) -> Callable[[tuple[Part, ...]
     return predict
 
 
-def _view(name: str, channel: Channel, data: RunData, machine: Machine) -> View:
+def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) -> View:
     titles = {"shaft": "shaft speed", "gate": "opening", "scale": "scale reading", "speed": "wheel less GNSS speed",
               "heads": "head less the mean of all heads"}
     copies = channel.copies
@@ -182,7 +182,7 @@ def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
     return found
 
 
-def _flow(channel: Channel, data: RunData, machine: Machine) -> View:
+def _flow(channel: ChannelSeries, data: RunData, machine: Machine) -> View:
     """Flow read off the scale: the same kg, of which the rate is shown."""
     time_s = channel.grid.even_s
     jumps = data.hopper.jumps if data.hopper is not None else ()

@@ -107,7 +107,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
     target = None
     tools: dict[str, Any]
     if order.kind == "run":
-        from control.diagnosis.run import diagnose_run
+        from control.diagnosis.runs.diagnose import diagnose_run
         from drivers.files.read_log import read_rows
         log = read_rows(data)
         columns = dict(log.columns)

@@ -20,10 +20,10 @@ from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views
 from console.reports.table_views import TableView, table_views
 from console.reports.verdict import others, title_of
-from console.services.separating_run import minutes_of, run_id
+from console.services.separating_run import drivable
 from control.diagnosis.extend import adoptable
-from control.diagnosis.hypothesis import Part
 from control.diagnosis.result import Cause, Diagnosis
+from control.diagnosis.runs.hypothesis import Part
 from control.diagnosis.tables.sentences import held_in_part
 from control.machine.machine import CATALOGUE, Machine
 
@@ -42,12 +42,12 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
     causes = tuple(_cause(cause, mean_target_kg_ha, *_curves(cause, views, tables, parts)) for cause in found.causes)
     kept, refused = sorted_out(found)
     data = found.data
-    plan = found.next_run.plan if found.next_run is not None else None
+    run = found.next_run
     return Found(name, data.path, data.kind, data.machine, data.rows, data.duration_s, found.verdict, causes,
                  _channels(found, views, tables, parts),
                  tuple((left.channel, left.variable, left.explained_share) for left in found.unexplained),
                  tuple(GainShown(g.channel, g.metric, g.before, g.after) for g in found.gain), found.findings,
-                 None if plan is None else RunPlan(run_id(plan, machine), plan, minutes_of(plan, machine)),
+                 None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0),
                  kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
                  _left_curve(found, views, parts), "", planted)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from control.diagnosis.next_run import manoeuvres
 from control.field.job import Job, SpeedChange
 from control.machine.machine import Machine
 from control.orders import Do, Order, TargetSource
@@ -27,14 +26,9 @@ class Drive(NamedTuple):
     orders: Orders | None
 
 
-def run_id(plan: str, machine: Machine) -> str:
-    """The manoeuvre that a diagnosis planned; "" where the simulated machine has none like it."""
-    return next((one.id for one in manoeuvres(machine) if one.plan == plan and one.id in _DRIVES), "")
-
-
-def minutes_of(plan: str, machine: Machine) -> float:
-    """How long the planned run takes; 0 where that is not known."""
-    return next((one.minutes for one in manoeuvres(machine) if one.plan == plan), 0.0)
+def drivable(run_id: str) -> bool:
+    """Whether the simulated machine can drive the manoeuvre that a diagnosis planned."""
+    return run_id in _DRIVES
 
 
 def drive_of(manoeuvre: str, job: Job, machine: Machine) -> Drive:

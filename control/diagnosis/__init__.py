@@ -1,1 +1,28 @@
-"""What the machine model gets wrong on measured data, why, and what putting it right gains."""
+"""What the machine model gets wrong on measured data, why, and what putting it right gains.
+
+    from control.diagnosis import diagnose_run, diagnose_tables, extend
+
+The two entries load scipy and the compiled model, so they are imported when they are first asked for: a page that only
+shows a `Diagnosis` starts without them.
+"""
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from .extend import extend
+from .result import Diagnosis
+
+if TYPE_CHECKING:
+    from .runs.diagnose import diagnose_run
+    from .tables.diagnose import diagnose_tables
+
+__all__ = ["Diagnosis", "diagnose_run", "diagnose_tables", "extend"]
+
+_ENTRIES = {"diagnose_run": ".runs.diagnose", "diagnose_tables": ".tables.diagnose"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ENTRIES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_ENTRIES[name], __name__), name)

@@ -1,75 +1,73 @@
-"""What a named effect does in the field when nobody compensates it: dose and place."""
+"""What an effect costs in the field when nobody knows of it: the dose, through the machine model.
+
+Control asks for shaft speed and opening by the nominal machine, tells the ground speed by a wheel or a receiver and
+trims the flow by the scale; each of these it believes. So the dose goes with the flow, with the speed that is told,
+and against the mass that the scale tells.
+"""
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from typing import NamedTuple
 
+from control.machine.flow import FlowInput, FlowState, flow_step
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.scale import ScaleInput, scale_reads
+from control.machine.speed import SpeedInput, speed_start, speed_step
 
-from .hypothesis import Part, schedule, stages_of
-from .residuals import shaft_channel
-from .result import FieldCost
-from .stages_data import RunData
-
-FLOW_PERCENT = {         # relative change of the dose where the size is one in percent already
-    "flow.gain": 1.0, "flow.batch": 1.0, "flow.blocked_outlet": -1.0, "flow.bridging": -1.0,
-    "speed.wheel_slip": 1.0, "speed.wheel_radius": 1.0, "speed.missed_pulses": -1.0,
-}
-LATE_S = ("shaft.dead_time", "shaft.slow", "speed.gnss_latency")
+USUAL_MPS = 1.25            # ground speed where data has none (decision paper: about 4.5 km/h)
+STEP_S = 1.0                # over which the scale tells a mass
 
 
-def field_cost(part: Part, machine: Machine, data: RunData) -> FieldCost:
-    """Mean change of the dose over the working rows, %, and of the landing place, m (late positive).
+class Point(NamedTuple):
+    """One operating point: how the drives truly stand, and what is around them."""
 
-    Wheel effects are counted as if the wheel alone told the speed. None: this effect has no such cost.
+    shaft_rpm: float
+    opening_mm: float
+    hopper_kg: float
+    speed_mps: float = USUAL_MPS
+    pitch_deg: float = 0.0
+    time_s: float = 0.0         # since the run began
+    working: float = 1.0        # 1: under draught
+    refills: float = 0.0        # so far
+
+
+def dose(machine: Machine, points: Sequence[Point]) -> float:
+    """What leaves the machine over operating points, in kg for a second at each, under a control that believes its
+    sensors: the speed at each point, the mass that the scale tells over all of them (its trim is slow)."""
+    left = asked = told = 0.0
+    for point in points:
+        state = FlowState(point.time_s, point.hopper_kg, 0.0, point.refills)
+        asked_of = FlowInput(point.shaft_rpm, point.opening_mm, point.pitch_deg)
+        kg = flow_step(machine.flow, state, asked_of, STEP_S)[1].flow_kg_s * STEP_S
+        left += kg
+        asked += kg * _told_speed(machine, point)
+        told += _told_mass_kg(machine, point, kg)
+    return asked * left / told if told > 0.0 else asked
+
+
+def _told_speed(machine: Machine, point: Point) -> float:
+    """Speed as told over true speed, whichever of the two sensors is believed: an effect moves one of them."""
+    true = point.speed_mps
+    if true <= 0.0:
+        return 1.0
+    _, told = speed_step(machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S)
+    return told.wheel_mps * told.gnss_mps / true ** 2
+
+
+def _told_mass_kg(machine: Machine, point: Point, left_kg: float) -> float:
+    """Mass that the scale says has left where `left_kg` have; nothing is told while nothing leaves."""
+    if left_kg <= 0.0:
+        return 0.0
+    before = scale_reads(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))
+    after = scale_reads(machine.scale, ScaleInput(point.hopper_kg - left_kg, point.time_s + STEP_S, point.pitch_deg))
+    return before - after
+
+
+def rate_error_percent(nominal: Machine, wanted: Sequence[Point], changed: Machine,
+                       applied: Sequence[Point]) -> float | None:
+    """Applied over wanted less 1, %, over operating points; None where nothing was wanted.
+
+    wanted : as the nominal machine stands at them. applied : as the changed one does when it is asked for the same.
     """
-    if part.id in LATE_S:
-        return FieldCost(0.0, round(part.size * _speed(data), 3))
-    if part.id in FLOW_PERCENT:
-        return FieldCost(round(FLOW_PERCENT[part.id] * part.size, 2), 0.0)
-    rate = _rate_percent(part, machine, data)
-    return FieldCost(None if rate is None else round(rate, 2), 0.0)
-
-
-def _speed(data: RunData) -> float:
-    speed = data.variables.get("speed_mps")
-    if speed is None:
-        return 1.25
-    moving = speed[(data.working > 0.0) & (speed > 0.3)]
-    return float(np.mean(moving)) if len(moving) else 1.25
-
-
-def _rate_percent(part: Part, machine: Machine, data: RunData) -> float | None:
-    stage = part.id.split(".")[0]
-    if stage in ("scale", "canopy") or data.hopper is None:
-        return None
-    h = data.hopper
-    on = h.shaft_rpm > 0.0
-    if not on.any():
-        return None
-    rpm, opening, pitch = h.shaft_rpm[on], h.opening_mm[on], h.pitch_deg[on]
-    turned = np.sum(rpm * opening)
-    if part.id in ("gate.offset", "gate.home_error"):
-        sign = -1.0 if part.id == "gate.offset" else 1.0
-        return float(100.0 * sign * part.size * np.sum(rpm) / turned)
-    if part.id == "flow.zero_offset":
-        return float(100.0 * part.size * np.sum(rpm) / (turned * machine.flow.grams_per_rev_mm))
-    if part.id == "flow.fill_falloff":
-        return float(-part.size * np.sum(rpm * opening * (rpm / 100.0) ** 3) / turned)
-    if part.id == "flow.slope":
-        return float(part.size * np.sum(rpm * opening * pitch) / turned)
-    if part.id == "flow.moisture_drift":
-        return float(part.size * np.sum(rpm * opening * h.time_s[on] / 3600.0) / turned)
-    if part.id == "flow.hopper_head":
-        level = np.interp(h.time_s[on], data.time_s, data.variables.get("hopper_kg", data.time_s * 0.0))
-        return float(-part.size * np.sum(rpm * opening * (1.0 - level / machine.flow.full_kg)) / turned)
-    if part.id == "flow.leak":
-        kg = turned * machine.flow.grams_per_rev_mm / 60_000.0 * float(np.median(np.diff(h.time_s)))
-        return float(100.0 * part.size / 3600.0 * data.duration_s / kg)
-    if stage == "shaft" and data.shaft is not None:
-        channel = shaft_channel(data.shaft, machine)
-        base = stages_of(machine)
-        with_it = channel.predict(schedule(base, (part,)), MOST_STEP_S)
-        without = channel.predict(schedule(base, ()), MOST_STEP_S)
-        return float(100.0 * np.sum(with_it - without) / max(1e-9, float(np.sum(without))))
-    return 0.0
+    asked = dose(nominal, wanted)
+    return 100.0 * (dose(changed, applied) / asked - 1.0) if asked > 0.0 else None

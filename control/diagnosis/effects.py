@@ -1,13 +1,34 @@
 """How a diagnosis treats each effect of the catalogue: one row an effect, and no second list.
 
 A new effect is its parameter in its stage's file (control/machine) and its row here: an effect without a row is an
-error at import, and so is a row without an effect.
+error at import, and so is a row without an effect. Sizes are in the unit that the catalogue gives the effect.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 from control.machine.machine import CATALOGUE
+
+
+class FoundBy(Enum):
+    """How a run log shows an effect."""
+
+    SCAN = "scan"                   # its column held against the whole log
+    ONSET = "onset"                 # never there from the start: scanned with the time at which it begins
+    STOP = "stop"                   # a drive that stands still to the end of the log
+    DIPS = "dips"                   # single readings of the wheel far too low; in a coarse log by the scan
+    STANDSTILL = "standstill"       # spells in which the scale stands still although the shaft turns
+    STEPS = "steps"                 # shaft speeds that come in steps
+
+
+class Costs(Enum):
+    """What an effect costs in the field when nobody knows of it."""
+
+    DOSE = "dose"
+    PLACE = "place"
+    NEITHER = "neither"             # it is wrong in what is told, or evens out
+    CROP = "crop"                   # depends on the crop that the heads look at: left open
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,51 +37,98 @@ class Row:
 
     id: str
 
+    # -- how its column is made
+    probe: float | None = None          # size at which the slope of a straight-line effect is taken
+    ladder: tuple[float, ...] = ()      # sizes tried, where what it does is no straight line in its size
+    slope_step: float | None = None     # difference of size for its slope; None: the probe, or 2 % of the size
+    threshold: bool = False             # acts on all commands below its size: it has no slope, it is sought on a grid
 
-SHAFT_GAIN = Row("shaft.gain")
-SHAFT_SLOW = Row("shaft.slow")
-SHAFT_DEAD_TIME = Row("shaft.dead_time")
-SHAFT_DEAD_BAND = Row("shaft.dead_band")
-SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag")
-SHAFT_LOAD_DROOP = Row("shaft.load_droop")
-SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder")
-SHAFT_STALL = Row("shaft.stall")
-GATE_OFFSET = Row("gate.offset")
-GATE_HOME_ERROR = Row("gate.home_error")
-GATE_BACKLASH = Row("gate.backlash")
-GATE_LOST_STEPS = Row("gate.lost_steps")
-GATE_SLOW = Row("gate.slow")
-GATE_STUCK = Row("gate.stuck")
-FLOW_GAIN = Row("flow.gain")
-FLOW_ZERO_OFFSET = Row("flow.zero_offset")
-FLOW_FILL_FALLOFF = Row("flow.fill_falloff")
-FLOW_HOPPER_HEAD = Row("flow.hopper_head")
-FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift")
-FLOW_BATCH = Row("flow.batch")
-FLOW_BLOCKED_OUTLET = Row("flow.blocked_outlet")
+    # -- where a run log shows it
+    found_by: FoundBy = FoundBy.SCAN
+    also_on: tuple[str, ...] = ()       # channels beside its own stage's that it moves
+    needs_refill: bool = False          # shows only after the hopper was filled up
+    min_move_mm: float = 0.0            # the opening's command must move so far (1st to 99th percentile)
+    seen_in_steps: bool = True          # can be told where the shaft's speed is read in steps
+
+    # -- what it may be taken for
+    form_over: str = ""                 # recorded variable over which its form may differ from the catalogue's
+    siblings: tuple[str, ...] = ()      # effects of nearly the same form: its own may differ from it by theirs
+    moves: str = ""                     # nominal value of its stage that it moves: its size is as open as that is
+    along: str = ""                     # slow variable that it follows: tested again with that moved along the log
+    move_shaped: bool = False           # shows at each move of a drive, as a command missing from the log does
+
+    # -- when it begins
+    may_begin: bool = True              # whether it may begin in the middle of a run
+    loss_begins_as: str = ""            # the effect that a loss of this kind is, where it begins in mid-run
+
+    # -- what it costs
+    costs: Costs = Costs.DOSE
+
+    @property
+    def stage(self) -> str:
+        """Stage of the machine model that has the effect's parameter."""
+        return CATALOGUE[self.id].stage
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of a run log that the effect moves, its own first; empty where no run log shows its stage."""
+        own = {"fall": (), "flow": ("scale",)}.get(self.stage, (self.stage,))
+        return (*own, *self.also_on)
+
+    @property
+    def has_slope(self) -> bool:
+        """Whether the prediction has a slope in its size."""
+        return not (self.threshold or self.found_by is FoundBy.STEPS or CATALOGUE[self.id].effect.onset_only)
+
+
+SHAFT_GAIN = Row("shaft.gain", probe=0.5, form_over="shaft_rpm")
+SHAFT_SLOW = Row("shaft.slow", ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",), moves="time_constant_s",
+                 seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
+SHAFT_DEAD_TIME = Row("shaft.dead_time", ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",), moves="dead_time_s",
+                      seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
+SHAFT_DEAD_BAND = Row("shaft.dead_band", ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
+SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", probe=0.5, form_over="supply_v", along="supply_v")
+SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm")
+SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", found_by=FoundBy.STEPS, costs=Costs.NEITHER)
+SHAFT_STALL = Row("shaft.stall", found_by=FoundBy.STOP)
+GATE_OFFSET = Row("gate.offset", probe=0.1, form_over="opening_mm", also_on=("scale",))     # flow follows the true one
+GATE_HOME_ERROR = Row("gate.home_error", probe=0.1, form_over="opening_mm")
+GATE_BACKLASH = Row("gate.backlash", ladder=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0, move_shaped=True)
+GATE_LOST_STEPS = Row("gate.lost_steps", probe=0.02, may_begin=False, move_shaped=True)
+GATE_SLOW = Row("gate.slow", ladder=(1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True,
+                costs=Costs.PLACE)
+GATE_STUCK = Row("gate.stuck", found_by=FoundBy.STOP)
+FLOW_GAIN = Row("flow.gain", probe=1.0, loss_begins_as="flow.blocked_outlet")
+FLOW_ZERO_OFFSET = Row("flow.zero_offset", probe=1.0, form_over="opening_mm")
+FLOW_FILL_FALLOFF = Row("flow.fill_falloff", probe=1.0, form_over="shaft_rpm")
+FLOW_HOPPER_HEAD = Row("flow.hopper_head", probe=1.0, form_over="hopper_kg")
+FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift", probe=1.0, form_over="time_s", may_begin=False)
+FLOW_BATCH = Row("flow.batch", probe=1.0, needs_refill=True, may_begin=False)
+FLOW_BLOCKED_OUTLET = Row("flow.blocked_outlet", probe=2.0, found_by=FoundBy.ONSET)
 FLOW_OUTLET_UNEVEN = Row("flow.outlet_uneven")
-FLOW_BRIDGING = Row("flow.bridging")
-FLOW_LEAK = Row("flow.leak")
-FLOW_SLOPE = Row("flow.slope")
-FLOW_PULSATION = Row("flow.pulsation")
-SCALE_GAIN = Row("scale.gain")
-SCALE_DRIFT = Row("scale.drift")
-SCALE_TILT = Row("scale.tilt")
-SPEED_WHEEL_SLIP = Row("speed.wheel_slip")
-SPEED_WHEEL_RADIUS = Row("speed.wheel_radius")
-SPEED_MISSED_PULSES = Row("speed.missed_pulses")
-SPEED_GNSS_LATENCY = Row("speed.gnss_latency")
-CANOPY_HEAD_FOULED = Row("canopy.head_fouled")
-CANOPY_WARM_UP = Row("canopy.warm_up")
-CANOPY_SATURATION = Row("canopy.saturation")
-LAG_OFFSET = Row("lag.offset")
-LAG_REBOUND = Row("lag.rebound")
-LAG_FIRST_FILL = Row("lag.first_fill")
-LAG_ASYMMETRY = Row("lag.asymmetry")
-LAG_COARSE_CLOCK = Row("lag.coarse_clock")
-LAG_SPEED_SCALE = Row("lag.speed_scale")
-PLACE_LEVER_ARM = Row("place.lever_arm")
-PLACE_LATENCY = Row("place.latency")
+FLOW_BRIDGING = Row("flow.bridging", found_by=FoundBy.STANDSTILL)
+FLOW_LEAK = Row("flow.leak", probe=1.0)
+FLOW_SLOPE = Row("flow.slope", probe=0.2, form_over="pitch_deg", along="pitch_deg")
+FLOW_PULSATION = Row("flow.pulsation", costs=Costs.NEITHER)
+SCALE_GAIN = Row("scale.gain", probe=0.2)
+SCALE_DRIFT = Row("scale.drift", probe=0.5, form_over="time_s", may_begin=False)
+SCALE_TILT = Row("scale.tilt", probe=0.05, form_over="pitch_deg", along="pitch_deg")
+SPEED_WHEEL_SLIP = Row("speed.wheel_slip", probe=0.5, form_over="pitch_deg")
+SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", probe=0.5)
+SPEED_MISSED_PULSES = Row("speed.missed_pulses", probe=0.5, found_by=FoundBy.DIPS)
+SPEED_GNSS_LATENCY = Row("speed.gnss_latency", ladder=(0.1, 0.3, 0.8), slope_step=0.05,     # two rows of its stage
+                         costs=Costs.PLACE)
+CANOPY_HEAD_FOULED = Row("canopy.head_fouled", probe=1.0, costs=Costs.CROP)
+CANOPY_WARM_UP = Row("canopy.warm_up", costs=Costs.CROP)
+CANOPY_SATURATION = Row("canopy.saturation", costs=Costs.CROP)
+LAG_OFFSET = Row("lag.offset", costs=Costs.PLACE)
+LAG_REBOUND = Row("lag.rebound", costs=Costs.PLACE)
+LAG_FIRST_FILL = Row("lag.first_fill", costs=Costs.PLACE)
+LAG_ASYMMETRY = Row("lag.asymmetry", costs=Costs.PLACE)
+LAG_COARSE_CLOCK = Row("lag.coarse_clock", costs=Costs.NEITHER)
+LAG_SPEED_SCALE = Row("lag.speed_scale", costs=Costs.PLACE)
+PLACE_LEVER_ARM = Row("place.lever_arm", costs=Costs.PLACE)
+PLACE_LATENCY = Row("place.latency", costs=Costs.PLACE)
 
 ROWS: dict[str, Row] = {row.id: row for row in list(globals().values()) if isinstance(row, Row)}
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))

@@ -11,13 +11,36 @@ from .result import Cause, Diagnosis
 
 def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
            valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
-    """The machine with the named causes adopted.
+    """The machine with the named causes adopted: simulated, predicted and compensated from then on.
 
-    A smooth dependence that no effect explains is not: neither plant nor control would evaluate it.
+    A smooth dependence that no effect explains is not: neither plant nor control would evaluate it. Effects that begin
+    mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out.
 
-    date : as it shall stand in the file; sha256 : of the data; valid : range by recorded variable in which the
-    extension may be believed (default: the ranges that the diagnosis saw excited). Effects that begin mid-run (a
-    blocked outlet, a stall) are repaired, not modelled: they are left out. Raises ValueError for a size out of bounds.
+    Parameters
+    ----------
+    machine
+        The machine that the diagnosis was made with.
+    diagnosis
+        What was found; its causes' sizes go on top of what the machine has of them already.
+    date, sha256
+        As they shall stand in the file: the day, and the checksum of the data.
+    valid
+        Range by recorded variable in which the extension may be believed; default: those that the data excited.
+
+    Raises
+    ------
+    ValueError
+        For a size out of the catalogue's bounds.
+
+    Examples
+    --------
+    >>> from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+    >>> from control.machine.machine import Machine, effect_sizes
+    >>> cause = Cause("flow.gain", Size(6.0, 5.5, 6.5, "%"), None, 0.99, (), None, "Do a catch test.",
+    ...               FieldCost(6.0, 0.0))
+    >>> found = Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"), (), "named", (cause,), (), (), None, (), None)
+    >>> effect_sizes(extend(Machine(), found, date="2026-07-01"))
+    {'flow.gain': 6.0}
     """
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)

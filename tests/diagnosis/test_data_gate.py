@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from control.diagnosis.data_gate import gate
-from control.diagnosis.run import _between_rows
+from control.diagnosis.runs.findings import between_rows
+from control.diagnosis.runs.log import gate
 
 ROWS = 400
 
@@ -34,10 +34,10 @@ def test_a_machine_that_stood_for_most_of_it_did_move():
 
 def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
     clean = gate(columns(np.full(ROWS, 1.3)))                  # ten rows a second
-    said = _between_rows(clean, {"gate.slow", "flow.gain"})
+    said = between_rows(clean, {"gate.slow", "flow.gain"})
     assert len(said) == 1 and said[0].startswith("gate.slow: rows come every 0.1 s")
-    assert _between_rows(clean, {"flow.gain"}) == []
+    assert between_rows(clean, {"flow.gain"}) == []
     every_tick = clean._replace(step_s=0.05, time_s=0.05 * np.arange(ROWS))
-    assert _between_rows(every_tick, {"gate.slow"}) == []
+    assert between_rows(every_tick, {"gate.slow"}) == []
     holed = every_tick._replace(time_s=np.delete(every_tick.time_s, np.arange(5, ROWS, 20)))
-    assert "5 % of the rows are missing" in _between_rows(holed, {"gate.slow"})[0]
+    assert "5 % of the rows are missing" in between_rows(holed, {"gate.slow"})[0]

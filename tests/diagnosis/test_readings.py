@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from control.diagnosis.tails import tail_excess
-from control.diagnosis.whole_steps import noise_before_rounding, rounding_error, whole_steps
+from control.diagnosis.runs.quantised import noise_before_rounding, rounding_error, whole_steps
+from control.diagnosis.runs.robust import tail_excess
 
 
 def test_readings_that_are_whole_steps_say_their_step_and_others_say_nothing() -> None:

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from control.diagnosis import open_set
-from control.diagnosis.gain import closed_loop_gain
-from control.diagnosis.run import diagnose_run
+from control.diagnosis.runs import unexplained
+from control.diagnosis.runs.diagnose import diagnose_run
+from control.diagnosis.runs.gain import closed_loop_gain
 from control.log_row import COLUMNS, TEXT_COLUMNS
 from control.machine.machine import Machine, with_effect
 from control.machine.planting import Planted
@@ -55,7 +55,7 @@ def test_a_speed_sensors_own_noise_is_no_finding(setup: Setup, strategy: Strateg
     found = diagnose_run(columns, machine)
     assert found.verdict == "none", (found.causes, found.unexplained)
     # The trap is real: held against the command that follows it, the wheel's noise looks like a dependence.
-    monkeypatch.setitem(open_set.DOWNSTREAM, "speed", frozenset({"speed_mps"}))
+    monkeypatch.setitem(unexplained.DOWNSTREAM, "speed", frozenset({"speed_mps"}))
     trapped = diagnose_run(columns, machine)
     assert [(u.channel, u.variable) for u in trapped.unexplained] == [("speed", follows)]
 
@@ -64,8 +64,8 @@ def test_a_speed_sensors_own_noise_is_no_finding(setup: Setup, strategy: Strateg
     (0.004, 0.05, False), (0.006, 0.05, True), (0.004, 0.2, True)])
 def test_specks_are_worth_no_verdict(share: float, field_percent: float, worth: bool) -> None:
     nodes = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
-    table = open_set.Table("gate", "roll_deg", 100.0, nodes, nodes, share, field_percent)
-    assert open_set.significant(table, 0.0) is worth
+    found = unexplained.Dependence("gate", "roll_deg", 100.0, nodes, nodes, share, field_percent)
+    assert unexplained.significant(found, 0.0) is worth
 
 
 def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup) -> None:

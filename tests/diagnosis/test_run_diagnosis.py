@@ -8,13 +8,14 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from control.diagnosis import data_gate, noise, null, onset, open_set, search, stages_data
 from control.diagnosis.extend import extend, refuse_to_adopt
-from control.diagnosis.hypothesis import Part
-from control.diagnosis.next_run import manoeuvres, separation
-from control.diagnosis.residuals import channels
 from control.diagnosis.result import STRUCTURE_P
-from control.diagnosis.run import Cancelled, diagnose_run
+from control.diagnosis.runs import evidence, log, noise, onset, search, stages, unexplained
+from control.diagnosis.runs.channels import channels
+from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
+from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.next_run import manoeuvres, separation
+from control.diagnosis.runs.settle import settle
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
@@ -139,6 +140,9 @@ def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell():
     assert found.verdict == "ambiguous"
     assert {c.id for c in found.causes} | {r.id for c in found.causes for r in c.rivals} >= {"flow.gain", "scale.gain"}
     assert found.next_run is not None and found.next_run.plan
+    planned = next(one for one in manoeuvres(Machine()) if one.id == found.next_run.id)
+    assert (found.next_run.plan, found.next_run.minutes) == (planned.plan, planned.minutes) and found.next_run.steps
+    assert all(cause.scope is None for cause in found.causes)
     assert sum(r.probability for r in found.causes[0].rivals) + found.causes[0].probability <= 1.0 + 1e-9
 
 
@@ -265,10 +269,10 @@ def test_a_gate_stuck_while_its_moves_are_small_is_named():
 
 
 def test_a_gate_whose_last_move_came_late_is_not_stuck():
-    group = a_gate_alone(Machine(), 0.02)
-    channel = group.channels[0]
+    found = a_gate_alone(Machine(), 0.02)
+    channel = found.model.channels[0]
     still = channel.measured.copy()
-    asked = group.predicted(())["gate"].copy()
+    asked = found.model.predicted(())["gate"].copy()
     asked[-400:], still[-400:] = 20.0, 20.0 + 0.05 * np.random.default_rng(2).standard_normal(400)
     still[-500:-400] = asked[-500:-400] = 27.0
     asked[-400] = 21.0
@@ -286,30 +290,30 @@ def a_gate_alone(machine, dead_time_off_s=0.0):
     read = gate_run((gate,), no_switch(), gate_start(command[0]), GateOutput(command[0], command[0]),
                     input_rows(GateInput, len(time), command_mm=command), time, MOST_STEP_S)[:, 1]
     columns = {"time_s": time, "opening_mm_cmd": command, "opening_mm": read + 0.05 * rng.standard_normal(len(time))}
-    data = stages_data.run_data(data_gate.gate(columns), machine)
-    return search.Group([channels(data, machine)["gate"]], machine, data)
+    data = stages.run_data(log.gate(columns), machine)
+    return search.Search([channels(data, machine)["gate"]], machine, data)
 
 
 def test_drift_that_stays_beside_a_smooth_structure_makes_it_drift():
-    group = a_gate_alone(Machine())
-    channel = group.channels[0]
+    found = a_gate_alone(Machine())
+    channel = found.model.channels[0]
     before = noise.Noise((np.log(0.05), np.log(0.02), np.log(0.05), np.log(60.0)))
     without_drift = before._replace(theta=(*before.theta[:2], np.log(0.001), before.theta[3]))
     along = channel.grid.even_s / channel.grid.even_s[-1]
     slow = noise.coefficients(np.cos(np.pi * along), channel.cut)
     quick = noise.coefficients(np.cos(300.0 * np.pi * along), channel.cut)
-    assert open_set._slow_noise(group, "gate", slow, before, before) == (True, True)
-    assert open_set._slow_noise(group, "gate", slow, before, without_drift) == (True, False)
-    assert open_set._slow_noise(group, "gate", quick, before, before) == (False, False)
-    assert null.slow_share(slow, channel, without_drift) == 0.0
+    assert unexplained.as_drift(channel, slow, before, before) == (True, True)
+    assert unexplained.as_drift(channel, slow, before, without_drift) == (True, False)
+    assert unexplained.as_drift(channel, quick, before, before) == (False, False)
+    assert evidence.slow_share(slow, channel, without_drift) == 0.0
 
 
 @pytest.mark.parametrize("off_s", [-0.012, -0.006])
 def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s):
     """Such a move has begun or is over when it is read: the likelihood has a kink, and its slope leads nowhere."""
-    group = a_gate_alone(Machine(), off_s)
-    group.settle(())
-    assert group._off["gate dead time"] == pytest.approx(off_s, abs=0.004)
+    found = a_gate_alone(Machine(), off_s)
+    settle(found.columns, ())
+    assert found.model.offsets["gate.dead_time_s"] == pytest.approx(off_s, abs=0.004)
 
 
 def test_one_stretch_alone_is_no_evidence():
@@ -338,8 +342,8 @@ def test_short_bridges_show_by_the_mass_that_stayed():
 
 
 def test_a_long_log_is_looked_at_in_windows_and_judged_on_every_row(monkeypatch):
-    monkeypatch.setattr(stages_data, "MOST_ROWS", 5_000)
-    monkeypatch.setattr(stages_data, "WINDOW_ROWS", 3_000)
+    monkeypatch.setattr(stages, "MAX_ROWS", 5_000)
+    monkeypatch.setattr(stages, "WINDOW_ROWS", 3_000)
     columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=23, seconds=900.0)
     found = diagnose_run(columns, Machine())
     assert ids(found) == ["shaft.load_droop"]
@@ -352,22 +356,22 @@ def test_replicates_have_the_maximum_that_noise_has():
     """40 independent traces against white noise: the 95th percentile of the largest squared score is known."""
     rng = np.random.default_rng(6)
     traces = rng.standard_normal((64, 50, 40))
-    seen = null.Scores((rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1))
-    replicates = null.null_of_maximum(seen)
+    seen = evidence.Scores((rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1))
+    replicates = evidence.null_of_maximum(seen)
     known = chi2.isf(1.0 - 0.95 ** (1.0 / 40.0), 1.0)
     assert np.quantile(replicates, 0.95) == pytest.approx(known, rel=0.15)
-    assert null.chance(replicates, known) == pytest.approx(0.05, abs=0.03)
-    assert null.chance(replicates, 60.0) < 0.002
+    assert evidence.chance(replicates, known) == pytest.approx(0.05, abs=0.03)
+    assert evidence.chance(replicates, 60.0) < 0.002
 
 
 def test_an_uneven_trace_does_not_set_the_bar_for_all():
     rng = np.random.default_rng(7)
     traces = rng.standard_normal((64, 50, 10))
     score, energy = (rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1)
-    even = null.null_of_maximum(null.Scores(score, energy))
+    even = evidence.null_of_maximum(evidence.Scores(score, energy))
     score[:, 3] *= 6.0
-    assert null.spread_over(null.Scores(score, energy), 3) > 20.0
-    assert np.quantile(null.null_of_maximum(null.Scores(score, energy)), 0.95) < 1.4 * np.quantile(even, 0.95)
+    assert evidence.spread_over(evidence.Scores(score, energy), 3) > 20.0
+    assert np.quantile(evidence.null_of_maximum(evidence.Scores(score, energy)), 0.95) < 1.4 * np.quantile(even, 0.95)
 
 
 def test_a_steady_error_is_told_from_drift_from_whichever_side_the_noise_is_fitted():
@@ -388,20 +392,20 @@ def drifting(columns, sd, seed):
 
 def test_a_slow_dependence_must_gain_more_than_with_its_variable_moved_along_the_log():
     columns = drifting(a_run(Machine(), seed=32, seconds=900.0), 0.06, 9)
-    log = data_gate.gate(columns)
-    data = stages_data.run_data(log, Machine())
-    group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
+    clean = log.gate(columns)
+    data = stages.run_data(clean, Machine())
+    group = search.Search([channels(data, Machine())["gate"]], Machine(), data)
     null_fit = group.refit(())
-    plain = [open_set._table(group, null_fit, "gate", "roll_deg")]
-    moved = [open_set._moved_gain(group, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
-    assert plain[0].gain < open_set.SHIFT_MARGIN * max(moved)
+    plain = [unexplained.dependence(group.columns, null_fit, "gate", "roll_deg")]
+    moved = [unexplained.moved_gain(group.columns, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
+    assert plain[0].gain < unexplained.SHIFT_MARGIN * max(moved)
     rolls = {**columns, "opening_mm": columns["opening_mm"] + 0.12 * columns["roll_deg"]}
-    data = stages_data.run_data(data_gate.gate(rolls), Machine())
-    group = search.Group([channels(data, Machine())["gate"]], Machine(), data)
+    data = stages.run_data(log.gate(rolls), Machine())
+    group = search.Search([channels(data, Machine())["gate"]], Machine(), data)
     null_fit = group.refit(())
-    there = open_set._table(group, null_fit, "gate", "roll_deg")
-    moved = [open_set._moved_gain(group, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
-    assert there.gain > 2.0 * max(moved) and open_set.holds(group, null_fit, there, 0.0)
+    there = unexplained.dependence(group.columns, null_fit, "gate", "roll_deg")
+    moved = [unexplained.moved_gain(group.columns, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
+    assert there.gain > 2.0 * max(moved) and unexplained.holds(group.columns, null_fit, there, 0.0)
 
 
 def test_the_interval_of_a_dead_band_is_what_the_commands_leave_open():
@@ -426,10 +430,10 @@ def test_an_encoder_in_whole_steps_is_read_off_and_hides_nothing_of_the_flow():
 
 def test_evidence_of_one_block_falls_with_it():
     score, energy = np.full((64, 1), 0.5), np.full((64, 1), 1.0)
-    even = null.without_best_block(null.Scores(score, energy), 0)
+    even = evidence.without_best_block(evidence.Scores(score, energy), 0)
     score = np.zeros((64, 1))
     score[10] = 32.0
-    assert even > 15.0 and null.without_best_block(null.Scores(score, energy), 0) == 0.0
+    assert even > 15.0 and evidence.without_best_block(evidence.Scores(score, energy), 0) == 0.0
 
 
 def test_what_holds_for_one_label_is_not_adopted():

@@ -13,9 +13,9 @@ import yaml
 from console.app.pages.diagnosis.data import Stop, Stopped
 from console.services.diagnosis import DiagnosisFiles
 from console.services.diagnosis_view import sorted_out
-from console.services.separating_run import _DRIVES, drive_of, run_id
-from control.diagnosis.next_run import manoeuvres
+from console.services.separating_run import _DRIVES, drivable, drive_of
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+from control.diagnosis.runs.next_run import manoeuvres
 from control.orders import State
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
@@ -150,8 +150,8 @@ def huanghai():
 
 
 def test_every_planned_manoeuvre_can_be_driven(huanghai):
-    assert {run_id(one.plan, huanghai) for one in manoeuvres(huanghai)} == set(_DRIVES)
-    assert run_id("Weigh it by hand.", huanghai) == ""
+    assert {one.id for one in manoeuvres(huanghai) if drivable(one.id)} == set(_DRIVES)
+    assert not drivable("") and not drivable("weigh_by_hand")
 
 
 @pytest.mark.parametrize(("manoeuvre", "column", "wanted"), [

@@ -11,32 +11,41 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
+from control.diagnosis import effects
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
+from .channels import hopper_channel
 from .hypothesis import Part, schedule, stages_of
-from .residuals import hopper_channel
-from .stages_data import Hopper, RunData, Speed
+from .stages import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
 
+MIN_GAIN = 60.0             # of twice the log-likelihood, of all spells together; set on the tuning half
+MAX_SHARE = 60.0            # % of the time: what stands still for longer is no bridge
+
+# Bridges of many seconds, block by block: two states and a cost at each beginning (Viterbi's path).
 BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
-LEAST_GAIN = 60.0           # of twice the log-likelihood, of all spells together
-LEAST_DIPS = 6
+MAX_BLOCK_SCORE = 12.0      # of one block, either way: a refill or a knock on the scale is no bridge
+
+# Bridges below the scale's noise, by the step that each leaves in (reading - prediction) for good.
 STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
 STEP_GAP_S = 8.0            # of a step's own
-STEP_Z = 4.0
-LEAST_STEPS_SEEN = 2
-MOST_UNSEEN = 6.0           # of the mass of the steps seen: further standstills may lie below the noise
+MIN_STEP_SD = 4.0           # of the difference of two sides
+MIN_STEPS_SEEN = 2          # and two more for each step downwards
+MAX_UNSEEN = 6.0            # of the mass of the steps seen: further standstills may lie below the noise
 UNSEEN_SD = 0.2             # of that mass
+
+# Missing pulses of the wheel, as dips of its speed over the GNSS speed.
+MIN_DIPS = 6                # and three more for each rise of the same size
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
-LEAST_DIP = 0.1
+MIN_DIP = 0.1               # of the speed
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
-FAST_MPS = 0.6
+FAST_MPS = 0.6              # slower, a reading says little of the ratio
 
 
-class Seen(NamedTuple):
+class ReadOff(NamedTuple):
     """An effect read off the data."""
 
     part: Part
@@ -44,9 +53,9 @@ class Seen(NamedTuple):
     gain: float                 # of twice the log-likelihood
 
 
-def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Seen, ...]]:
+def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[ReadOff, ...]]:
     """The data with spells taken out, and the effects that they were."""
-    found: list[Seen] = []
+    found: list[ReadOff] = []
     if data.speed is not None:
         speed, seen = _without_dips(data.speed)
         if seen is not None:
@@ -60,7 +69,7 @@ def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Seen
     return data, tuple(found)
 
 
-def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
+def _without_dips(s: Speed) -> tuple[Speed, ReadOff | None]:
     """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed."""
     moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
@@ -69,20 +78,20 @@ def _without_dips(s: Speed) -> tuple[Speed, Seen | None]:
     middle, spread = _usual(ratio[moving])
     ratio, spread = ratio / middle, spread / middle
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
-    deep = max(LEAST_DIP, DIP_SD * spread)
+    deep = max(MIN_DIP, DIP_SD * spread)
     if not (moving & (ratio < usual - deep)).any():
         return s, None
     usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
     deep = max(deep, 0.5 * usually)         # a GNSS outlier this large upwards is as odd as a dip is
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
     starts, odd = _starts(dips), _starts(rises)
-    if starts < LEAST_DIPS + 3 * odd:
+    if starts < MIN_DIPS + 3 * odd:
         return s, None
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / starts)
-    return s._replace(wheel_mps=wheel), Seen(Part("speed.missed_pulses", share), float(sd), 10.0 * starts)
+    return s._replace(wheel_mps=wheel), ReadOff(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
 
 
 def _usual(ratio: Array) -> tuple[float, float]:
@@ -102,7 +111,7 @@ def _starts(on: npt.NDArray[np.bool_]) -> int:
     return int((on & ~np.insert(on[:-1], 0, False)).sum())
 
 
-def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
+def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | None]:
     """Spells in which the scale stands still though the shaft turns; the mass that stayed behind is taken off.
 
     Long spells are seen block by block, short ones by the step that they leave in (reading - prediction) for good.
@@ -113,7 +122,7 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen | None]:
     return max(found, key=lambda one: one[1].gain) if found else (h, None)
 
 
-def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
+def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     """Upward steps of (reading - prediction), each against the mean level on both of its sides."""
     channel = hopper_channel(h, machine)
     predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
@@ -129,7 +138,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     used = predicted[at] - predicted[at + gap]              # kg that a standstill of the whole gap keeps back
     z = np.where((used > 0.0) & ~_near_refill(h, at, side + gap), rose / sd, 0.0)
     ups, downs = _peaks(z, side), _peaks(-z, side)
-    if len(ups) < LEAST_STEPS_SEEN + 2 * len(downs):
+    if len(ups) < MIN_STEPS_SEEN + 2 * len(downs):
         return None
     kept = np.zeros(len(left))
     for k in ups:
@@ -137,15 +146,16 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
     flow = np.concatenate(([0.0], np.maximum(0.0, -np.diff(predicted))))
     flowed = float(flow.sum())
     rest = float(np.mean(left[-side:]) - np.mean(left[:side]) - kept[-1])
-    unseen = rest if 0.0 < rest < MOST_UNSEEN * kept[-1] else 0.0
+    unseen = rest if 0.0 < rest < MAX_UNSEEN * kept[-1] else 0.0
     kept += unseen * np.cumsum(flow) / max(flowed, 1e-9)    # spells too short to be seen one by one
     share, gain = 100.0 * float(kept[-1]) / max(flowed, 1e-9), float(np.sum(z[ups] ** 2) - np.sum(z[downs] ** 2))
-    if gain < LEAST_GAIN or share > 60.0:
+    if gain < MIN_GAIN or share > MAX_SHARE:
         return None
     middle = h.time_s[:-1] + 0.5 * step_s
     stayed = np.interp(middle, h.grid.even_s, kept)
     sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
-    return h._replace(reading_kg=h.reading_kg - stayed), Seen(Part("flow.bridging", share), float(sd_share), gain)
+    seen = ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
+    return h._replace(reading_kg=h.reading_kg - stayed), seen
 
 
 def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArray[np.bool_]:
@@ -157,11 +167,11 @@ def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArra
 
 
 def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
-    """Places of peaks above STEP_Z, at least `apart` from each other."""
-    return np.asarray(find_peaks(z, height=STEP_Z, distance=apart)[0], np.int64)
+    """Places of peaks above MIN_STEP_SD, at least `apart` from each other."""
+    return np.asarray(find_peaks(z, height=MIN_STEP_SD, distance=apart)[0], np.int64)
 
 
-def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
+def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     """Blocks in which the scale stood still."""
     channel = hopper_channel(h, machine)
     even = h.grid.even_s
@@ -177,21 +187,21 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, Seen] | None:
         fell[max(0, j - 12):j + 4] = 0.0
     sd = 1.4826 * float(np.median(np.abs(rose - np.median(rose)))) + 0.02
     score = (2.0 * rose * fell - fell ** 2) / (2.0 * sd ** 2)
-    score = np.clip(np.where(fell > sd, score, -1.0), -12.0, 12.0)
+    score = np.clip(np.where(fell > sd, score, -1.0), -MAX_BLOCK_SCORE, MAX_BLOCK_SCORE)
     on, gain = _spells(score)
     starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
-    if starts < 2 or 2.0 * gain < LEAST_GAIN:
+    if starts < 2 or 2.0 * gain < MIN_GAIN:
         return None
     working = fell > 0.0
     share = 100.0 * float(on[working].mean())
-    if share > 60.0:
+    if share > MAX_SHARE:
         return None
     kept = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
     times = np.append(even[marks], even[min(len(even) - 1, int(marks[-1]) + hop)])
     stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)
     sd_share = 100.0 * starts ** 0.5 * hop * h.grid.step_s / (working.sum() * hop * h.grid.step_s)
     return (h._replace(reading_kg=h.reading_kg - stayed),
-            Seen(Part("flow.bridging", share), float(sd_share), 2.0 * gain))
+            ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
 
 
 def _spells(score: Array) -> tuple[npt.NDArray[np.bool_], float]:

@@ -1,7 +1,8 @@
-"""A shaft speed of which every reading is a whole number of steps: read off the log, and taken back.
+"""A shaft speed that is read in steps: whole steps are read off the log and taken back, others show as a saw-tooth.
 
-Rounding moves the mean reading by up to half a step, at a speed that hardly changes for good; what is left of the
-readings then serves the shaft's and the flow's stage as any other reading.
+Rounding moves the mean reading by up to half a step, at a speed that hardly changes for good; what is left of whole
+steps then serves the shaft's and the flow's stage as any other reading. With noise on top of the steps the readings lie
+anywhere: there the step is found by the saw-tooth that rounding leaves over the true speed.
 """
 from __future__ import annotations
 
@@ -11,23 +12,29 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
+from control.diagnosis import effects
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .data_gate import Clean
+from .channels import shaft_channel
 from .hypothesis import Part, schedule, stages_of
-from .residuals import shaft_channel
-from .spells import Seen
-from .stages_data import drives
+from .intermittent import ReadOff
+from .log import Clean
+from .model import GroupModel
+from .search import Candidate
+from .stages import whole_drives
 
 Array = npt.NDArray[np.float64]
 
-LEAST_STEP_RPM = 0.45       # finer steps are how an ordinary log is written
+MIN_STEP_RPM = 0.45         # finer steps are how an ordinary log is written
 ON_STEPS = 0.995            # of the readings
 WRITTEN_RPM = 0.001         # digits of a log
-LEAST_READINGS = 200
+MIN_READINGS = 200
 NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
-LEAST_CHANCE = 1e-3         # of a reading: some were taken while the shaft changed its speed
+SAW_TOOTH_BIN_RPM = 0.02
+STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))
+MIN_SAW_TOOTH = 40.0        # of the saw-tooth's squared score, over all steps tried
+MIN_CHANCE = 1e-3           # of a reading: some were taken while the shaft changed its speed
 
 
 class Steps(NamedTuple):
@@ -40,14 +47,14 @@ class Steps(NamedTuple):
 
 def whole_steps(readings_rpm: Array) -> Steps | None:
     """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps."""
-    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > LEAST_STEP_RPM)]
+    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > MIN_STEP_RPM)]
     kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
-    if len(turning) < LEAST_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
+    if len(turning) < MIN_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
         return None
     gaps = np.diff(kinds)
     for parts in (1.0, 2.0, 3.0):
         step = float(gaps.min()) / parts
-        if step < LEAST_STEP_RPM:
+        if step < MIN_STEP_RPM:
             return None
         for _ in range(5):
             number = np.round(turning / step)
@@ -75,12 +82,12 @@ def noise_before_rounding(readings_rpm: Array, true_rpm: Array, step_rpm: float,
 
     def log_likelihood(noise: float) -> float:
         share = ndtr(up / noise) - ndtr((up - step_rpm) / noise)
-        return float(np.sum(np.log(np.maximum(share, LEAST_CHANCE))))
+        return float(np.sum(np.log(np.maximum(share, MIN_CHANCE))))
 
     return float(max(tried, key=log_likelihood)) if steady.any() else usual_rpm
 
 
-def without_steps(log: Clean, machine: Machine) -> tuple[Clean, Seen | None]:
+def without_steps(log: Clean, machine: Machine) -> tuple[Clean, ReadOff | None]:
     """The log with the mean error of rounding taken off its shaft speeds, and the effect that it was."""
     if "shaft" not in log.stages:
         return log, None
@@ -88,9 +95,39 @@ def without_steps(log: Clean, machine: Machine) -> tuple[Clean, Seen | None]:
     steps = whole_steps(readings)
     if steps is None:
         return log, None
-    channel = shaft_channel(drives(log, machine, whole=True)["shaft"], machine)
+    channel = shaft_channel(whole_drives(log, machine)["shaft"], machine)
     asked = np.interp(log.time_s, channel.grid.even_s, channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S))
     noise = noise_before_rounding(readings, asked, steps.step_rpm, machine.noise.shaft_rpm)
     columns = {**log.columns, "shaft_rpm": readings - rounding_error(asked, steps.step_rpm, noise)}
     return (log._replace(columns=columns),
-            Seen(Part("shaft.coarse_encoder", steps.step_rpm), steps.sd_rpm, float(steps.readings)))
+            ReadOff(Part(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm), steps.sd_rpm, float(steps.readings)))
+
+
+def encoder_steps(model: GroupModel) -> list[Candidate]:
+    """The step whose saw-tooth fits best, where there is one; looked for among speeds above 5 r/min."""
+    if "shaft" not in model.names or model.data.shaft is None or model.data.shaft.step > 0.0:
+        return []
+    predicted = model.predicted(())["shaft"]
+    left = model.residual(())["shaft"]
+    on = predicted > 5.0
+    if on.sum() < 200:
+        return []
+    speed, wrong = predicted[on], left[on]
+    wrong = np.clip(wrong, *np.percentile(wrong, (0.5, 99.5)))
+    cell = np.round(speed / SAW_TOOTH_BIN_RPM).astype(np.int64)
+    kinds, place, count = np.unique(cell, return_inverse=True, return_counts=True)
+    total = np.bincount(place, weights=wrong - wrong.mean())
+    centre = np.bincount(place, weights=speed) / count
+    variance = float(np.var(wrong))
+    best, best_score = 0.0, 0.0
+    for part in np.array_split(STEPS_TRIED_RPM, max(1, len(STEPS_TRIED_RPM) * len(kinds) // 2_000_000)):
+        saw = np.sin(2.0 * np.pi * centre / part[:, None])
+        level = (saw * count).sum(axis=1, keepdims=True) / count.sum()
+        saw = saw - level
+        score = -(saw @ total) / np.sqrt(np.maximum(1e-9, variance * (saw ** 2 @ count)))
+        k = int(np.argmax(score))
+        if score[k] ** 2 > best_score and score[k] > 0.0:
+            best, best_score = float(part[k]), float(score[k] ** 2)
+    if best_score < MIN_SAW_TOOTH:
+        return []
+    return [Candidate(Part(effects.SHAFT_COARSE_ENCODER.id, best), best, best)]

@@ -2,28 +2,49 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from . import noise as noises
+from .channels import ChannelSeries
 from .noise import Noise
-from .residuals import Channel
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 Z90 = 1.645                 # half an interval of 90 % in s.d.
-MOST_ROUNDS = 15
+MAX_ROUNDS = 15
 SLOWER = 5.0                # times, at least, that the slow part of a noise remembers longer than the fast one
 SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round
+
+
+class Role(Enum):
+    """What a column is in a problem."""
+
+    TOLERANCE = "tolerance"         # a nominal value of the machine file, open within its tolerance
+    TRAIT = "trait"                 # the same value, unlike from case to case
+    READING = "reading"             # what a reading leaves open: level, refills, rounding, time stamps, heads
+    SLOPE = "slope"                 # of the prediction in a part's size
+    FORM = "form"                   # smooth shape of a variable, or of a part's form
+    CANDIDATE = "candidate"         # one unit of an effect that is tried
+    TRACE = "trace"                 # the whole of what a part does
+
+
+class Label(NamedTuple):
+    """What a column stands for. name : the nominal value's key, or the effect's id. part : its place, or -1."""
+
+    role: Role
+    name: str = ""
+    part: int = -1
 
 
 class Column(NamedTuple):
     """What one unit of something does to the channels: cosine coefficients by channel (absent: nothing)."""
 
-    key: str
+    label: Label
     coefficients: Mapping[str, Array]
     sd: float                       # prior s.d. of its amplitude; inf: free
     mean: float = 0.0               # prior mean of its amplitude
@@ -32,19 +53,22 @@ class Column(NamedTuple):
 class Products(NamedTuple):
     """Band products of one channel; row and column 0 are the data."""
 
-    channel: Channel
+    channel: ChannelSeries
     gram: Array                     # (bands, 1 + p, 1 + p)
     columns: Indices                # their places in the problem's list (p,)
 
 
 class Problem(NamedTuple):
-    keys: tuple[str, ...]
+    """Everything that a likelihood needs: columns by their labels, their priors, and their products with the data."""
+
+    labels: tuple[Label, ...]
     sd: Array                       # (q,)
     mean: Array                     # (q,)
     products: tuple[Products, ...]
 
-    def place(self, key: str) -> int:
-        return self.keys.index(key)
+    def places(self, role: Role) -> list[int]:
+        """Places of the columns of one role."""
+        return [k for k, label in enumerate(self.labels) if label.role is role]
 
 
 class Fit(NamedTuple):
@@ -54,20 +78,20 @@ class Fit(NamedTuple):
     noise: dict[str, Noise]
 
 
-def problem(channels: Sequence[Channel], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
+def problem(channels: Sequence[ChannelSeries], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
     """`data`: cosine coefficients of the residual by channel."""
     products = []
     for channel in channels:
         here = [k for k, column in enumerate(columns) if channel.name in column.coefficients]
         stack = np.stack([data[channel.name], *(columns[k].coefficients[channel.name] for k in here)])
         products.append(Products(channel, noises.band_products(stack, stack, channel.cut), np.array(here, np.int64)))
-    return Problem(tuple(c.key for c in columns), np.array([c.sd for c in columns]),
+    return Problem(tuple(c.label for c in columns), np.array([c.sd for c in columns]),
                    np.array([c.mean for c in columns]), tuple(products))
 
 
 def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
     """Normal equations of all columns under a given noise, priors left out: (q, q) and (q,)."""
-    size = len(p.keys)
+    size = len(p.labels)
     normal, right = np.zeros((size, size)), np.zeros(size)
     for one in p.products:
         channel = one.channel
@@ -84,7 +108,7 @@ def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Arr
     return _solve(normal, right, p, chosen)
 
 
-def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MOST_ROUNDS) -> Fit:
+def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS) -> Fit:
     """Most probable amplitudes and noise together: each in turn until nothing is gained, at most `rounds` times.
 
     A drift and a constant can stand for each other, so that the way from one to the other is slow.
@@ -105,7 +129,7 @@ def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int 
     return Fit(amplitude, covariance, _value(p, chosen, amplitude, now), now)
 
 
-def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[Channel]) -> Fit:
+def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[ChannelSeries]) -> Fit:
     """The better of two fits: from the noise given and from its calm version.
 
     What one hypothesis left of the noise may be far from where another must start.
@@ -114,7 +138,7 @@ def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channel
                key=lambda fit: fit.log_likelihood)
 
 
-def calm(noise: Mapping[str, Noise], channels: Sequence[Channel]) -> dict[str, Noise]:
+def calm(noise: Mapping[str, Noise], channels: Sequence[ChannelSeries]) -> dict[str, Noise]:
     """A noise whose slow part is no stronger than the machine file's: where a fit must start that is to tell a steady
     effect from a drift."""
     found = {}

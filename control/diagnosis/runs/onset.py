@@ -5,26 +5,34 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from control.diagnosis import effects
+from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 
-from .hypothesis import Part, Parts
-from .search import HALT_S, Group, Refit
-from .sensitivities import Candidate
-from .stages_data import RunData
+from .hypothesis import Part, Parts, replaced, without
+from .model import HALT_S, GroupModel
+from .search import Candidate, Refit, Search
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-TIMES = 16                  # onsets tried over the working time
-CALM = 5                    # samples of a median: an outlier is no turning
-STILL_S = 3.0               # a drive must disobey for this long in all
-DISOBEYS_SD = 2.0           # of one reading, for the mean of a second
-STILL_GAIN = 60.0           # of twice the log-likelihood, for one constant against the model
+# A stop, read off a drive.
+MEDIAN_SAMPLES = 5          # an outlier is no turning
+TURNS_SHARE = 0.3           # of the predicted speed: a shaft that reads more obeys
+MIN_STILL_S = 3.0           # a drive must disobey for this long in all
+MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
+MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
 STUCK_MM = 0.02             # worth as much as STUCK_WITHIN_S
-SAME_PLACE_SD = 1.0         # of one reading
+SAME_PLACE_SD = 1.0         # of one reading: a command so near to where a drive stands cannot tell whether it moves
 STOP_SD_S = 0.5             # how sharply a stop is seen
-ONSET_SHARE = 0.08          # of what the effect explains: forms are never quite right
-NEVER_WITH_ONSET = frozenset({"flow.batch", "flow.moisture_drift", "scale.drift", "gate.lost_steps"})
+
+# An onset, tried on a grid.
+TIMES = 16                  # tried over the working time
+ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
+HALVINGS = 5                # of the step by which an onset is moved, about
+NARROWER = 0.45             # times the step, in each
+MAX_OTHER_ONSETS = 2        # of a hypothesis that is given one more
 
 
 def working_times(data: RunData, count: int = TIMES) -> Array:
@@ -37,24 +45,25 @@ def working_times(data: RunData, count: int = TIMES) -> Array:
 
 def blocked(data: RunData) -> list[Candidate]:
     """An outlet that closes at some time."""
-    entry = CATALOGUE["flow.blocked_outlet"]
-    return [Candidate(Part("flow.blocked_outlet", 2.0, float(at)), 0.0, entry.high) for at in working_times(data)]
+    row = effects.FLOW_BLOCKED_OUTLET
+    assert row.probe is not None
+    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, CATALOGUE[row.id].high) for at in working_times(data)]
 
 
-def stops(group: Group, data: RunData) -> list[Candidate]:
+def stops(model: GroupModel) -> list[Candidate]:
     """Drives that stood still to the end of the log though commanded."""
     found: list[Candidate] = []
-    predicted = group.predicted(())
-    for channel in group.channels:
+    predicted = model.predicted(())
+    for channel in model.channels:
         if channel.name == "shaft":
             asked = predicted["shaft"] > 5.0
-            obeyed = asked & (median_filter(channel.measured, CALM) > 0.3 * predicted["shaft"])
+            obeyed = asked & (median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
-            effect = "shaft.stall"
+            effect = effects.SHAFT_STALL.id
         elif channel.name == "gate":
-            least = int(np.ceil(STILL_S / channel.grid.step_s))
+            least = int(np.ceil(MIN_STILL_S / channel.grid.step_s))
             at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
-            effect = "gate.stuck"
+            effect = effects.GATE_STUCK.id
             if at is not None:
                 at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s)
         else:
@@ -64,13 +73,13 @@ def stops(group: Group, data: RunData) -> list[Candidate]:
     return found
 
 
-def still_disobeys(group: Group, parts: Parts, stop: Part) -> bool:
+def still_disobeys(model: GroupModel, parts: Parts, stop: Part) -> bool:
     """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
-    channel = group.channel(stop.id.split(".")[0])
+    channel = model.channel(ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
-    off = uniform_filter1d(channel.measured - group.predicted(parts)[channel.name], second)
+    off = uniform_filter1d(channel.measured - model.predicted(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
-    return float(np.sum(np.abs(off[later]) > DISOBEYS_SD * channel.prior.fast_sd)) * channel.grid.step_s > STILL_S
+    return float(np.sum(np.abs(off[later]) > MIN_OFF_SD * channel.prior.fast_sd)) * channel.grid.step_s > MIN_STILL_S
 
 
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
@@ -85,13 +94,13 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     left = (measured - predicted)[::-1]
     about_model = (np.cumsum(left ** 2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
     better = (about_model - about_mean)[:-least] / noise ** 2
-    if len(better) < 1 or float(better.max()) < STILL_GAIN:
+    if len(better) < 1 or float(better.max()) < MIN_STILL_GAIN:
         return None
     level = float(np.median(measured[int(np.argmax(better)):]))
     gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise ** 2
     at = int(np.argmax(gained[:-least]))
     # The end of a move that came a little late speaks for a stop as well, but only for a moment.
-    return at if gained[min(at + least, len(gained) - 1)] > STILL_GAIN else None
+    return at if gained[min(at + least, len(gained) - 1)] > MIN_STILL_GAIN else None
 
 
 def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
@@ -103,11 +112,11 @@ def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
     return int(near[np.argmin(away)])
 
 
-def stop_interval(group: Group, part: Part) -> tuple[float, float]:
+def stop_interval(model: GroupModel, part: Part) -> tuple[float, float]:
     """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
-    channel = group.channel(part.id.split(".")[0])
+    channel = model.channel(ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
-    asked, even_s = group.predicted(())[channel.name], channel.grid.even_s
+    asked, even_s = model.predicted(())[channel.name], channel.grid.even_s
     at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))
     level = float(np.median(channel.measured[at:]))
     away = np.flatnonzero(np.abs(asked - level) > SAME_PLACE_SD * channel.prior.fast_sd)
@@ -123,51 +132,50 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
     """Sample after the last one at which the drive did something, where it was asked for long after that."""
     did = np.flatnonzero(obeyed)
     last = int(did[-1]) if len(did) else 0
-    return last + 1 if asked[last + 1:].sum() * step_s > STILL_S else None
+    return last + 1 if asked[last + 1:].sum() * step_s > MIN_STILL_S else None
 
 
-def with_onset(group: Group, found: Refit, data: RunData, threshold: float) -> Refit:
+def with_onset(search: Search, found: Refit, data: RunData, threshold: float) -> Refit:
     """The hypothesis with an onset for the part that gains most by one, where it gains more than `threshold`."""
     best = found
     for k, part in enumerate(found.parts):
-        if part.onset_s is not None or part.id in NEVER_WITH_ONSET or CATALOGUE[part.id].effect.onset_only:
+        if part.onset_s is not None or not ROWS[part.id].may_begin or CATALOGUE[part.id].effect.onset_only:
             continue
-        others: Parts = (*found.parts[:k], *found.parts[k + 1:])
-        if sum(p.onset_s is not None for p in others) >= 2:
+        others: Parts = without(found.parts, k)
+        if sum(p.onset_s is not None for p in others) >= MAX_OTHER_ONSETS:
             continue
         low, high = CATALOGUE[part.id].low, CATALOGUE[part.id].high
         tried = [Candidate(part._replace(onset_s=float(at)), low, high) for at in working_times(data)]
-        ranked = group.scan(others, found.noise, tried)
+        ranked = search.scan(others, found.noise, tried)
         if not ranked:
             continue
-        better = group.refit((*others, _as_blocked(ranked[0].part)), found.noise)
-        alone = group.refit(others, found.noise)
+        better = search.refit((*others, _as_blocked(ranked[0].part)), found.noise)
+        alone = search.refit(others, found.noise)
         reach = max(threshold, ONSET_SHARE * 2.0 * (found.log_likelihood - alone.log_likelihood))
         if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
-            best = refined(group, better, data)
+            best = refined(search, better, data)
     return best
 
 
 def _as_blocked(part: Part) -> Part:
-    if part.id == "flow.gain" and part.size < 0.0:
-        return Part("flow.blocked_outlet", -part.size, part.onset_s)
-    return part
+    begun = ROWS[part.id].loss_begins_as
+    return Part(begun, -part.size, part.onset_s) if begun and part.size < 0.0 else part
 
 
-def refined(group: Group, found: Refit, data: RunData) -> Refit:
+def refined(search: Search, found: Refit, data: RunData) -> Refit:
     """Onsets moved to where they fit best, in ever smaller steps."""
     best = found
     step = float(np.median(np.diff(working_times(data))))
-    for _ in range(5):
-        step *= 0.45
+    for _ in range(HALVINGS):
+        step *= NARROWER
         for k, part in enumerate(best.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
             for moved_s in (part.onset_s - step, part.onset_s + step):
                 if not data.time_s[0] < moved_s < data.time_s[-1]:
                     continue
-                parts = (*best.parts[:k], part._replace(onset_s=moved_s), *best.parts[k + 1:])
-                tried = group.refit(parts, best.noise)
+                parts = replaced(best.parts, k, part._replace(onset_s=moved_s))
+                tried = search.refit(parts, best.noise)
                 if tried.log_likelihood > best.log_likelihood:
                     best = tried
     return best

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from control.machine.machine import CATALOGUE, STAGES, Machine
 
-MOST_SWITCHES = 3           # parameter sets of one run are compiled for this many onsets
+MAX_SWITCHES = 3           # parameter sets of one run are compiled for this many onsets
 
 
 class Part(NamedTuple):
@@ -18,6 +18,16 @@ class Part(NamedTuple):
 
 
 Parts = tuple[Part, ...]
+
+
+def replaced(parts: Parts, k: int, part: Part) -> Parts:
+    """A hypothesis with another part in place k."""
+    return (*parts[:k], part, *parts[k + 1:])
+
+
+def without(parts: Parts, k: int) -> Parts:
+    """A hypothesis without its part in place k."""
+    return (*parts[:k], *parts[k + 1:])
 
 
 class Stages(NamedTuple):
@@ -59,8 +69,8 @@ class Schedule(NamedTuple):
 def schedule(stages: Stages, parts: Parts) -> Schedule:
     """When which stages are in force under a hypothesis. Raises ValueError for too many onsets."""
     times = sorted({part.onset_s for part in parts if part.onset_s is not None and part.onset_s > 0.0})
-    if len(times) > MOST_SWITCHES:
-        raise ValueError(f"hypothesis with {len(times)} onsets: at most {MOST_SWITCHES} are allowed")
+    if len(times) > MAX_SWITCHES:
+        raise ValueError(f"hypothesis with {len(times)} onsets: at most {MAX_SWITCHES} are allowed")
     sets = []
     for begin in (0.0, *times):
         now = stages

@@ -7,30 +7,31 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.effects import ROWS
+from control.diagnosis.result import Cause, NextRun
 from control.machine.machine import CATALOGUE, Machine
 
-from .data_gate import gate
+from .channels import channels
 from .hypothesis import Part
 from .likelihood import projected
-from .residuals import channels
-from .result import Cause, NextRun
-from .search import Group
-from .sensitivities import GROUPS, PROBES
-from .stages_data import run_data
+from .log import gate
+from .model import GROUPS
+from .search import Search
+from .stages import run_data
 
 Array = npt.NDArray[np.float64]
 
-STEP_S = 0.5
-ENOUGH_Z = 3.0
-STATIC_KG = 100.0
+STEP_S = 0.5                # of the logs that manoeuvres are played into
+MIN_SEPARATION_SD = 3.0     # of an effect, once its rival is fitted: from there on a run tells them apart
 
 
 class Manoeuvre(NamedTuple):
-    """A short run that costs little."""
+    """A short run that costs little. plan : for people; id, minutes and steps : for programs."""
 
     id: str
     plan: str
     minutes: float
+    steps: tuple[str, ...]
     columns: dict[str, npt.NDArray[Any]]
 
 
@@ -46,20 +47,26 @@ def manoeuvres(machine: Machine) -> list[Manoeuvre]:
     filled = np.where(twenty >= 600.0, 1.0, 0.0)
     return [
         Manoeuvre("stairs", "Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice.", 10.0,
-                  _log(ten, stairs, opening)),
+                  _held_for("r/min", (20, 40, 60, 80), 60) * 2, _log(ten, stairs, opening)),
         Manoeuvre("openings", "Opening staircase: 10, 20, 30, 40 mm for a minute each at one shaft speed, twice.", 10.0,
-                  _log(ten, rpm, openings)),
+                  _held_for("mm", (10, 20, 30, 40), 60) * 2, _log(ten, rpm, openings)),
         Manoeuvre("slope", "Out and back on a slope, two minutes each way, twice.", 10.0,
-                  _log(ten, rpm, opening, pitch=slope)),
+                  ("uphill for 120 s", "downhill for 120 s") * 2, _log(ten, rpm, opening, pitch=slope)),
         Manoeuvre("two_speeds", "Two ground speeds: 3 and 6 km/h in turn, two minutes each.", 10.0,
+                  _held_for("km/h", (3, 6, 3, 6, 3), 120),
                   _log(ten, rpm, opening, speed=np.where(np.floor(ten / 120.0) % 2 < 1, 0.83, 1.67))),
         Manoeuvre("out_of_work", "Drive on with the shaft stopped every second minute.", 10.0,
-                  _log(ten, rpm * halves, opening)),
+                  ("work for 60 s", "shaft stopped for 60 s") * 5, _log(ten, rpm * halves, opening)),
         Manoeuvre("standing", "Stand still with the shaft stopped for ten minutes and watch the scale.", 10.0,
-                  _log(ten, 0.0, opening, speed=0.0 * ten)),
+                  ("stand with the shaft stopped for 600 s",), _log(ten, 0.0, opening, speed=0.0 * ten)),
         Manoeuvre("refill", "Work for ten minutes, fill up with weighed bags and write the kg down, work for ten more.",
-                  20.0, _log(twenty, rpm, opening, refill=150.0 * filled)),
+                  20.0, ("work for 600 s", "fill up, kg written down", "work for 600 s"),
+                  _log(twenty, rpm, opening, refill=150.0 * filled)),
     ]
+
+
+def _held_for(unit: str, values: tuple[int, ...], seconds: int) -> tuple[str, ...]:
+    return tuple(f"{value} {unit} for {seconds} s" for value in values)
 
 
 def _log(time: Array, rpm: Array | float, opening: Array | float, pitch: Array | float = 0.0,
@@ -88,17 +95,18 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
         return None
     cause = max(doubtful, key=lambda c: c.rivals[0].probability)
     rival = cause.rivals[0].id
-    value = cause.size.value or PROBES.get(cause.id, 1.0)
+    value = cause.size.value or ROWS[cause.id].probe or 1.0
     best: tuple[float, Manoeuvre] | None = None
     for manoeuvre in manoeuvres(machine):
         z = separation(manoeuvre, machine, Part(cause.id, value, None, cause.member), rival)
         score = z / manoeuvre.minutes ** 0.5
-        if z >= ENOUGH_Z and (best is None or score > best[0]):
+        if z >= MIN_SEPARATION_SD and (best is None or score > best[0]):
             best = (score, manoeuvre)
     why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
     if best is None:
         return NextRun(why, CATALOGUE[cause.id].effect.separate)
-    return NextRun(why, best[1].plan)
+    run = best[1]
+    return NextRun(why, run.plan, run.id, run.minutes, run.steps)
 
 
 def separation(manoeuvre: Manoeuvre, machine: Machine, part: Part, rival_id: str) -> float:
@@ -106,21 +114,16 @@ def separation(manoeuvre: Manoeuvre, machine: Machine, part: Part, rival_id: str
     log = gate(manoeuvre.columns)
     data = run_data(log, machine)
     seen = channels(data, machine)
-    names = next(names for names in GROUPS.values() if _home(part.id) in names)
+    names = next(names for names in GROUPS.values() if ROWS[part.id].channels[0] in names)
     members = [seen[n] for n in names if n in seen]
     if not members:
         return 0.0
-    group = Group(members, machine, data)
-    wanted = [c for c in group.candidates if c.part.id in (part.id, rival_id)]
+    search = Search(members, machine, data)
+    wanted = [c for c in search.candidates if c.part.id in (part.id, rival_id)]
     if {c.part.id for c in wanted} != {part.id, rival_id}:
         return 0.0
     own = min((c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size))
     other = next(c for c in wanted if c.part.id == rival_id)
-    p, before = group.compressed((), [group.candidate_column((), other), group.candidate_column((), own)])
-    normal, _ = projected(p, np.arange(before + 1), group.noise)
+    p, before = search.columns.compressed((), [search.columns.of_candidate((), c.part) for c in (other, own)])
+    normal, _ = projected(p, np.arange(before + 1), search.model.noise)
     return float(abs(part.size) * np.sqrt(max(0.0, normal[-1, -1])))
-
-
-def _home(effect_id: str) -> str:
-    stage = effect_id.split(".")[0]
-    return {"flow": "scale", "canopy": "heads"}.get(stage, stage)

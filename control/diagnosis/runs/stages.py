@@ -9,16 +9,16 @@ from scipy.signal import savgol_filter
 
 from control.machine.machine import Machine
 
-from .data_gate import HEADS, MOVING_MPS, Clean
+from .log import HEADS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
-MOST_ROWS = 100_000         # longer logs are looked at in windows, row by row ...
+MAX_ROWS = 100_000          # longer logs are looked at in windows, row by row ...
 WINDOW_ROWS = 20_000        # ... of so many rows in all
 WINDOWS = 5
 EVERY_ROW = 20              # of the recorded variables between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
-MOST_BINS = 60_000          # of the scale: a longer log has longer bins
+MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
@@ -28,7 +28,7 @@ REFILL_KG = 3.0
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
-MOST_BRIDGED_STEPS = 5.0    # a longer gap of a grid is left out
+MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out
 
 
 class Grid(NamedTuple):
@@ -116,41 +116,66 @@ class RunData(NamedTuple):
     heads: Heads | None
 
 
+class _Rows(NamedTuple):
+    """What several stages are given, at every row of the log: (n,) each, gaps bridged."""
+
+    time_s: Array
+    step_s: float
+    command_rpm: Array
+    command_mm: Array
+    shaft_rpm: Array            # measured, where it is not the command
+    opening_mm: Array
+    supply_v: Array             # smoothed, as the pitch
+    pitch_deg: Array
+    working: Array              # 1 while the shaft turns, else 0
+
+
+def _rows(log: Clean, machine: Machine) -> _Rows:
+    time, c = log.time_s, log.columns
+    command_rpm, command_mm = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
+    shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm)
+    supply_v = _bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
+    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], command_mm),
+                 _smooth(supply_v, log.step_s),
+                 _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
+                 (np.nan_to_num(shaft_rpm) > WORKING_RPM).astype(np.float64))
+
+
 def run_data(log: Clean, machine: Machine) -> RunData:
     """Channels of a cleaned log; None where the log cannot show one."""
-    time, c = log.time_s, log.columns
-    command = _held(c["shaft_rpm_cmd"])
-    opening_command = _held(c["opening_mm_cmd"])
-    opening = _bridged(time, c["opening_mm"], opening_command)
-    supply = _smooth(_bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v)), log.step_s)
-    pitch = _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s)
-    shaft_rpm = _bridged(time, c["shaft_rpm"], command)
-    working = (np.nan_to_num(shaft_rpm) > WORKING_RPM).astype(np.float64)
-    variables: dict[str, Array] = {"time_s": time}
-    if "shaft" in log.stages or "flow" in log.stages:
-        variables["shaft_rpm"] = np.where(np.isfinite(command), command, shaft_rpm)
-    if "gate" in log.stages or "flow" in log.stages:
-        variables["opening_mm"] = np.where(np.isfinite(opening_command), opening_command, opening)
-    for name, series in (("supply_v", supply), ("pitch_deg", pitch)):
-        if log.has(name):
-            variables[name] = series
-    for name in ("roll_deg", "hopper_kg", "speed_mps"):
-        if log.has(name):
-            variables[name] = _smooth(_bridged(time, c[name], np.zeros(len(time))), log.step_s)
-    if log.has("heading_deg"):
-        variables["heading_deg"] = _held(c["heading_deg"])
+    every, c = _rows(log, machine), log.columns
+    time = every.time_s
+    variables = _variables(log, every)
     hopper = speed = heads = None
-    driven = drives(log, machine)
+    driven = _drives(log, every, whole=False)
     if "flow" in log.stages:
-        hopper = _hopper(time, shaft_rpm, opening, pitch, c["hopper_kg"], log.step_s, _written(time, log.events))
+        hopper = _hopper(every, c["hopper_kg"], _written(time, log.events))
     if "speed" in log.stages:
-        speed = _speed(time, c["speed_mps"], c["wheel_speed_mps"], working, pitch, machine)
+        speed = _speed(every, c["speed_mps"], c["wheel_speed_mps"], machine)
         variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
         heads = _heads(time, np.array([c[name] for name in HEADS]))
     rows = known_rows(len(time))
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
-                   working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads)
+                   every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads)
+
+
+def _variables(log: Clean, every: _Rows) -> dict[str, Array]:
+    """The recorded variables that something may depend on, (n,) by name; commands in place of the drives' readings."""
+    c, found = log.columns, {"time_s": every.time_s}
+    if "shaft" in log.stages or "flow" in log.stages:
+        found["shaft_rpm"] = np.where(np.isfinite(every.command_rpm), every.command_rpm, every.shaft_rpm)
+    if "gate" in log.stages or "flow" in log.stages:
+        found["opening_mm"] = np.where(np.isfinite(every.command_mm), every.command_mm, every.opening_mm)
+    for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg)):
+        if log.has(name):
+            found[name] = series
+    for name in ("roll_deg", "hopper_kg", "speed_mps"):
+        if log.has(name):
+            found[name] = _smooth(_bridged(every.time_s, c[name], np.zeros(len(every.time_s))), log.step_s)
+    if log.has("heading_deg"):
+        found["heading_deg"] = _held(c["heading_deg"])
+    return found
 
 
 def _held(series: Array) -> Array:
@@ -180,7 +205,7 @@ def _smooth(series: Array, step_s: float) -> Array:
 def joined(time: Array, step_s: float) -> Array:
     """The clock of readings at `time`, long gaps left out: (m,)."""
     spans = np.diff(time)
-    spans = np.where(spans > MOST_BRIDGED_STEPS * step_s, step_s, spans)
+    spans = np.where(spans > MAX_BRIDGED_STEPS * step_s, step_s, spans)
     return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
 
 
@@ -195,29 +220,30 @@ def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array
     return Grid(inner, rows, even, there, step_s, as_is)
 
 
-def drives(log: Clean, machine: Machine, whole: bool = False) -> dict[str, Drive]:
-    """Shaft and gate of a log, by name; `whole`: every row of a long log, not its windows."""
-    time, c = log.time_s, log.columns
-    command, opening_command = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
-    opening = _bridged(time, c["opening_mm"], opening_command)
-    supply = _smooth(_bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v)), log.step_s)
-    found: dict[str, Drive] = {}
+def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
+    """Shaft and gate of a log, by name, at every row even of a long log that is otherwise looked at in windows."""
+    return _drives(log, _rows(log, machine), whole=True)
+
+
+def _drives(log: Clean, every: _Rows, whole: bool) -> dict[str, Drive]:
+    c, found = log.columns, {}
     if "shaft" in log.stages:
-        since = time - np.maximum.accumulate(np.where(command > 0.0, time, -np.inf))
+        since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm > 0.0, every.time_s, -np.inf))
         still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
         read = np.where(still, 0.0, c["shaft_rpm"])
-        found["shaft"] = _drive("shaft", time, command, read, opening, supply, log.step_s, whole)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, read, whole)
     if "gate" in log.stages:
-        found["gate"] = _drive("gate", time, opening_command, c["opening_mm"], opening, supply, log.step_s, whole)
+        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], whole)
     return found
 
 
-def _drive(name: str, time: Array, command: Array, measured: Array, opening: Array, supply: Array,
-           step_s: float, whole: bool) -> Drive:
-    pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, step_s)
+def _drive(name: str, every: _Rows, command: Array, measured: Array, whole: bool) -> Drive:
+    time = every.time_s
+    pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
     known = np.isfinite(measured[pick]) & (since >= SETTLE_S)
-    grid = _grid(time[pick], known, step_s, clock)
-    return Drive(name, time[pick], clock, command[pick], measured[pick], opening[pick], supply[pick], grid)
+    grid = _grid(time[pick], known, every.step_s, clock)
+    return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
+                 grid)
 
 
 def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
@@ -237,7 +263,7 @@ def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, 
 
 def looked_at(count: int) -> npt.NDArray[np.int64]:
     """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of WINDOW_ROWS in all."""
-    if count <= MOST_ROWS:
+    if count <= MAX_ROWS:
         return np.arange(count)
     each = WINDOW_ROWS // WINDOWS
     starts = np.linspace(0, count - each, WINDOWS).astype(np.int64)
@@ -250,19 +276,12 @@ def known_rows(count: int) -> npt.NDArray[np.int64]:
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
 
 
-def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading: Array, step_s: float,
-            written: list[tuple[float, float]]) -> Hopper:
-    width = max(HOPPER_STEP_S, step_s, float(np.ceil((time[-1] - time[0]) / MOST_BINS)))
+def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) -> Hopper:
+    time = every.time_s
+    width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
-    spans = np.diff(time)
-    rpm = np.where(shaft_rpm < STOPPED_RPM, 0.0, shaft_rpm)
-    turned = _mean_in(time, spans * 0.5 * (rpm[1:] + rpm[:-1]), edges) / width
-    metered = _mean_in(time, spans * 0.5 * (rpm[1:] * opening[1:] + rpm[:-1] * opening[:-1]), edges) / width
-    plain = _mean_in(time, spans * 0.5 * (opening[1:] + opening[:-1]), edges) / width
-    level = _mean_in(time, spans * 0.5 * (pitch[1:] + pitch[:-1]), edges) / width
-    turned = np.where(turned < STOPPED_RPM, 0.0, turned)
-    wide = np.where(turned > 0.0, metered / np.where(turned > 0.0, turned, 1.0), plain)
+    turned, wide, level = _binned_inputs(every, edges, width)
     known = np.isfinite(reading) & (time < edges[-1])
     bins = np.minimum(count - 1, np.floor((time[known] - time[0]) / width).astype(int))
     seen = np.bincount(bins, minlength=count)
@@ -276,10 +295,22 @@ def _hopper(time: Array, shaft_rpm: Array, opening: Array, pitch: Array, reading
         if close:
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
-    last = len(turned) - 1
-    extend = np.append(np.arange(last + 1), last)
-    return Hopper(edges, turned[extend], wide[extend], level[extend], kg, np.append(refill, 0.0),
-                  float(np.median(kg[good][:10])), jumps, tuple(told), _grid(edges[:-1] + 0.5 * width, good, width))
+    return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
+                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width))
+
+
+def _binned_inputs(every: _Rows, edges: Array, width: float) -> tuple[Array, Array, Array]:
+    """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated: (m+1,) each."""
+    time, spans, opening = every.time_s, np.diff(every.time_s), every.opening_mm
+    rpm = np.where(every.shaft_rpm < STOPPED_RPM, 0.0, every.shaft_rpm)
+
+    def mean(series: Array) -> Array:
+        return _sums_in(time, spans * 0.5 * (series[1:] + series[:-1]), edges) / width
+    turned, metered, plain, level = mean(rpm), mean(rpm * opening), mean(opening), mean(every.pitch_deg)
+    turned = np.where(turned < STOPPED_RPM, 0.0, turned)
+    wide = np.where(turned > 0.0, metered / np.where(turned > 0.0, turned, 1.0), plain)
+    extend = np.append(np.arange(len(turned)), len(turned) - 1)
+    return turned[extend], wide[extend], level[extend]
 
 
 def _written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]:
@@ -296,7 +327,7 @@ def _written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]
     return found
 
 
-def _mean_in(time: Array, amounts: Array, edges: Array) -> Array:
+def _sums_in(time: Array, amounts: Array, edges: Array) -> Array:
     """Sums of amounts per row interval, shared out over bins: (len(edges)-1,)."""
     total = np.concatenate(([0.0], np.cumsum(amounts)))
     return np.diff(np.interp(edges, time, total))
@@ -323,9 +354,9 @@ def _refills(kg: Array) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
     return refill, tuple(jumps), hidden
 
 
-def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
-           machine: Machine) -> Speed:
+def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed:
     """The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of."""
+    time = every.time_s
     fresh = _fresh(gnss)
     known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
     rows = looked_at(len(time))
@@ -341,7 +372,7 @@ def _speed(time: Array, gnss: Array, wheel: Array, working: Array, pitch: Array,
     smooth = savgol_filter(both, window, 2) if window > 3 else both
     moving = smooth > MOVING_MPS
     grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step)
-    return Speed(at, smooth, working[rows], pitch[rows], wheel_there, gnss[rows], grid)
+    return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid)
 
 
 def _fresh(series: Array) -> npt.NDArray[np.bool_]:

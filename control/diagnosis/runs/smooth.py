@@ -6,30 +6,37 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis import effects
 from control.machine.elements import FLAT, Table
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
+from .channels import ChannelSeries, hopper_channel
 from .hypothesis import Part, Stages, schedule
-from .residuals import Channel, hopper_channel
-from .stages_data import RunData
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
 NODES = 8
 SHAPES = 4                  # half-waves over the range of the variable: slope, bend, and two finer ones
-LEAST_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
+MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
 
-# stage -> (its table's field, the effect whose column a table multiplies)
-TABLES: dict[str, tuple[str, Part]] = {
-    "shaft": ("table_percent", Part("shaft.gain", 1.0)),
-    "gate": ("table_mm", Part("gate.home_error", 1.0)),
-    "flow": ("table_percent", Part("flow.gain", 1.0)),
-    "scale": ("table_kg", Part("scale.drift", 1.0)),
-    "speed": ("table_percent", Part("speed.wheel_radius", 1.0)),
+
+class StageTable(NamedTuple):
+    """The smooth extension of one stage: the channel that shows it, and the effect whose column it multiplies."""
+
+    channel: str
+    unit: Part
+
+
+TABLES: dict[str, StageTable] = {
+    "shaft": StageTable("shaft", Part(effects.SHAFT_GAIN.id, 1.0)),
+    "gate": StageTable("gate", Part(effects.GATE_HOME_ERROR.id, 1.0)),
+    "flow": StageTable("scale", Part(effects.FLOW_GAIN.id, 1.0)),
+    "scale": StageTable("scale", Part(effects.SCALE_DRIFT.id, 1.0)),
+    "speed": StageTable("speed", Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
 }
-CHANNEL_OF = {"shaft": "shaft", "gate": "gate", "flow": "scale", "scale": "scale", "speed": "speed"}
 
 
 class Span(NamedTuple):
@@ -45,7 +52,7 @@ def span(data: RunData, variable: str) -> Span | None:
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    if not high - low >= LEAST_RANGE[variable]:
+    if not high - low >= MIN_RANGE[variable]:
         return None
     return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
 
@@ -59,7 +66,7 @@ def at_times(data: RunData, variable: str, time_s: Array) -> Array:
     return np.interp(time_s, data.time_s, data.variables[variable])
 
 
-def series(stage: str, over: Span, channel: Channel, unit: Array, data: RunData, base: Stages,
+def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: RunData, base: Stages,
            machine: Machine) -> Array:
     """What one unit of each shape does to the channel: (SHAPES, m).
 
@@ -68,7 +75,7 @@ def series(stage: str, over: Span, channel: Channel, unit: Array, data: RunData,
     """
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
-        with_table = hopper_channel(data.hopper, machine, (over.variable, values))
+        with_table = hopper_channel(data.hopper, machine, values)
         nothing = schedule(base.put("flow", table_x=over.nodes, table_percent=FLAT), ())
         neutral = with_table.predict(nothing, MOST_STEP_S)
         rows = []

@@ -1,4 +1,4 @@
-"""What a search finds where there is nothing: replicates of the log's own whitened residual, block by block.
+"""Evidence block by block, and what a search finds where there is nothing: replicates of the whitened residual.
 
 Every statistic of the search is a sum over time of (whitened residual) x (whitened trace). Cut into blocks, those sums
 are few numbers; with the sign of each block drawn anew they are what noise of this strength, this unevenness and these
@@ -14,19 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from . import noise as noises
+from .channels import ChannelSeries
+from .columns import Columns
 from .hypothesis import Parts
-from .likelihood import Column, solved, weighted
+from .likelihood import Column, problem, solved, weighted
 from .noise import Noise, series_of
-from .residuals import Channel
-from .search import Group
 
 Array = npt.NDArray[np.float64]
 
 BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
-REPLICATES = 1000
-SEED = 20260101
+REPLICATES = 1000           # so that a chance of 0.002 is two of them
+SEED = 20260101             # of the signs: the same log gives the same diagnosis
 UNEVEN = 1.5                # times the variance of even noise between blocks: less is chance
-LEAST_DRIFT = 0.12          # of the fast noise's s.d.: less is no drift
+MIN_DRIFT = 0.12            # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
 
 
@@ -40,49 +40,57 @@ class Scores(NamedTuple):
     energy: Array               # (blocks + 1, k): sum of trace squared
 
 
-def scores(group: Group, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
+def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
     """Block sums of `traces` on top of a hypothesis."""
-    base = group.base_columns(parts)
-    p, before = group.compressed(parts, traces)
-    chosen = np.arange(before)
-    amplitude, covariance = solved(p, chosen, noise)
+    base, model = columns.of_hypothesis(parts), columns.model
+    before, data = len(base), model.banded_residual(parts)
+    p = problem(model.channels, data, [*base, *traces])
+    amplitude, covariance = solved(p, np.arange(before), noise)
     normal, _ = weighted(p, noise)
     shares = covariance @ normal[:before, before:]                    # of each base column in each trace
-    data = group.data_of(parts)
     found: list[tuple[Array, Array]] = []
-    for channel in group.channels:
-        name = channel.name
-        strength = noises.spectrum(np.array(noise[name].theta), channel.prior, channel.cut, channel.grid.step_s)
-        scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
-        left = data[name].copy()
-        plain = np.zeros((len(traces), len(left)))
-        for k, trace in enumerate(traces):
-            if name in trace.coefficients:
-                plain[k] = trace.coefficients[name]
+    for channel in model.channels:
+        left, plain = data[channel.name].copy(), _stacked(traces, channel)
         for j, column in enumerate(base):
-            if name in column.coefficients:
-                left -= amplitude[j] * column.coefficients[name]
-                plain -= shares[j][:, None] * column.coefficients[name]
-        residual = series_of(left * scale, channel.cut)
-        edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
-        sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))
-        for k in range(len(traces)):
-            trace_series = series_of(plain[k] * scale, channel.cut)
-            sums[:, k] = np.add.reduceat(residual * trace_series, edges)
-            squares[:, k] = np.add.reduceat(trace_series ** 2, edges)
-        found.append((sums, squares))
+            if channel.name in column.coefficients:
+                left -= amplitude[j] * column.coefficients[channel.name]
+                plain -= shares[j][:, None] * column.coefficients[channel.name]
+        found.append(_block_sums(channel, noise[channel.name], left, plain))
     told = (p.mean[:before] - amplitude) / p.sd[:before]
     tolerated = -shares / p.sd[:before, None]
     found.append(((told @ tolerated)[None], (tolerated ** 2).sum(axis=0)[None]))
     return Scores(np.concatenate([s for s, _ in found]), np.concatenate([e for _, e in found]))
 
 
-def slow_share(banded: Array, channel: Channel, noise: Noise) -> float:
+def _stacked(traces: Sequence[Column], channel: ChannelSeries) -> Array:
+    """Banded coefficients of the traces in one channel (k, m), zero where one does not touch it."""
+    stack = np.zeros((len(traces), len(channel.cut.order)))
+    for k, trace in enumerate(traces):
+        if channel.name in trace.coefficients:
+            stack[k] = trace.coefficients[channel.name]
+    return stack
+
+
+def _block_sums(channel: ChannelSeries, noise: Noise, left: Array, traces: Array) -> tuple[Array, Array]:
+    """Sums over BLOCKS blocks, (blocks, k) each: whitened residual times whitened traces, and these squared."""
+    strength = noises.spectrum(np.array(noise.theta), channel.prior, channel.cut, channel.grid.step_s)
+    scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
+    residual = series_of(left * scale, channel.cut)
+    edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
+    sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))
+    for k, banded in enumerate(traces):
+        trace = series_of(banded * scale, channel.cut)
+        sums[:, k] = np.add.reduceat(residual * trace, edges)
+        squares[:, k] = np.add.reduceat(trace ** 2, edges)
+    return sums, squares
+
+
+def slow_share(banded: Array, channel: ChannelSeries, noise: Noise) -> float:
     """Share of the energy of `banded` coefficients (m,) in bands where the slow noise is stronger than the fast.
 
     0 where there is no slow noise worth the name: its prior never lets it vanish altogether.
     """
-    if noise.slow_sd < LEAST_DRIFT * noise.fast_sd:
+    if noise.slow_sd < MIN_DRIFT * noise.fast_sd:
         return 0.0
     fast = np.array([*noise.theta[:2], NO_NOISE, noise.theta[3]])
     cut, step_s = channel.cut, channel.grid.step_s

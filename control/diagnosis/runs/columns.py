@@ -1,0 +1,243 @@
+"""What one unit of anything does to a group's channels: tolerances, slopes of parts, freedom of form, candidates."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis import effects
+from control.diagnosis.effects import ROWS
+from control.machine.over_log import MOST_STEP_S
+
+from .channels import ChannelSeries
+from .hypothesis import Part, Parts, bounds, schedule
+from .likelihood import Column, Label, Problem, Role, problem, projected
+from .model import GroupModel, stamp_sd_s
+from .noise import coefficients, series_of
+from .smooth import TABLES, series, span
+from .stages import RunData
+
+Array = npt.NDArray[np.float64]
+
+FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
+TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
+REFILL_SD_KG = 0.5          # of what the operator wrote down
+UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
+ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
+MAX_KEPT = 200              # columns of candidates that are kept
+
+
+def _column(model: GroupModel, label: Label, series_of_channel: dict[str, Array], sd: float = np.inf,
+            mean: float = 0.0) -> Column:
+    """A column of series (m,) by channel. sd, mean : prior of its amplitude."""
+    cuts = {c.name: c.cut for c in model.channels}
+    return Column(label, {name: coefficients(one, cuts[name]) for name, one in series_of_channel.items()}, sd, mean)
+
+
+def nuisance_columns(model: GroupModel) -> list[Column]:
+    """What is open under every hypothesis, channel by channel: tolerances, and what the readings leave open."""
+    return [column for channel in model.channels
+            for column in (*_of_tolerances(model, channel), *_of_readings(model, channel))]
+
+
+def _of_tolerances(model: GroupModel, channel: ChannelSeries) -> list[Column]:
+    """Slopes of the prediction in the nominal values that may be off, where these stand now."""
+    found: list[Column] = []
+    now = model.predicted(())[channel.name]
+    for one, n in model.nuisances:
+        if one is not channel:
+            continue
+        value = getattr(model.base.by_name[n.stage], n.field) + n.step
+        plan = schedule(model.base.put(n.stage, **{n.field: value}), ())
+        change = (channel.predict(plan, MOST_STEP_S) - now) / n.step
+        found.append(_column(model, Label(Role.TOLERANCE, n.key), {channel.name: change}, n.sd,
+                             -model.offsets.get(n.key, 0.0)))
+        if channel.name == "shaft" and n.field != "gain_percent":
+            found += _by_speed_and_way(model, n.key, change, now, TRAIT_SHARE * n.sd)
+    return found
+
+
+def _by_speed_and_way(model: GroupModel, key: str, change: Array, rpm: Array, sd: float) -> list[Column]:
+    """The same tolerance, unlike at low and high speed and for rising and falling commands."""
+    middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
+    way = np.sign(np.gradient(rpm))
+    return [_column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
+            _column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd)]
+
+
+def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
+    """What the readings themselves leave open: rounding, level and refills, time stamps, heads."""
+    label, data = Label(Role.READING), model.data
+    if channel.name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
+        turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
+        return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
+    if channel.name == "scale" and data.hopper is not None:
+        bins = np.arange(len(data.hopper.reading_kg))
+        steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
+        return [_column(model, label, {"scale": np.ones(len(channel.measured))}, UNKNOWN_KG),
+                *(_column(model, label, {"scale": after}, REFILL_SD_KG if told else UNKNOWN_KG)
+                  for after, told in zip(steps, data.hopper.told, strict=True))]
+    if channel.name == "speed":
+        row = effects.SPEED_GNSS_LATENCY
+        assert row.slope_step is not None
+        late = model.difference((), Part(row.id, row.slope_step))
+        stamp = {name: change / row.slope_step for name, change in late.items()}
+        return [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
+    if channel.name == "heads":
+        ones = [model.difference((), Part(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
+                for k in range(model.heads)]
+        return [_column(model, label, one, model.machine.tolerance.head_percent) for one in ones]
+    return []
+
+
+class Forms:
+    """Columns of the smooth shapes of each stage over each recorded variable, made when first asked for."""
+
+    def __init__(self, model: GroupModel) -> None:
+        self._model = model
+        self._units = {stage: _unit(model, table.unit) for stage, table in TABLES.items()
+                       if table.channel in model.names and stage != "scale"}
+        self._made: dict[tuple[str, str], list[Column]] = {}
+
+    def over(self, stage: str, variable: str) -> list[Column]:
+        """Columns of a stage over a variable (empty: the variable hardly moves)."""
+        if (stage, variable) not in self._made:
+            self._made[(stage, variable)] = self._columns(stage, variable, self._model.data)
+        return self._made[(stage, variable)]
+
+    def moved(self, stage: str, variable: str, share: float) -> list[Column]:
+        """The same with the variable moved along the log by a share of it, round the end."""
+        data = self._model.data
+        moved = np.roll(data.variables[variable], round(share * len(data.time_s)))
+        return self._columns(stage, variable, data._replace(variables={**data.variables, variable: moved}))
+
+    def _columns(self, stage: str, variable: str, data: RunData) -> list[Column]:
+        model, over, name = self._model, span(data, variable), TABLES[stage].channel
+        if over is None or name not in model.names:
+            return []
+        rows = series(stage, over, model.channel(name), self._units.get(stage, np.ones(1)), data, model.base,
+                      model.machine)
+        return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
+
+
+def _unit(model: GroupModel, part: Part) -> Array:
+    """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
+    size = ROWS[part.id].probe
+    assert size is not None
+    return next(iter(model.difference((), part._replace(size=size)).values())) / size
+
+
+class Columns:
+    """Columns of a group's hypotheses, made by running its model; those of candidates are kept while it stands."""
+
+    def __init__(self, model: GroupModel) -> None:
+        self.model = model
+        self.forms = Forms(model)
+        self._kept: dict[tuple[Parts, Part], Column] = {}
+        self._fixed: list[Column] = []
+        self._made_at = -1          # of the model's moves
+
+    def _refresh(self) -> None:
+        if self._made_at != self.model.moves:
+            self._made_at = self.model.moves
+            self._kept.clear()
+            self._fixed = nuisance_columns(self.model)
+
+    @property
+    def fixed(self) -> list[Column]:
+        """The nuisances, at the nominal values as they stand."""
+        self._refresh()
+        return self._fixed
+
+    def slopes(self, parts: Parts) -> list[Column]:
+        """Slope of the prediction in each part's size, at the hypothesis."""
+        model, found = self.model, []
+        for k, part in enumerate(parts):
+            row = ROWS[part.id]
+            if not row.has_slope:
+                continue
+            step = _slope_step(part)
+            moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
+            now = model.predicted(parts)
+            plan = schedule(model.base, moved)
+            change = {c.name: (c.predict(plan, MOST_STEP_S) - now[c.name]) / step
+                      for c in model.channels if c.name in row.channels}
+            found.append(_column(self.model, Label(Role.SLOPE, part.id, k), change))
+        return found
+
+    def form_columns(self, parts: Parts, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
+        """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
+        found: list[Column] = []
+        for slope in slopes:
+            part = parts[slope.label.part]
+            wobbles = self._wobbles(parts, part)
+            if not wobbles:
+                continue
+            fixed = len(self.fixed)
+            nothing = {c.name: np.zeros(len(c.cut.order)) for c in self.model.channels}
+            p = problem(self.model.channels, nothing, [*self.fixed, slope, *wobbles])
+            normal, _ = projected(p, np.arange(fixed), self.model.noise)
+            own = normal[fixed, fixed]
+            for k, wobble in enumerate(wobbles):
+                at = fixed + 1 + k
+                ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
+                sd = share * abs(part.size) * np.sqrt(ratio)
+                found.append(wobble._replace(label=Label(Role.FORM, part.id, slope.label.part),
+                                             sd=max(1e-9, float(sd))))
+        return found
+
+    def _wobbles(self, parts: Parts, part: Part) -> list[Column]:
+        """Shapes by which a part's form may differ: over its own variable, and those of its siblings."""
+        row = ROWS[part.id]
+        found = list(self.forms.over(row.stage, row.form_over)) if row.form_over else []
+        for sibling in row.siblings:
+            step = ROWS[sibling].ladder[1]
+            change = self.model.difference(parts, Part(sibling, step))
+            found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
+        return found
+
+    def of_candidate(self, parts: Parts, part: Part) -> Column:
+        """What one unit of a further part does on top of a hypothesis."""
+        self._refresh()
+        if (parts, part) not in self._kept:
+            if len(self._kept) > MAX_KEPT:
+                self._kept.clear()
+            change = self.model.difference(parts, part)
+            self._kept[(parts, part)] = _column(self.model, Label(Role.CANDIDATE, part.id),
+                                                    {name: one / part.size for name, one in change.items()})
+        return self._kept[(parts, part)]
+
+    def trace(self, parts: Parts, k: int) -> Column:
+        """What the whole of part k does, the others in place."""
+        return _column(self.model, Label(Role.TRACE, parts[k].id, k),
+                           self.model.difference((*parts[:k], *parts[k + 1:]), parts[k]))
+
+    def of_hypothesis(self, parts: Parts, share: float = FORM_SHARE) -> list[Column]:
+        """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
+        slopes = self.slopes(parts)
+        return [*self.fixed, *slopes, *self.form_columns(parts, slopes, share)]
+
+    def compressed(self, parts: Parts, more: Sequence[Column] = ()) -> tuple[Problem, int]:
+        """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
+        base = self.of_hypothesis(parts)
+        return problem(self.model.channels, self.model.banded_residual(parts), [*base, *more]), len(base)
+
+    def by_channel(self, parts: Parts) -> dict[str, list[tuple[Column, Array]]]:
+        """By channel: nuisances and slopes of a hypothesis that touch it, beside their series (m,)."""
+        found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
+        for column in [*self.fixed, *self.slopes(parts)]:
+            for channel in self.model.channels:
+                if channel.name in column.coefficients:
+                    found[channel.name].append((column, series_of(column.coefficients[channel.name], channel.cut)))
+        return found
+
+
+def _slope_step(part: Part) -> float:
+    """Difference of size over which a part's slope is taken, away from the bound of its size."""
+    row = ROWS[part.id]
+    step = row.probe or max(0.002, 0.02 * abs(part.size))
+    if row.ladder:
+        step = max(0.02 * abs(part.size), 0.02 * abs(row.ladder[-1]))
+    step = row.slope_step or step
+    return step if part.size + step <= bounds(part.id)[1] else -step

@@ -1,0 +1,71 @@
+"""Sentences about the recorded data itself: what the gate saw, rows that may be missing, long logs held as a whole."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from control.diagnosis.effects import ROWS
+from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S
+
+from .channels import ChannelSeries, gate_channel, shaft_channel, step_error
+from .hypothesis import schedule, stages_of
+from .log import Clean
+from .selection import Judged
+from .stages import looked_at, whole_drives
+
+STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
+TICK_S = 0.05               # control's usual tick
+LOST_SHARE = 0.01           # of the rows
+CHANNEL = {"shaft": shaft_channel, "gate": gate_channel}
+
+
+def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list[str]:
+    """Sentences on a long log: the share of rows looked at, and the error over all rows before and after naming.
+
+    Flow and scale are always judged over the whole time; empty for a log that was looked at in full.
+    """
+    count = len(log.time_s)
+    rows = looked_at(count)
+    if len(rows) == count:
+        return []
+    said = [f"long log: shaft, gate, speed and heads are judged on {100.0 * len(rows) / count:.0f} % of {count} rows, "
+            "evenly chosen; flow and scale on the whole time"]
+    every = whole_drives(log, machine)
+    for one in judged:
+        for name in ("shaft", "gate"):
+            parts = tuple(p for p in one.found.parts if ROWS[p.id].stage == name)
+            if not parts or name not in every or name not in one.search.model.names:
+                continue
+            channel = CHANNEL[name](every[name], machine)
+            plans = [schedule(one.search.model.base, p) for p in ((), parts)]
+            left = [channel.measured - channel.predict(plan, MOST_STEP_S) for plan in plans]
+            errors = [float(np.sqrt(np.mean(series ** 2))) for series in left]
+            words = "holds" if errors[1] < errors[0] else "does NOT hold"
+            said.append(f"stage {name}: what was named {words} on every row: error {errors[0]:.3g} -> {errors[1]:.3g} "
+                        f"{channel.unit}")
+    return said
+
+
+def step_findings(seen: Mapping[str, ChannelSeries], machine: Machine) -> list[str]:
+    """Said of a drive whose prediction depends on the model's own step: a numerical error is no cause."""
+    plan = schedule(stages_of(machine), ())
+    found = []
+    for word in ("shaft", "gate"):
+        if word in seen and (error := step_error(seen[word], plan)) > STEP_SHARE:
+            found.append(f"stage {word}: halving the model's step changes the prediction by {error:.2f} of the noise")
+    return found
+
+
+def between_rows(log: Clean, ids: set[str]) -> list[str]:
+    """Said of small faults of the drives where the log may not hold every command that was given."""
+    steps = np.diff(log.time_s)
+    lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
+    doubtful = sorted(one for one in ids if ROWS[one].move_shaped)
+    if not doubtful or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
+        return []
+    why = f"{100.0 * lost:.0f} % of the rows are missing" if lost >= LOST_SHARE else \
+        f"rows come every {log.step_s:.2g} s, and control may decide more often"
+    return [f"{', '.join(doubtful)}: {why}: a command given between two rows is not in the log, and can look like "
+            "this; a log of every tick would tell"]

@@ -1,0 +1,193 @@
+"""What putting the model right gains: on blocks of the log that no size was fitted to, and in the closed loop."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule
+from control.diagnosis.result import Gain
+from control.field.job import Job
+from control.machine.machine import Machine
+from control.machine.planting import Planted
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import Errors, errors
+
+from .channels import ChannelSeries
+from .likelihood import Z90, Column, Role, fitted, problem
+from .noise import Noise, coefficients, segments, series_of
+from .selection import Judged
+from .smooth import MIN_RANGE, TABLES
+from .unexplained import DOWNSTREAM
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS = 8
+HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
+GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
+FLOW_S = 10.0                   # flow is read off the scale over windows of this length
+PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
+
+
+class _HeldOut(NamedTuple):
+    """One channel cut into blocks: sizes are fitted to some of them and judged on the pieces of the others."""
+
+    whole: ChannelSeries
+    fitted: ChannelSeries               # the same, cut to the blocks that are fitted
+    pieces: tuple[slice, ...]           # of the held-out blocks
+
+
+def measure_gain(judged: Judged) -> list[Gain]:
+    """Error of each touched channel before and after, on held-out blocks, sizes refitted on the others.
+
+    Low and high: 90 % interval of `after`, from the spread between the held-out pieces.
+    """
+    parts, search = judged.found.parts, judged.search
+    if not parts:
+        return []
+    slopes = search.columns.slopes(parts)
+    columns = search.columns.by_channel(parts)
+    before, at_fit = search.model.residual(()), search.model.residual(parts)
+    found: list[Gain] = []
+    for channel in search.model.channels:
+        if channel.copies == 1 and any(channel.name in c.coefficients for c in slopes):
+            name = channel.name
+            found += _channel_gain(judged, _held_out(channel), columns[name], before[name], at_fit[name])
+    return found
+
+
+def _held_out(channel: ChannelSeries) -> _HeldOut:
+    length = len(channel.measured)
+    edges = np.linspace(0, length, BLOCKS + 1).astype(int)
+    gap = int(np.ceil(GAP_S / channel.grid.step_s))
+    kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
+    pieces = tuple(slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
+    return _HeldOut(channel, channel._replace(cut=segments(length, kept)), pieces)
+
+
+def _channel_gain(judged: Judged, blocks: _HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
+                  at_fit: Array) -> list[Gain]:
+    """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
+    noise = judged.found.noise
+    amplitude = _amplitudes(blocks, columns, at_fit, noise)
+    change = sum(a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE)
+    name, unit, errors_before, errors_after = _judged(blocks, before, at_fit - change)
+    if not len(errors_after):
+        return []
+    words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
+    rms_before = float(np.sqrt(np.mean(errors_before ** 2)))
+    found = [_gain(name, f"rmse, {unit}", rms_before, errors_after, words)]
+    fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
+    for word, others in _instead(judged, blocks.whole.name):
+        left = _corrected(blocks, fixed, others, before, noise)
+        found.append(_gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words))
+    return found
+
+
+def _amplitudes(blocks: _HeldOut, columns: Sequence[tuple[Column, Array]], left: Array,
+                noise: dict[str, Noise]) -> Array:
+    """Amplitudes of columns (given with their series) fitted to the blocks that are not held out."""
+    name, cut = blocks.whole.name, blocks.fitted.cut
+    there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
+    p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
+    return fitted(p, np.arange(len(there)), noise).amplitude
+
+
+def _gain(channel: str, metric: str, before: float, errors_after: Array, held_out: str) -> Gain:
+    """Low and high from the spread of the mean square between PIECES_OF_ERROR even pieces of the held-out rows."""
+    rms = float(np.sqrt(np.mean(errors_after ** 2)))
+    squares = np.array([float(np.mean(piece ** 2)) for piece in np.array_split(errors_after, PIECES_OF_ERROR)
+                        if len(piece)])
+    sd = float(np.std(squares) / np.sqrt(len(squares))) / max(2.0 * rms, 1e-12)
+    return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
+
+
+def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
+    """What else might be put in: the best nameless smooth corrector, and the cause that the log speaks least for."""
+    search, found = judged.search, []
+    best: tuple[float, str, list[Column]] | None = None
+    for stage in TABLES:
+        if TABLES[stage].channel != channel:
+            continue
+        for variable in MIN_RANGE:
+            columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
+            if columns:
+                p, count = search.columns.compressed((), columns)
+                value = fitted(p, np.arange(count + len(columns)), judged.null.noise, rounds=1).log_likelihood
+                if best is None or value > best[0]:
+                    best = (value, variable, columns)
+    if best is not None:
+        found.append((f"nameless corrector over {best[1]}", best[2]))
+    names = {part.id for part in judged.found.parts}
+    for one in sorted(judged.scan, key=lambda f: abs(f.gain)):
+        if one.part.id not in names and one.part.size != 0.0 and one.part.onset_s is None:
+            column = search.columns.of_candidate((), one.part)
+            if channel in column.coefficients and column.coefficients[channel].any():
+                found.append((f"placebo {one.part.id}", [column]))
+                break
+    return found
+
+
+def _corrected(blocks: _HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
+               noise: dict[str, Noise]) -> Array:
+    """The error once `others` are fitted, beside the tolerances, to the fitted blocks, and taken off everywhere."""
+    whole = segments(len(before))
+    shapes = [series_of(c.coefficients[blocks.whole.name], whole) for c in others]
+    amplitude = _amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
+    return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
+
+
+def _judged(blocks: _HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:
+    """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over windows of FLOW_S."""
+    channel, pieces = blocks.whole, blocks.pieces
+    if channel.name != "scale":
+        return (channel.name, channel.unit, np.concatenate([before[p] for p in pieces]),
+                np.concatenate([after[p] for p in pieces]))
+    step_s = channel.grid.step_s
+    hop = max(1, round(FLOW_S / step_s))
+
+    def flow(series: Array) -> Array:
+        rows = [-(series[p][hop::hop] - series[p][:-hop:hop][:len(series[p][hop::hop])]) / (hop * step_s)
+                for p in pieces if p.stop - p.start > 2 * hop]
+        return np.concatenate(rows) if rows else np.empty(0)
+    return "flow", "kg/s", flow(before), flow(after)
+
+
+class LoopGain(NamedTuple):
+    """Rate and place error in the field of a machine that has the effects: controlled without and with knowing them."""
+
+    before: Errors
+    after: Errors
+
+
+def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
+                     seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
+    """Rate and place error of two simulated runs of the same machine: control without and with knowing its effects.
+
+    Parameters
+    ----------
+    nominal, extended
+        The machine file that the loop knows in the first and in the second run.
+    planted
+        The effects that the simulated machine has in both.
+    crop, rule, job
+        What is to be spread where; a job without a field gets the simulated one.
+    seconds, seed, dt_s
+        Length of each run, s; seed of its noise; its tick, s.
+    """
+    return LoopGain(*(_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s)
+                      for known in (nominal, extended)))
+
+
+def _run(nominal: Machine, known: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
+         seconds: float, seed: int, dt_s: float) -> Errors:
+    job = with_simulated_field(job, nominal)
+    record = Record()
+    plant = simulated_machine(nominal, job, seed, dt_s, planted)
+    for step in simulated_run(plant, control_loop(known, crop, rule, job), seconds):
+        record.add(step)
+    return errors(record.columns(), record.fired, nominal.geometry.working_width_m, nominal.fall.lever_arm_m)

@@ -1,0 +1,161 @@
+"""Channels that share effects, through the machine model: predictions, residuals, and the nominal values below them."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.effects import ROWS
+from control.machine.machine import CATALOGUE, Machine
+from control.machine.over_log import MOST_STEP_S
+
+from . import noise as noises
+from .channels import ChannelSeries
+from .hypothesis import Part, Parts, schedule, stages_of
+from .noise import coefficients
+from .stages import RunData
+
+Array = npt.NDArray[np.float64]
+
+GROUPS: dict[str, tuple[str, ...]] = {       # channels that share an effect are judged together
+    "shaft": ("shaft",), "metering": ("gate", "scale"), "speed": ("speed",), "heads": ("heads",),
+}
+HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
+GNSS_STAMP_SHARE = 0.25     # of a row: the speed in a row was read at some time within it
+MAX_PREDICTIONS = 24        # hypotheses whose predictions are kept
+
+
+class Nuisance(NamedTuple):
+    """A nominal value that may be off within its tolerance."""
+
+    stage: str
+    field: str
+    step: float             # difference of the value for its slope
+    sd: float               # tolerance, 1 s.d.
+
+    @property
+    def key(self) -> str:
+        return f"{self.stage}.{self.field}"
+
+
+def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
+    """Tolerances of the machine file that bear on a channel."""
+    t = machine.tolerance
+    if channel == "shaft":
+        return (Nuisance("shaft", "gain_percent", 0.1, t.shaft_percent),
+                Nuisance("shaft", "dead_time_s", 0.01, t.dead_time_s),
+                Nuisance("shaft", "time_constant_s", 0.01, t.time_constant_s))
+    if channel == "gate":
+        return (Nuisance("gate", "dead_time_s", 0.01, t.dead_time_s),
+                Nuisance("gate", "slew_mm_s", 0.5, machine.gate.slew_mm_s * t.gate_slew_percent / 100.0),
+                Nuisance("gate", "home_error_mm", 0.05, t.opening_mm))
+    if channel == "scale":
+        return (Nuisance("flow", "gain_percent", 0.5, t.flow_percent),
+                Nuisance("flow", "zero_offset_g_rev", 0.5, t.opening_mm * machine.flow.grams_per_rev_mm))
+    if channel == "speed":
+        return (Nuisance("speed", "radius_percent", 0.2, t.wheel_percent),)
+    return ()
+
+
+def tolerance_of(effect_id: str, machine: Machine) -> float:
+    """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0 where it moves none.
+
+    What the tolerance leaves open, the effect's size leaves open too. Where a row is longer than the tolerance the two
+    have kinks at different places, and no slope says so.
+    """
+    row = ROWS[effect_id]
+    return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
+
+
+def stamp_sd_s(machine: Machine, step_s: float) -> float:
+    """How well the time of a GNSS reading is known (1 s.d.), in a log with rows of `step_s`."""
+    return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
+
+
+class GroupModel:
+    """Channels that share effects, under any hypothesis about them.
+
+    channels, names : of the group. data : the log; its hopper level is the predicted one. noise : where fits start.
+    base : the stages' parameters now; offsets : by how much nominal values were moved (by key). moves : how often
+    they were moved, for those who keep what they made of the model. drawn_in : what is taken off each measurement for
+    its tails (m,).
+    """
+
+    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData) -> None:
+        self.channels = tuple(channels)
+        self.names = tuple(channel.name for channel in channels)
+        self.machine = machine
+        self.base = stages_of(machine)
+        self.noise = {c.name: noises.start(c.prior) for c in channels}
+        self.offsets: dict[str, float] = {}
+        self.moves = 0
+        self.drawn_in: dict[str, Array] = {c.name: np.zeros(len(c.measured)) for c in channels}
+        self._predictions: dict[Parts, dict[str, Array]] = {}
+        self.data = self._with_hopper_level(data)
+
+    def _with_hopper_level(self, data: RunData) -> RunData:
+        """The level as predicted: the reading's own noise must not come back as a dependence on itself."""
+        if "scale" not in self.names or data.hopper is None:
+            return data
+        level = np.interp(data.time_s, self.channel("scale").grid.even_s, self.predicted(())["scale"])
+        return data._replace(variables={**data.variables, "hopper_kg": level})
+
+    def channel(self, name: str) -> ChannelSeries:
+        """One of the group's channels; ValueError where it has none of that name."""
+        return self.channels[self.names.index(name)]
+
+    @property
+    def heads(self) -> int:
+        """Canopy heads that read something."""
+        return 0 if self.data.heads is None else int(np.isfinite(self.data.heads.ndvi).any(axis=1).sum())
+
+    @property
+    def nuisances(self) -> tuple[tuple[ChannelSeries, Nuisance], ...]:
+        """Every tolerance that bears on the group, with its channel."""
+        return tuple((c, n) for c in self.channels for n in nuisances(c.name, self.machine))
+
+    def predicted(self, parts: Parts) -> dict[str, Array]:
+        """What each channel would read under a hypothesis: (m,) by channel."""
+        if parts not in self._predictions:
+            if len(self._predictions) > MAX_PREDICTIONS:
+                self._predictions.pop(next(iter(self._predictions)))
+            plan = schedule(self.base, parts)
+            self._predictions[parts] = {c.name: c.predict(plan, MOST_STEP_S) for c in self.channels}
+        return self._predictions[parts]
+
+    def residual(self, parts: Parts) -> dict[str, Array]:
+        """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts runs down."""
+        now = self.predicted(parts)
+        left = {c.name: c.measured - self.drawn_in[c.name] - now[c.name] for c in self.channels}
+        for part in parts:
+            if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
+                channel = self.channel(ROWS[part.id].stage)
+                after_s = channel.grid.even_s - part.onset_s
+                left[channel.name] = np.where((after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name])
+        return left
+
+    def banded_residual(self, parts: Parts) -> dict[str, Array]:
+        """Cosine coefficients of the residual, sorted by band: (m,) by channel."""
+        left = self.residual(parts)
+        return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
+
+    def difference(self, parts: Parts, more: Part) -> dict[str, Array]:
+        """What one more part does to the channels that it touches: (m,) by channel."""
+        now = self.predicted(parts)
+        plan = schedule(self.base, (*parts, more))
+        touched = ROWS[more.id].channels
+        return {c.name: c.predict(plan, MOST_STEP_S) - now[c.name] for c in self.channels if c.name in touched}
+
+    def nominal(self, nuisance: Nuisance) -> float:
+        """A value as the machine file has it."""
+        return float(getattr(getattr(self.machine, nuisance.stage), nuisance.field))
+
+    def move(self, offsets: Mapping[str, float]) -> None:
+        """Nominal values set off from the machine file's by so much (by key; others stand where it has them)."""
+        for _, n in self.nuisances:
+            self.base = self.base.put(n.stage, **{n.field: float(self.nominal(n) + offsets.get(n.key, 0.0))})
+        self.offsets = dict(offsets)
+        self.moves += 1
+        self._predictions.clear()

@@ -1,0 +1,201 @@
+"""What was judged, in the words of the published result: channels, causes, what the log could not show, verdict."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from control.diagnosis.effects import ROWS
+from control.diagnosis.result import (
+    STRUCTURE_P,
+    Cause,
+    Channel,
+    Data,
+    Detectable,
+    Diagnosis,
+    NotShown,
+    Rival,
+    Size,
+    TableFit,
+    Unexplained,
+    Verdict,
+)
+from control.machine.machine import CATALOGUE, Machine
+
+from .cost import field_cost
+from .gain import measure_gain
+from .hypothesis import Part
+from .intermittent import ReadOff
+from .likelihood import Z90, projected
+from .model import tolerance_of
+from .next_run import next_run
+from .onset import stop_interval
+from .selection import THRESHOLD, Judged
+from .stages import RunData
+
+Array = npt.NDArray[np.float64]
+WINDOW_S = 10.0             # flow is read off the scale over windows of this length
+
+
+def channel_rows(one: Judged, data: RunData) -> list[Channel]:
+    """Channels of one group in the result's words; the scale's reading gives both flow and scale."""
+    left = one.search.model.residual(())
+    found: list[Channel] = []
+    for channel in one.search.model.channels:
+        residual, measured = left[channel.name], channel.measured
+        noise = one.found.noise[channel.name]
+        floor = float(np.hypot(noise.fast_sd, channel.prior.floor_sd))
+        p = _structure_p(one)
+        if channel.name == "scale":
+            found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data))
+            residual = residual - np.median(residual[:10])
+        spread = float(np.var(measured))
+        found.append(Channel(channel.name, channel.unit, len(residual), float(residual.mean()),
+                             float(np.sqrt(np.mean(residual ** 2))), floor,
+                             float(1.0 - np.var(residual) / spread) if spread > 0.0 else 0.0, p))
+    return found
+
+
+def _structure_p(one: Judged) -> float:
+    """Probability of the best single explanation's gain where there is nothing, over the catalogue searched."""
+    gain = max([f.gain for f in one.scan[:1]] + [2.0 * (one.found.log_likelihood - one.null.log_likelihood)]
+               + ([one.left.gain] if one.left is not None else []))
+    single = float(chi2.sf(max(gain, 0.0), 1.0))
+    return float(1.0 - (1.0 - single) ** max(1, len(one.scan)))
+
+
+def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData) -> Channel:
+    """Flow read off the scale's decrements over WINDOW_S of working time."""
+    step = float(time_s[1] - time_s[0])
+    hop = max(1, int(round(WINDOW_S / step)))
+    working = np.interp(time_s, data.time_s, data.working)
+    level = np.arange(0, len(reading) - hop, hop)
+    on = np.array([working[k:k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < 1.0 for k in level], bool)
+    if not on.any():
+        return Channel("flow", "kg/s", 0, 0.0, 0.0, 0.0, 0.0, p)
+    span_s = hop * step
+    measured = -(reading[level + hop] - reading[level])[on] / span_s
+    wrong = -(residual[level + hop] - residual[level])[on] / span_s
+    spread = float(np.var(measured))
+    return Channel("flow", "kg/s", len(measured), float(wrong.mean()), float(np.sqrt(np.mean(wrong ** 2))),
+                   float(np.sqrt(2.0) * noise_kg / span_s),
+                   float(1.0 - np.var(wrong) / spread) if spread > 0.0 else 0.0, p)
+
+
+def not_shown(one: Judged) -> list[NotShown]:
+    """Smallest size at which an effect that is not named would have passed the threshold (Fisher information)."""
+    search, now = one.search, one.found
+    named = {p.id for p in now.parts}
+    best: dict[str, float] = {}
+    kept = [c for c in search.candidates if c.part.id not in named]
+    columns = [search.columns.of_candidate(now.parts, c.part) for c in kept]
+    p, before = search.columns.compressed(now.parts, columns)
+    normal, _ = projected(p, np.arange(before), now.noise)
+    for k, candidate in enumerate(kept):
+        size = _detectable(candidate.part, float(normal[before + k, before + k]), search.model.machine)
+        best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
+    found = []
+    for effect_id in dict.fromkeys(c.part.id for c in kept):
+        entry = CATALOGUE[effect_id]
+        size = best.get(effect_id, np.inf)
+        most = max(abs(entry.low - entry.neutral), abs(entry.high - entry.neutral))
+        found.append(NotShown(effect_id, Detectable(size if size <= most else None, entry.effect.unit)))
+    return found
+
+
+def _detectable(part: Part, information: float, machine: Machine) -> float:
+    """Smallest size that passes the threshold on average; inf where this column cannot tell."""
+    row = ROWS[part.id]
+    if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
+        return np.inf
+    size = float(np.sqrt(THRESHOLD * (1.0 / information + tolerance_of(part.id, machine) ** 2)))
+    if row.threshold:
+        size = abs(part.size) if size <= abs(part.size) else np.inf
+    return np.inf if row.ladder and size > abs(part.size) * 2.0 else size
+
+
+def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: Sequence[ReadOff], path: str,
+           findings: tuple[str, ...]) -> Diagnosis:
+    """The published result. read_off : effects that were taken out of the data before the search."""
+    rows = [row for one in judged for row in channel_rows(one, data)]
+    causes = [_cause(one, k, machine, data) for one in judged for k in range(len(one.found.parts))]
+    causes += [_read_off_cause(one, machine, data) for one in read_off]
+    left = [one.left for one in judged if one.left is not None]
+    unexplained = [Unexplained(one.stage, one.variable, one.explained_share) for one in left]
+    if not causes and not unexplained:
+        unexplained = _not_noise(rows, judged)
+    absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
+    verdict = _verdict(rows, causes, unexplained)
+    excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
+               for word, series in data.variables.items()}
+    return Diagnosis(
+        data=Data(path, "run", data.rows, data.duration_s, machine.id), channels=tuple(rows), verdict=verdict,
+        causes=tuple(sorted(causes, key=_consequence, reverse=True)),
+        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent})),
+        unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
+        gain=tuple(gain for one in judged for gain in measure_gain(one)), extended_machine=None, findings=findings,
+        tables=tuple(TableFit(one.stage, one.variable, one.nodes, one.values) for one in left), excited=excited)
+
+
+def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]) -> Verdict:
+    if unexplained:
+        return "unexplained"
+    if any(c.rivals for c in causes):
+        return "ambiguous"
+    if causes:
+        return "named"
+    return "none" if rows else "not_judged"
+
+
+def _consequence(cause: Cause) -> float:
+    """By which causes are put in order: per cent of the dose, a decimetre of place for as much as one of them."""
+    return abs(cause.field_cost.rate_error_percent or 0.0) + 10.0 * abs(cause.field_cost.place_error_m or 0.0)
+
+
+def _never_shown(there: set[str]) -> list[NotShown]:
+    """Effects that this log could not show at any size."""
+    return [NotShown(effect_id, Detectable(None, entry.effect.unit))
+            for effect_id, entry in CATALOGUE.items() if effect_id not in there]
+
+
+def _not_noise(rows: Sequence[Channel], judged: Sequence[Judged]) -> list[Unexplained]:
+    """Channels whose structure is no chance, though every name for it was refused: one of each group."""
+    found = []
+    for one in judged:
+        inside = [c for c in rows if c.channel in one.search.model.names and c.structure_p < STRUCTURE_P]
+        if inside:
+            worst = max(inside, key=_structure_share)
+            found.append(Unexplained(worst.channel, "", _structure_share(worst)))
+    return found
+
+
+def _structure_share(channel: Channel) -> float:
+    """Of a channel's mean square error, what is above its noise."""
+    return max(0.0, 1.0 - (channel.noise_floor / max(channel.rmse, 1e-300)) ** 2)
+
+
+def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
+    effect = CATALOGUE[seen.part.id].effect
+    size = Size(seen.part.size, max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd, effect.unit)
+    return Cause(seen.part.id, size, None, float(1.0 - chi2.sf(seen.gain, 1.0)), (), None, effect.advice,
+                 field_cost(seen.part, machine, data))
+
+
+def _cause(one: Judged, k: int, machine: Machine, data: RunData) -> Cause:
+    part, sd = one.found.parts[k], one.found.sd[k]
+    entry = CATALOGUE[part.id]
+    unit = entry.effect.unit
+    weights = np.exp(-0.5 * np.array([0.0, *(max(0.0, r.behind) for r in one.rivals[k])]))
+    nothing = float(chi2.sf(one.gains[k], 1.0))
+    shares = weights / (weights.sum() + nothing)
+    if entry.effect.onset_only:
+        size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
+    else:
+        sd = float(np.hypot(sd, tolerance_of(part.id, machine)))
+        low, high = part.size - Z90 * sd, part.size + Z90 * sd
+        size = Size(part.size, low, high, unit)
+    rivals = tuple(Rival(r.part.id, float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True))
+    return Cause(part.id, size, part.onset_s, float(shares[0]), rivals, part.member, entry.effect.advice,
+                 field_cost(part, machine, data))

@@ -1,0 +1,121 @@
+"""Heavy-tailed noise made to count as a robust fit would count it.
+
+The pseudo-values of an M-estimate: with psi the score of Student's t, least squares on (fit + psi / mean slope of psi)
+has the M-estimate for its answer and its variance for its noise (Huber & Ronchetti 2009, Robust Statistics, 7.8). Only
+what lies off the local median is reshaped, so that a structure of many samples stays as it is.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.signal import lfilter
+
+from .channels import ChannelSeries
+from .columns import Columns
+from .hypothesis import Parts
+from .likelihood import Column, problem, solved
+from .noise import coefficients, series_of
+from .stages import RunData
+
+Array = npt.NDArray[np.float64]
+
+# The pseudo-values (`tail_excess`).
+FREEDOM = 3.0               # degrees of freedom of Student's t
+MEDIAN_TO_SCALE = 0.7649    # median of the absolute value of t with three degrees of freedom
+LOCAL = 15                  # samples of the local median
+SLOW = 201                  # samples: what is slower is no memory of the fast noise
+WORTH = 1.2                 # times less variance, from which on the tails are treated at all
+MIN_SAMPLES = 400           # fewer say nothing of tails
+
+# What is a tail at all (`draw_in`).
+OUTLIER_SD = 4.5            # a lone reading further off than this is drawn in to it
+BESIDE = 0.7                # of OUTLIER_SD: with a neighbour that far off a reading is not alone
+ANSWERED_S = 2.0            # after a command, a drive has answered it
+
+
+def tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
+    """What to take off a residual (m,) for its tails to count no more than they should; zeros where they are not heavy.
+
+    free : samples that may be changed (m,); the others keep their values.
+    """
+    nothing = np.zeros(len(left))
+    if free.sum() < MIN_SAMPLES:
+        return nothing
+    memory = _memory(left, free)
+    local = median_filter(left, LOCAL)
+    off = left - local
+    fresh = lfilter([1.0, -memory], [1.0], off)
+    scale = float(np.median(np.abs(fresh[free]))) / MEDIAN_TO_SCALE
+    if scale <= 0.0:
+        return nothing
+    square, far = fresh ** 2, FREEDOM * scale ** 2
+    score = (FREEDOM + 1.0) * fresh / (far + square)
+    slope = float(np.mean(((FREEDOM + 1.0) * (far - square) / (far + square) ** 2)[free]))
+    if slope <= 0.0:
+        return nothing
+    drawn_in = score / slope
+    if np.var(fresh[free]) < WORTH * np.var(drawn_in[free]):
+        return nothing
+    return np.asarray(lfilter([1.0], [1.0, -memory], np.where(free, fresh - drawn_in, 0.0)))
+
+
+def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
+    """Correlation of neighbouring samples, slow waves and outliers left out."""
+    fast = left - uniform_filter1d(left, SLOW)
+    reach = 2.5 * 1.4826 * float(np.median(np.abs(fast[free])))
+    calm = np.clip(fast, -reach, reach)
+    both = free[1:] & free[:-1]
+    total = float(np.sum(calm[1:][both] ** 2))
+    return float(np.clip(np.sum(calm[1:][both] * calm[:-1][both]) / total, 0.0, 0.95)) if total > 0.0 else 0.0
+
+
+def draw_in(columns: Columns, parts: Parts, more: Sequence[Column]) -> None:
+    """Lone readings far off the richest fit are drawn in; steady or repeated deviations are left as they are.
+
+    more : columns of what might be there beside `parts`, each with the spread that its size may have; what they explain
+    is no outlier.
+    """
+    model = columns.model
+    every = [*columns.of_hypothesis(parts), *more]
+    left = model.residual(parts)
+    data = {c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels}
+    amplitude, _ = solved(problem(model.channels, data, every), np.arange(len(every)), model.noise)
+    for channel in model.channels:
+        rest = data[channel.name].copy()
+        for size, column in zip(amplitude, every, strict=True):
+            if channel.name in column.coefficients:
+                rest -= size * column.coefficients[channel.name]
+        model.drawn_in[channel.name] = _excess(series_of(rest, channel.cut), channel, _at_ease(channel, model.data))
+
+
+def _excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_]) -> Array:
+    """What to take off a channel whose richest fit leaves `rest` (m,)."""
+    lone = _lone(rest)
+    tails = np.zeros(len(rest))
+    for begin, end in channel.cut.bounds if free.any() else ():
+        tails[begin:end] = tail_excess((rest - lone)[begin:end], free[begin:end])
+    return lone + tails
+
+
+def _lone(left: Array) -> Array:
+    """What single readings are off by beyond OUTLIER_SD, where their neighbours are not."""
+    sd = 1.4826 * float(np.median(np.abs(left - np.median(left))))
+    size = np.abs(left - np.median(left))
+    beside = np.maximum(np.append(size[1:], 0.0), np.insert(size[:-1], 0, 0.0))
+    lone = (size > OUTLIER_SD * sd) & (beside < BESIDE * OUTLIER_SD * sd)
+    return np.where(lone, left - np.sign(left) * OUTLIER_SD * sd, 0.0)
+
+
+def _at_ease(channel: ChannelSeries, data: RunData) -> npt.NDArray[np.bool_]:
+    """Samples whose deviations are noise and nothing else: no drive answers a command there."""
+    free = np.full(len(channel.measured), channel.name != "scale")
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(channel.name)
+    if drive is not None:
+        changes = np.concatenate(([-np.inf], drive.time_s[1:][np.diff(drive.command) != 0.0], [np.inf]))
+        after = np.searchsorted(changes, channel.grid.even_s, side="right")
+        free &= (channel.grid.even_s - changes[after - 1] > ANSWERED_S) & (
+            changes[np.minimum(after, len(changes) - 1)] - channel.grid.even_s > channel.grid.step_s)
+    return free

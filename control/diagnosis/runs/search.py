@@ -1,0 +1,237 @@
+"""The search over hypotheses of one group: candidates scanned by their columns, the best refitted through the model."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.effects import ROWS, FoundBy
+from control.machine.machine import CATALOGUE, Machine
+
+from .channels import ChannelSeries
+from .columns import Columns
+from .hypothesis import Part, Parts, bounds, replaced
+from .likelihood import Z90, Fit, Problem, Role, best_fitted, calm, fitted, problem, projected
+from .model import GroupModel
+from .noise import Noise
+from .stages import RunData
+
+Array = npt.NDArray[np.float64]
+
+MAX_ROUNDS = 4              # of a refit: model and sizes in turn
+SETTLED_SD = 0.05           # of a size's own s.d.: a refit that moves none by more is at its end
+RIVAL_FORM_SHARE = 0.1      # of an effect's own signal that its form may be wrong by, where names are held together
+FITTED_FROM = 4.0           # of twice the log-likelihood under a given noise, from which on the noise is fitted too
+DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
+THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
+THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size (chi-square, one degree of freedom)
+
+
+class Candidate(NamedTuple):
+    """An effect as it is tried: what is added, and between which sizes its amplitude is believed."""
+
+    part: Part
+    low: float
+    high: float
+
+
+class Scanned(NamedTuple):
+    """A candidate as the scan sees it."""
+
+    part: Part                  # with the estimated size
+    gain: float                 # of twice the log-likelihood
+
+
+class Refit(NamedTuple):
+    """A hypothesis refitted in full."""
+
+    parts: Parts
+    sd: tuple[float, ...]       # of the sizes
+    log_likelihood: float
+    noise: dict[str, Noise]
+    tangled: float = 0.0        # largest correlation between two sizes
+
+
+class Search:
+    """A group's model, the columns made of it, and the candidates that are tried on it."""
+
+    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData) -> None:
+        self.model = GroupModel(channels, machine, data)
+        self.columns = Columns(self.model)
+        refilled = data.hopper is not None and bool(data.hopper.jumps)
+        self.candidates = [c for c in candidates(self.model.names, self.model.heads, refilled) if excited(c, data)]
+        self._all_over: set[str] = set()        # thresholds that were looked for all over
+
+    def scan(self, parts: Parts, noise: dict[str, Noise], only: Sequence[Candidate] | None = None) -> list[Scanned]:
+        """Every candidate added to a refitted hypothesis, best first, one entry per effect, member and onset.
+
+        The score test: one step from the hypothesis along the candidate's column; where that gains something the noise
+        is fitted along.
+        """
+        tried = [c for c in (self.candidates if only is None else only)
+                 if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
+        p, before = self.columns.compressed(parts, [self.columns.of_candidate(parts, c.part) for c in tried])
+        fixed = np.arange(before)
+        null = best_fitted(p, fixed, noise, self.model.channels)
+        starts = [null.noise, calm(null.noise, self.model.channels)]
+        normals = [projected(p, fixed, start) for start in starts]
+        best: dict[tuple[str, int | None, float | None], Scanned] = {}
+        for k, c in enumerate(tried):
+            found = Scanned(c.part, -np.inf)
+            for start, (normal, right) in zip(starts, normals, strict=True):
+                found = max(found, _added(p, before + k, c, null, start, normal, right), key=lambda f: f.gain)
+            name = (c.part.id, c.part.member, c.part.onset_s)
+            if name not in best or found.gain > best[name].gain:
+                best[name] = found
+        return sorted(best.values(), key=lambda f: -f.gain)
+
+    def refit(self, parts: Parts, noise: dict[str, Noise] | None = None) -> Refit:
+        """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes stand still."""
+        now, last, best = parts, noise or self.model.noise, None
+        for _ in range(MAX_ROUNDS):
+            p, fit = self._fit(now, last)
+            if best is not None and fit.log_likelihood < best.log_likelihood - 0.5:
+                now = tuple(a._replace(size=0.5 * (a.size + b.size)) for a, b in zip(best.parts, now, strict=True))
+                p, fit = self._fit(now, last)
+            moved, sd, biggest = _stepped(now, p, fit)
+            last = fit.noise
+            best = Refit(now, sd, fit.log_likelihood, fit.noise, self._tangled(p, fit.noise))
+            if biggest < SETTLED_SD:
+                best = best._replace(parts=moved)
+                break
+            now = moved
+        assert best is not None
+        return self._threshold(best) if any(ROWS[part.id].threshold for part in best.parts) else best
+
+    def under(self, parts: Parts, noise: dict[str, Noise]) -> float:
+        """Log-likelihood of a refitted hypothesis under a given noise, its forms held closer to the catalogue's."""
+        base = self.columns.of_hypothesis(parts, RIVAL_FORM_SHARE)
+        p = problem(self.model.channels, self.model.banded_residual(parts), base)
+        return fitted(p, np.arange(len(base)), noise, rounds=0).log_likelihood
+
+    def _fit(self, parts: Parts, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
+        p, count = self.columns.compressed(parts)
+        return p, best_fitted(p, np.arange(count), noise, self.model.channels)
+
+    def _tangled(self, p: Problem, noise: dict[str, Noise]) -> float:
+        """Largest likeness of two parts' traces, nuisances taken out and their forms as the catalogue has them."""
+        places = p.places(Role.SLOPE)
+        if len(places) < 2:
+            return 0.0
+        normal, _ = projected(p, np.arange(len(self.columns.fixed)), noise)
+        part = normal[np.ix_(places, places)]
+        scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
+        return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
+
+    def _threshold(self, found: Refit) -> Refit:
+        """The threshold moved, in ever smaller steps, to where it fits best; its interval is what the log leaves open.
+
+        A threshold acts on the commands that were given: between two of them every value is as good.
+        """
+        k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
+        part = found.parts[k]
+        edges = self._commands_between(*bounds(part.id))
+        tried: dict[int, Refit] = {}
+
+        def value(place: int) -> float:
+            if place not in tried:
+                parts = replaced(found.parts, k, part._replace(size=0.5 * float(edges[place] + edges[place + 1])))
+                _, fit = self._fit(parts, found.noise)
+                tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+            return tried[place].log_likelihood
+
+        last = len(edges) - 2
+        here, step = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
+        if part.id not in self._all_over:               # a plateau leads nowhere: look all over once
+            self._all_over.add(part.id)
+            places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
+            here, step = max([here, *places], key=value), max(1, last // THRESHOLDS_TRIED)
+        while step:
+            near = [place for place in (here - step, here + step) if 0 <= place <= last]
+            better = max([here, *near], key=value)
+            step, here = (step, better) if better != here else (step // 2, here)
+        as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
+        low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
+        best = tried[here]
+        return best._replace(parts=replaced(best.parts, k, part._replace(size=0.5 * (low + high))),
+                             sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1:]))
+
+    def _commands_between(self, low: float, high: float) -> Array:
+        """The shaft speeds that were asked for between two bounds, and the bounds."""
+        shaft = self.model.data.shaft
+        command = np.empty(0) if shaft is None else np.round(shaft.command, 3)
+        return np.unique(np.concatenate(([low], command[(command > low) & (command < high)], [high])))
+
+
+def candidates(channel_names: tuple[str, ...], heads: int, refilled: bool) -> list[Candidate]:
+    """Effects that a run log with these channels can show by a scan; those read off the data come from elsewhere."""
+    found: list[Candidate] = []
+    for effect_id, entry in CATALOGUE.items():
+        row = ROWS[effect_id]
+        if not any(kind.startswith("run") and kind != "run with revisited ground" for kind in entry.effect.seen_in):
+            continue
+        if row.found_by not in (FoundBy.SCAN, FoundBy.DIPS) or not row.channels or row.channels[0] not in channel_names:
+            continue
+        if row.needs_refill and not refilled:
+            continue
+        low, high = bounds(effect_id)
+        probe = entry.effect.probes[0] if row.probe is None else row.probe
+        if row.ladder:
+            found += [Candidate(Part(effect_id, size), max(low, 0.5 * size), min(high, 1.9 * size))
+                      for size in row.ladder]
+        elif entry.effect.member_field:
+            found += [Candidate(Part(effect_id, probe, None, k + 1), low, high) for k in range(heads)]
+        else:
+            found.append(Candidate(Part(effect_id, probe), low, high))
+    return found
+
+
+def excited(candidate: Candidate, data: RunData) -> bool:
+    """Whether the log moves what the effect needs to be moved.
+
+    Missing pulses show as dips where the log is fine enough (`intermittent`); only a coarse log shows nothing but their
+    mean.
+    """
+    row = ROWS[candidate.part.id]
+    if row.found_by is FoundBy.DIPS and data.speed is not None:
+        return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
+    if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
+        return False
+    opening = data.variables.get("opening_mm")
+    if not row.min_move_mm or opening is None:
+        return True
+    return bool(np.ptp(np.percentile(opening, (1.0, 99.0))) >= row.min_move_mm)
+
+
+def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], normal: Array,
+           right: Array) -> Scanned:
+    """One candidate column beside the fixed ones, its noise fitted from `start` where the gain may matter."""
+    stiff, before = normal[at, at], len(null.amplitude)
+    if stiff <= 0.0:
+        return Scanned(c.part, -np.inf)
+    whole = ROWS[c.part.id].threshold           # half a threshold's column is not what half a threshold does
+    size = c.part.size if whole else float(np.clip(right[at] / stiff, c.low, c.high))
+    gain = 2.0 * right[at] * size - stiff * size * size
+    if gain > FITTED_FROM and not whole:
+        full = fitted(p, np.append(np.arange(before), at), start)
+        size = float(np.clip(full.amplitude[-1], c.low, c.high))
+        gain = 2.0 * (full.log_likelihood - null.log_likelihood) if size == full.amplitude[-1] else \
+            min(gain, 2.0 * (full.log_likelihood - null.log_likelihood))
+    elif start is not null.noise and not whole:
+        return Scanned(c.part, -np.inf)
+    return Scanned(c.part._replace(size=size), float(gain))
+
+
+def _stepped(parts: Parts, p: Problem, fit: Fit) -> tuple[Parts, tuple[float, ...], float]:
+    """Parts with the sizes that a fit asks for, the s.d. of each, and the largest step in its own s.d."""
+    moved, sd, biggest = list(parts), [0.0] * len(parts), 0.0
+    for at in p.places(Role.SLOPE):
+        k = p.labels[at].part
+        sd[k] = float(np.sqrt(fit.covariance[at, at]))
+        low, high = bounds(parts[k].id)
+        size = float(np.clip(parts[k].size + fit.amplitude[at], low, high))
+        biggest = max(biggest, abs(size - parts[k].size) / max(sd[k], 1e-9))
+        moved[k] = parts[k]._replace(size=size)
+    return tuple(moved), tuple(sd), biggest

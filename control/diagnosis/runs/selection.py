@@ -1,0 +1,282 @@
+"""Which set of effects one group of channels shows: stepwise selection with refits, then the rivals of each member.
+
+Forward steps add the best effect, lateral steps put another in a member's place, backward steps drop what the others
+make superfluous (Miller 2002, Subset Selection in Regression, chapter 3); every hypothesis is refitted through the
+machine model.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.effects import ROWS, FoundBy
+from control.machine.machine import CATALOGUE
+
+from .evidence import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
+from .hypothesis import Part, Parts, without
+from .likelihood import Column, best_fitted
+from .model import tolerance_of
+from .onset import blocked, refined, still_disobeys, stops, with_onset
+from .quantised import encoder_steps
+from .robust import draw_in
+from .search import Refit, Scanned, Search
+from .settle import settle
+from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
+
+Array = npt.NDArray[np.float64]
+
+# Gains are of twice the log-likelihood (likelihood ratio, chi-square where nothing is there). The floors were set on
+# the tuning half of the benchmark (docs/diagnosis.md, "Verdicts"); above them each log has the null of its own noise.
+THRESHOLD = 17.0            # for one effect, the largest over the whole catalogue
+ONSET_THRESHOLD = 16.0      # for one onset, the largest over all times tried
+MAX_CAUSES = 4              # of one group of channels
+REFITTED = 4                # best of a scan that are refitted in full
+MAX_TANGLED = 0.97          # likeness of two effects' traces: above it they are not two findings
+
+# Whether one part's evidence holds (`_holds`).
+FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replicates in which noise gains as much
+MIN_WITHOUT_BLOCK = 0.5     # of THRESHOLD, kept when the block that speaks loudest is left out ...
+MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and of the part's own gain
+DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
+BEGUN_IN_DRIFT = 2.4        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
+MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
+SURE = 4.0                  # ... asked of what gains less than so many times THRESHOLD
+
+# What could stand in a part's place.
+RIVAL_GAP = 6.0             # behind by at most this: 95 % of a chi-square with one degree of freedom is 3.8
+RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms are never quite right
+MAX_RIVALS = 12             # of a scan that are looked at
+SCAN_REACH = 3.0            # times the gap, and SCAN_MARGIN: so far a scan may be behind before it is not refitted
+SCAN_MARGIN = 10.0
+
+
+class RivalOf(NamedTuple):
+    """What could stand in a part's place."""
+
+    part: Part
+    behind: float               # by so much of twice the log-likelihood
+
+
+class Judged(NamedTuple):
+    """What one group of channels shows."""
+
+    search: Search
+    null: Refit
+    found: Refit
+    gains: tuple[float, ...]                    # of each part: twice the log-likelihood lost without it
+    rivals: tuple[tuple[RivalOf, ...], ...]     # by part
+    scan: tuple[Scanned, ...]                   # the whole catalogue on top of nothing
+    left: Dependence | None                     # what no effect explains
+
+
+def judged(search: Search) -> Judged:
+    """Judge a group: forward selection with lateral and backward steps, then what is left, then rivals."""
+    null = _nothing(search)
+    first = search.scan((), null.noise)
+    current = _forward(search, null)
+    if current.parts:
+        current, null = _settled_at(search, current), search.refit(())
+        current = _begun(search, current)
+        current = _without_doubtful(search, current)
+    explained = 2.0 * (current.log_likelihood - null.log_likelihood)
+    left = unexplained(search.columns, current, explained)
+    if left is not None:
+        beside = _beside(search, current, left)
+        if beside is not current:
+            current, left = beside, unexplained(search.columns, beside, explained)
+    gains, rivals = _rivals(search, current)
+    return Judged(search, null, current, gains, rivals, tuple(first), left)
+
+
+def _nothing(search: Search) -> Refit:
+    """The group with nothing wrong, once what is read off the drives is among the candidates."""
+    search.candidates += [*stops(search.model), *encoder_steps(search.model)]
+    if "scale" in search.model.names:
+        search.candidates += blocked(search.model.data)
+    settle(search.columns, ())
+    _draw_in(search, ())
+    settle(search.columns, ())
+    return search.refit(())
+
+
+def _forward(search: Search, null: Refit) -> Refit:
+    """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned."""
+    current = null
+    for _ in range(MAX_CAUSES):
+        better = _forward_step(search, current)
+        if better is None:
+            break
+        search.model.move({})       # what the nominal values took upon themselves may be the effect's
+        better = search.refit(better.parts, better.noise)
+        better = search.refit(settle(search.columns, better.parts), better.noise)
+        current = _backward(search, _lateral(search, better))
+    return current
+
+
+def _settled_at(search: Search, current: Refit) -> Refit:
+    """A hypothesis once more, its own outliers drawn in and the nominal values settled beside it."""
+    _draw_in(search, current.parts)
+    return search.refit(settle(search.columns, current.parts), current.noise)
+
+
+def _begun(search: Search, current: Refit) -> Refit:
+    """Onsets refined, and tried for the parts that have none; then what they make superfluous is dropped."""
+    if any(part.onset_s is not None for part in current.parts):
+        current = refined(search, current, search.model.data)
+    return _backward(search, with_onset(search, current, search.model.data, ONSET_THRESHOLD))
+
+
+def _draw_in(search: Search, parts: Parts) -> None:
+    """Tails drawn in beside the richest fit: a hypothesis with every other candidate."""
+    more = [search.columns.of_candidate(parts, c.part)._replace(sd=max(abs(c.low), abs(c.high)))
+            for c in search.candidates if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
+    draw_in(search.columns, parts, more)
+
+
+def _forward_step(search: Search, now: Refit) -> Refit | None:
+    """Forward step: the hypothesis with one more part, where that gains more than the threshold and holds."""
+    found = _one_of_each(search.scan(now.parts, now.noise))
+    ranked = [f for f in found if f.gain > 0.5 * THRESHOLD][:REFITTED]
+    # How a drive runs down is nobody's effect: a column has it, a refit leaves it out.
+    ranked = [f for f in ranked if not CATALOGUE[f.part.id].effect.onset_only]
+    ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only
+               and still_disobeys(search.model, now.parts, f.part)]
+    tried = [r for r in (search.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < MAX_TANGLED]
+    if not tried:
+        return None
+    for best in sorted(tried, key=lambda r: -r.log_likelihood):
+        gain = 2.0 * (best.log_likelihood - now.log_likelihood)
+        if gain > THRESHOLD and _holds(search, best, len(now.parts), now):
+            return best
+    return None
+
+
+def _holds(search: Search, found: Refit, k: int, alone: Refit) -> bool:
+    """Whether a part's evidence is more than this log's own noise gives: in size, over time, and beside its drift.
+
+    A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must show once only.
+    """
+    part, row = found.parts[k], ROWS[found.parts[k].id]
+    gain = 2.0 * (found.log_likelihood - alone.log_likelihood)
+    if CATALOGUE[part.id].effect.onset_only or row.found_by is FoundBy.STEPS:
+        return True
+    others = without(found.parts, k)
+    if abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
+        return False
+    trace = search.columns.trace(found.parts, k)
+    seen = scores(search.columns, others, found.noise, [trace])
+    share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
+    least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
+    if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
+        return False
+    if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
+        return False
+    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and _slow(search, trace, alone):
+        return False
+    if row.along and gain < SURE * THRESHOLD and \
+            gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along):
+        return False
+    tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
+    traces = [search.columns.of_candidate(others, c.part) for c in tried]
+    every = scores(search.columns, found.parts, found.noise, traces)
+    return chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
+
+
+def _slow(search: Search, trace: Column, under: Refit) -> bool:
+    """Whether a trace is as slow as the drift that a hypothesis leaves."""
+    return any(slow_share(trace.coefficients[c.name], c, under.noise[c.name]) > SLOW_ENERGY
+               for c in search.model.channels if c.name in trace.coefficients)
+
+
+def _one_of_each(found: list[Scanned]) -> list[Scanned]:
+    best: dict[tuple[str, int | None], Scanned] = {}
+    for f in found:
+        best.setdefault((f.part.id, f.part.member), f)
+    return list(best.values())
+
+
+def _lateral(search: Search, now: Refit) -> Refit:
+    """Lateral steps: each member in turn against the best that could stand in its place."""
+    if len(now.parts) < 2:
+        return now
+    best = now
+    for k in range(len(now.parts)):
+        others = without(best.parts, k)
+        for f in search.scan(others, best.noise)[:2]:
+            if f.part.id == best.parts[k].id:
+                continue
+            tried = search.refit((*others, f.part), best.noise)
+            if tried.tangled < MAX_TANGLED and tried.log_likelihood > best.log_likelihood + 1.0:
+                best = tried
+    return best
+
+
+def _backward(search: Search, now: Refit) -> Refit:
+    """Backward steps: members that the others make superfluous are dropped."""
+    while len(now.parts) > 1:
+        fewer = [search.refit(without(now.parts, k), now.noise) for k in range(len(now.parts))]
+        best = max(fewer, key=lambda r: r.log_likelihood)
+        if 2.0 * (now.log_likelihood - best.log_likelihood) > THRESHOLD:
+            break
+        now = best
+    return now
+
+
+def _without_doubtful(search: Search, now: Refit) -> Refit:
+    """Parts whose evidence does not hold beside the others are dropped."""
+    for k in reversed(range(len(now.parts))):
+        alone = search.refit(without(now.parts, k), now.noise)
+        if not _holds(search, now, k, alone):
+            now = alone
+    return now
+
+
+def _beside(search: Search, now: Refit, left: Dependence) -> Refit:
+    """Members that a smooth dependence on one variable makes superfluous are dropped."""
+    parts = now.parts
+    while parts:
+        with_all = _with_dependence(search, parts, now, left)
+        best, k = max((_with_dependence(search, without(parts, k), now, left), k) for k in range(len(parts)))
+        if 2.0 * (with_all - best) > THRESHOLD:
+            break
+        parts = without(parts, k)
+    return now if parts == now.parts else search.refit(parts, now.noise)
+
+
+def _with_dependence(search: Search, parts: Parts, now: Refit, left: Dependence) -> float:
+    shapes = search.columns.forms.over(left.stage, left.variable)
+    p, before = search.columns.compressed(parts, shapes)
+    return best_fitted(p, np.arange(before + len(shapes)), now.noise, search.model.channels).log_likelihood
+
+
+def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+    """Gain of each part, and what could stand in its place.
+
+    Rivals are held against the noise that the best hypothesis leaves: a noise of its own, grown by what a rival does
+    not explain, would excuse it.
+    """
+    gains: list[float] = []
+    rivals: list[tuple[RivalOf, ...]] = []
+    own_value = search.under(now.parts, now.noise) if now.parts else 0.0
+    for k, part in enumerate(now.parts):
+        others = without(now.parts, k)
+        alone = search.refit(others, now.noise)
+        gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
+        reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
+        found = []
+        scanned = _one_of_each(search.scan(others, alone.noise))[:MAX_RIVALS]
+        own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
+        for f in scanned:
+            if f.part.id == part.id or f.gain < min(gain, own) - SCAN_REACH * reach - SCAN_MARGIN:
+                continue
+            tried = search.refit((*others, f.part), now.noise)
+            behind = 2.0 * (own_value - search.under(tried.parts, now.noise))
+            if behind < reach:
+                found.append(RivalOf(tried.parts[-1], behind))
+        gains.append(gain)
+        rivals.append(tuple(sorted(found, key=lambda r: r.behind)))
+    return tuple(gains), tuple(rivals)
+
+

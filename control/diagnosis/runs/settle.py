@@ -1,0 +1,113 @@
+"""Nominal values moved, within their tolerances, to where they fit best: slopes are then taken there."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.machine.over_log import MOST_STEP_S
+
+from .channels import ChannelSeries
+from .columns import Columns
+from .hypothesis import Part, Parts, bounds, schedule
+from .likelihood import Role, fitted, problem
+from .model import Nuisance
+from .noise import coefficients
+
+MAX_ROUNDS = 4
+STEP_SHARES = (1.0, 0.4, 0.15)      # of the step that the slopes ask for, until one gains
+MAX_OFFSET_SD = 3.0                 # of a tolerance
+SETTLED_SD = 0.05                   # of a tolerance: smaller steps are not worth the model's runs
+MIN_GAIN = 0.5                      # of the log-likelihood, for a further round
+DEAD_TIME_HALVINGS = 5              # of its tolerance, when a dead time is looked for: down to a thirtieth of it
+DEAD_TIME_GAIN = 2.0                # of the log-likelihood, for a dead time to be moved at all
+
+
+def settle(columns: Columns, parts: Parts) -> Parts:
+    """Moves the model's nominal values to where they fit best beside a hypothesis.
+
+    The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned.
+    """
+    _try_dead_times(columns, parts)
+    model, best = columns.model, _at_rest(columns, parts)
+    for _ in range(MAX_ROUNDS):
+        before = dict(model.offsets)
+        steps, sizes = _wanted(columns, parts)
+        if all(abs(size) < SETTLED_SD * n.sd for n, size in steps):
+            break
+        tried = parts
+        for share in STEP_SHARES:
+            model.move({n.key: float(np.clip(before.get(n.key, 0.0) + share * size, -MAX_OFFSET_SD * n.sd,
+                                             MAX_OFFSET_SD * n.sd)) for n, size in steps})
+            tried = tuple(_grown(part, share * sizes.get(k, 0.0)) for k, part in enumerate(parts))
+            now = _at_rest(columns, tried)
+            if now > best:
+                break
+        if now <= best:
+            model.move(before)
+            break
+        gained, best, parts = now - best, now, tried
+        if gained < MIN_GAIN:
+            break
+    return parts
+
+
+def _wanted(columns: Columns, parts: Parts) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
+    """The step that a fit asks of each nominal value, and of the size of each part (by its place)."""
+    model = columns.model
+    p, count = columns.compressed(parts)
+    amplitude = fitted(p, np.arange(count), model.noise, rounds=3).amplitude
+    of_value = {label.name: float(amplitude[k]) for k, label in enumerate(p.labels) if label.role is Role.TOLERANCE}
+    of_part = {label.part: float(amplitude[k]) for k, label in enumerate(p.labels) if label.role is Role.SLOPE}
+    return [(n, of_value[n.key]) for _, n in model.nuisances], of_part
+
+
+def _at_rest(columns: Columns, parts: Parts) -> float:
+    """Log-likelihood with the nominal values exactly where they stand."""
+    model = columns.model
+    kept = [c for c in columns.fixed if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
+    p = problem(model.channels, model.banded_residual(parts), kept)
+    value = fitted(p, np.arange(len(kept)), model.noise, rounds=2).log_likelihood
+    for _, n in model.nuisances:
+        value -= 0.5 * (model.offsets.get(n.key, 0.0) / n.sd) ** 2
+    return value
+
+
+def _try_dead_times(columns: Columns, parts: Parts) -> None:
+    """Dead times moved to the best of a grid: rows see only the end of a short move, so slopes lead nowhere.
+
+    A move shorter than a row is over before it is read, or has not begun: the likelihood has kinks there.
+    """
+    for channel, n in columns.model.nuisances:
+        if n.field == "dead_time_s":
+            _move_dead_time(columns, parts, channel, n)
+
+
+def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: Nuisance) -> None:
+    model, name = columns.model, channel.name
+    kept = [c for c in columns.fixed if name in c.coefficients
+            and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
+    places = np.arange(len(kept))
+
+    def value(off: float) -> float:
+        plan = schedule(model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)}), parts)
+        left = channel.measured - model.drawn_in[name] - channel.predict(plan, MOST_STEP_S)
+        p = problem([channel], {name: coefficients(left, channel.cut)}, kept)
+        return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
+    now = model.offsets.get(n.key, 0.0)
+    tried = {now: value(now)}
+    step = n.sd
+    for off in now + step * np.arange(-2.0, 3.0):
+        if abs(off) <= MAX_OFFSET_SD * n.sd:
+            tried[float(off)] = value(float(off))
+    for _ in range(DEAD_TIME_HALVINGS):
+        step *= 0.5
+        middle = max(tried, key=lambda off: tried[off])
+        for off in (middle - step, middle + step):
+            tried.setdefault(off, value(off))
+    best = max(tried, key=lambda off: tried[off])
+    if tried[best] > tried[now] + DEAD_TIME_GAIN:
+        model.move({**model.offsets, n.key: best})
+
+
+def _grown(part: Part, by: float) -> Part:
+    low, high = bounds(part.id)
+    return part._replace(size=min(high, max(low, part.size + float(by))))
