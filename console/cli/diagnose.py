@@ -111,7 +111,7 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
     import dataclasses
 
     from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
-    from control.diagnosis.tables.sentences import held_in_part
+    from control.diagnosis.tables.report import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     if not adoptable(found):

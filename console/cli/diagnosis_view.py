@@ -24,7 +24,7 @@ from console.reports.verdict import others, title_of
 from control.diagnosis.extend import adoptable
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.result import Cause, Diagnosis
-from control.diagnosis.tables.sentences import held_in_part
+from control.diagnosis.tables.report import held_in_part
 from control.machine.machine import CATALOGUE, Machine
 
 TIME_BINS, RATE_BINS, ROWS_IN_BIN = 40, 16, 6

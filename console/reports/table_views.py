@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.result import Cause
-from control.diagnosis.tables.diagnose import BUILDERS
 from control.diagnosis.tables.piece import Choice, Piece, Sized, with_more
+from control.diagnosis.tables.rows import BUILDERS
 from control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]

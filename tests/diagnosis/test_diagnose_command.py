@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from control.diagnosis.tables.sentences import held_in_part
+from control.diagnosis.tables.report import held_in_part
 
 
 def lag_table(path: Path, later_s: float, label: str = "", more_s: float = 0.0) -> Path:

@@ -9,7 +9,7 @@ from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 
 from .piece import Sized, with_more
-from .weigh_rows import USUAL_MPS, wheel_reads
+from .rows.weigh import USUAL_MPS, wheel_reads
 
 
 def field_cost(machine: Machine, part: Sized, speed_mps: float | None) -> FieldCost:

@@ -8,8 +8,8 @@ from control.diagnosis.result import Detectable, NotShown
 from control.machine.machine import CATALOGUE
 
 from .algebra import orthonormal, without
-from .naming import LEVEL, Named
 from .problem import Problem
+from .selection import LEVEL, Named
 
 POWER = 0.9             # of showing an effect of the size given
 CLOCK = "lag.coarse_clock"

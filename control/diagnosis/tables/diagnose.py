@@ -21,24 +21,22 @@ from control.diagnosis.result import (
 )
 from control.machine.machine import CATALOGUE, Machine
 
-from . import catch_rows, heads_rows, lag_rows, open_set, place_rows, weigh_rows
 from .algebra import space_of, subset
 from .clock import LEVEL as CLOCK_LEVEL
 from .clock import UNDECIDED, Clock
 from .cost import field_cost
 from .detectable import CLOCK, not_shown
+from .evidence import gains
 from .experiments import next_run
-from .gain import gains
-from .naming import Found, Named, named
-from .open_set import Left, left_over
 from .piece import Piece, Sized
 from .problem import Problem, problem_of
-from .sentences import clock_sentence, label_sentences, level_sentence, scatter_sentences, scope_sentences
+from .report import clock_sentence, label_sentences, level_sentence, scatter_sentences, scope_sentences
+from .rows import BUILDERS
+from .selection import Found, Named, named
+from .unexplained import LEVEL as LEFT_LEVEL
+from .unexplained import Left, left_over
 
 Progress = Callable[[float, str], None]
-BUILDERS: dict[str, Callable[[BenchTable, Machine], tuple[Piece, ...]]] = {
-    "lag": lag_rows.pieces, "catch": catch_rows.pieces, "weigh": weigh_rows.pieces, "heads": heads_rows.pieces,
-    "place": place_rows.pieces}
 CATALOGUE_TOO_LITTLE = 0.6      # of the structure found; below it the catalogue does not explain it
 CONSTANT_TIMES = ("lag.offset", "shaft.dead_time")      # what one rounded reading throughout could be instead
 WORTH_SAYING = 0.15             # of the structure found, for what is left beside named effects
@@ -95,13 +93,13 @@ def _refuse_twins(pieces: Sequence[Piece]) -> None:
 
 def _verdict(problem: Problem, found: Named, left: Left | None,
              seed: int) -> tuple[Named, Verdict, tuple[Unexplained, ...]]:
-    if left is not None and left.p < open_set.LEVEL:
+    if left is not None and left.p < LEFT_LEVEL:
         none = named_nothing(problem, found)
         by_catalogue = max(0.0, none.subset.rss - found.subset.rss)
         structure = by_catalogue + left.sum_of_squares
         if not found.found or by_catalogue < CATALOGUE_TOO_LITTLE * structure:
             alone = left_over(problem, (), seed + 11) or left
-            if found.found and alone.p < open_set.LEVEL:
+            if found.found and alone.p < LEFT_LEVEL:
                 left = alone
             return none, "unexplained", (Unexplained(left.channel, left.variable, left.share),)
         if left.sum_of_squares > WORTH_SAYING * structure:
@@ -186,7 +184,7 @@ def _findings(problem: Problem, tables: Sequence[BenchTable], made: Sequence[tup
     out += [clock_sentence(problem.pieces[index].name, clock) for index, clock in clocks]
     out += scope_sentences(problem, found)
     out += level_sentence(problem, found.parts, found.widened_by)
-    if left is not None and left.p < open_set.LEVEL and found.found:
+    if left is not None and left.p < LEFT_LEVEL and found.found:
         out.append(f"beside what is named, {left.channel} still depends on {left.variable} (p {left.p:.2g}, "
                    f"{100 * left.share:.0f} % of what is left)")
     if any(one.part.choice.id.startswith("place.") for one in found.found):

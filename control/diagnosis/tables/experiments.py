@@ -15,7 +15,7 @@ from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 
 from .piece import Array, Sized, with_more
-from .weigh_rows import wheel_reads
+from .rows.weigh import wheel_reads
 
 APART = 4.0             # s.d. between two hypotheses, from which on a test separates them
 MOST_TESTS = 3

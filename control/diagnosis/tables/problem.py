@@ -9,8 +9,8 @@ import numpy as np
 from control.machine.machine import CATALOGUE, Machine
 
 from .clock import DITHERED, Clock, coarse_clock, rounding_s
+from .noise import Scatter, quantum_of, resolution_of, scatter_of, smoothed
 from .piece import Array, Choice, Piece, Sized, Whole, with_more
-from .scatter import Scatter, quantum_of, resolution_of, scatter_of, smoothed
 
 LEAST_SHARED = 4        # replicates beyond the first of each setting
 PRIOR_DOF = 1.0         # weight of the machine file's sensor noise, where it states one, in rows

@@ -4,10 +4,9 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import BenchTable
+from control.diagnosis.tables.piece import Array, Choice, Piece, varying
 from control.machine.heads import WARM_UP_S, HeadInput, head_reads
 from control.machine.machine import Machine
-
-from .piece import Array, Choice, Piece, varying
 
 WARM_S = 100.0 * WARM_UP_S
 LEVELS_KEPT = 3             # minutes that free shapes of warming up must leave, or they would fit anything

@@ -6,10 +6,9 @@ from math import pi
 import numpy as np
 
 from control.calibration.bench_table import BenchTable
+from control.diagnosis.tables.piece import Array, Choice, Piece, varying
 from control.machine.flow import Flow, grams_per_rev
 from control.machine.machine import Machine
-
-from .piece import Array, Choice, Piece, varying
 
 SMALL_SHARE = 0.1           # of the median mass: below it even proportional noise is constant
 LEVELS_KEPT = 3             # shaft speeds that free shapes of a fall-off must leave, or they would pass for a gain

@@ -4,12 +4,11 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import BenchTable
+from control.diagnosis.tables.piece import Array, Choice, Piece, varying
 from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.speed import SpeedInput, speed_start, speed_step
-
-from .piece import Array, Choice, Piece, varying
 
 IDS = ("flow.gain", "flow.zero_offset", "speed.wheel_slip", "speed.wheel_radius", "scale.gain")
 USUAL_MPS = 1.25            # decision paper: about 4.5 km/h

@@ -4,11 +4,11 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import BenchTable
+from control.diagnosis.tables.piece import Array, Choice, Piece, varying
 from control.machine.machine import Machine
 
-from .lag_rows import predicted, rises
-from .piece import Array, Choice, Piece, varying
-from .roles import roles_of
+from .labels import roles_of
+from .lag import predicted, rises
 
 UNCORRECTED = "before"
 SCOPED = ("place.lever_arm", "place.latency")       # may have been put right between two labels or tables

@@ -5,11 +5,11 @@ import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
 from control.calibration.response import ramp_s, response_s
+from control.diagnosis.tables.piece import Array, Choice, Piece, varying
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 
-from .piece import Array, Choice, Piece, varying
-from .roles import Roles, roles_of
+from .labels import Roles, roles_of
 
 FORMS_OVER_RPM = ((60.0, 1.0), (70.0, 0.5), (70.0, 2.0), (75.0, 1.0), (80.0, 1.0))    # (from, power) of a rise
 

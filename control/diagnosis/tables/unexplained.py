@@ -8,9 +8,9 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from .algebra import SPENT, Space, orthonormal, space_of, widened, without
-from .naming import ONE_SIDED, forms_of
 from .piece import Array, Sized
 from .problem import Problem
+from .selection import ONE_SIDED, forms_of
 
 LEVEL = 0.003
 DRAWS = 2000

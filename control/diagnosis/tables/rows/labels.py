@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .piece import Array
+from control.diagnosis.tables.piece import Array
 
 EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
 RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})

@@ -8,10 +8,10 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from .clock import Clock
-from .naming import Named
+from .noise import FAR, UNEQUAL_P
 from .piece import Array, Piece, Sized
 from .problem import Problem
-from .scatter import FAR, UNEQUAL_P
+from .selection import Named
 
 DIFFERENT_P = 0.01
 IN_PART = " holds in the rows of "
