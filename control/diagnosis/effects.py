@@ -15,11 +15,15 @@ class Row:
     """What a diagnosis must know of an effect beside its place in the model."""
 
     id: str
+    only_adds: bool = False                 # something lost or extra: never less of it than the machine file has
+    constant_time: bool = False             # the same time in every row, as the steps of a coarse clock may make it
+    half_looks_like: tuple[str, ...] = ()   # what half of it, all on one of two sides, may pass for
+    scoped_in: tuple[str, ...] = ()         # kinds of tables in which it may hold for one label or one table only
 
 
 SHAFT_GAIN = Row("shaft.gain")
 SHAFT_SLOW = Row("shaft.slow")
-SHAFT_DEAD_TIME = Row("shaft.dead_time")
+SHAFT_DEAD_TIME = Row("shaft.dead_time", only_adds=True, constant_time=True, scoped_in=("lag",))
 SHAFT_DEAD_BAND = Row("shaft.dead_band")
 SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag")
 SHAFT_LOAD_DROOP = Row("shaft.load_droop")
@@ -31,9 +35,9 @@ GATE_BACKLASH = Row("gate.backlash")
 GATE_LOST_STEPS = Row("gate.lost_steps")
 GATE_SLOW = Row("gate.slow")
 GATE_STUCK = Row("gate.stuck")
-FLOW_GAIN = Row("flow.gain")
+FLOW_GAIN = Row("flow.gain", scoped_in=("catch",))
 FLOW_ZERO_OFFSET = Row("flow.zero_offset")
-FLOW_FILL_FALLOFF = Row("flow.fill_falloff")
+FLOW_FILL_FALLOFF = Row("flow.fill_falloff", only_adds=True)
 FLOW_HOPPER_HEAD = Row("flow.hopper_head")
 FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift")
 FLOW_BATCH = Row("flow.batch")
@@ -46,21 +50,21 @@ FLOW_PULSATION = Row("flow.pulsation")
 SCALE_GAIN = Row("scale.gain")
 SCALE_DRIFT = Row("scale.drift")
 SCALE_TILT = Row("scale.tilt")
-SPEED_WHEEL_SLIP = Row("speed.wheel_slip")
+SPEED_WHEEL_SLIP = Row("speed.wheel_slip", only_adds=True)
 SPEED_WHEEL_RADIUS = Row("speed.wheel_radius")
 SPEED_MISSED_PULSES = Row("speed.missed_pulses")
 SPEED_GNSS_LATENCY = Row("speed.gnss_latency")
 CANOPY_HEAD_FOULED = Row("canopy.head_fouled")
 CANOPY_WARM_UP = Row("canopy.warm_up")
 CANOPY_SATURATION = Row("canopy.saturation")
-LAG_OFFSET = Row("lag.offset")
-LAG_REBOUND = Row("lag.rebound")
-LAG_FIRST_FILL = Row("lag.first_fill")
-LAG_ASYMMETRY = Row("lag.asymmetry")
+LAG_OFFSET = Row("lag.offset", constant_time=True, scoped_in=("lag",))
+LAG_REBOUND = Row("lag.rebound", only_adds=True)
+LAG_FIRST_FILL = Row("lag.first_fill", only_adds=True)
+LAG_ASYMMETRY = Row("lag.asymmetry", half_looks_like=(LAG_OFFSET.id, SHAFT_DEAD_TIME.id))
 LAG_COARSE_CLOCK = Row("lag.coarse_clock")
-LAG_SPEED_SCALE = Row("lag.speed_scale")
-PLACE_LEVER_ARM = Row("place.lever_arm")
-PLACE_LATENCY = Row("place.latency")
+LAG_SPEED_SCALE = Row("lag.speed_scale", scoped_in=("lag",))
+PLACE_LEVER_ARM = Row("place.lever_arm", scoped_in=("place",))
+PLACE_LATENCY = Row("place.latency", scoped_in=("place",))
 
 ROWS: dict[str, Row] = {row.id: row for row in list(globals().values()) if isinstance(row, Row)}
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))

@@ -64,6 +64,7 @@ class Cause:
     member: int | None
     advice: str
     field_cost: FieldCost
+    scope: str | None = None            # the label or table that it holds for; None: all the data
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,9 @@ class Unexplained:
 class NextRun:
     why: str
     plan: str
+    id: str = ""
+    minutes: float | None = None
+    steps: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

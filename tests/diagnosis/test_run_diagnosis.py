@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from control.diagnosis import data_gate, noise, null, onset, open_set, search, stages_data
-from control.diagnosis.extend import extend, refuse_to_adopt
+from control.diagnosis.extend import extend
 from control.diagnosis.hypothesis import Part
 from control.diagnosis.next_run import manoeuvres, separation
 from control.diagnosis.residuals import channels
@@ -430,9 +430,3 @@ def test_evidence_of_one_block_falls_with_it():
     score = np.zeros((64, 1))
     score[10] = 32.0
     assert even > 15.0 and null.without_best_block(null.Scores(score, energy), 0) == 0.0
-
-
-def test_what_holds_for_one_label_is_not_adopted():
-    refuse_to_adopt("flow.gain", None)
-    with pytest.raises(ValueError, match=r"flow\.gain: holds for table bench\.csv only"):
-        refuse_to_adopt("flow.gain", "table bench.csv")

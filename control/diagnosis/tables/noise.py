@@ -1,4 +1,4 @@
-"""The scatter of one measured column: its size, rows far from their replicates, settings that scatter more."""
+"""The noise of one measured column: its size, rows far from their replicates, settings that scatter more."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -6,78 +6,91 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from .piece import Array, Piece, Whole
+from .piece import Array, BoolArray, IntArray, Piece
 
-FAR = 3.5                   # robust s.d. from the median of its replicates: drawn in to that
-LEAST_TO_DRAW_IN = 4        # replicates
-UNEQUAL_P = 0.005           # Brown-Forsythe
-LEAST_TO_WEIGH = 5          # replicates a setting, below which scatter is not told apart
-PURE_DOF = 5                # of replicates, from which on they alone give the noise
+# Outliers are winsorised: drawn in to so many robust s.d. (1.4826 median absolute deviations) from the median of their
+# replicates (3.5: Iglewicz and Hoaglin 1993).
+MAX_ROBUST_SD = 3.5
+ROBUST_SD = 1.4826
+MIN_ROWS_TO_WINSORISE = 4   # replicates at a setting, below which its median is no better known than the row
+
+# Brown-Forsythe test (1974) of equal variances: below this p, settings get weights of their own.
+UNEQUAL_P = 0.005
+MIN_ROWS_PER_VARIANCE = 5   # replicates at a setting, below which its variance is not compared
+MIN_SD_SHARE = 0.2          # of the common s.d.: no setting counts as quieter than that
+
+MIN_PURE_DOF = 5            # degrees of freedom of the replicates, from which on they alone give the noise
 
 
-class Scatter(NamedTuple):
-    tamed: Array                    # (n,) observed, far rows drawn in
-    sd: Array                       # (n,) absolute noise
-    far: Whole                      # rows drawn in
-    least: float                    # share of sd**2 below which the rows' variance is not believed to be
-    unequal_p: float | None         # None: too few replicates
+class Noise(NamedTuple):
+    """The noise of a piece of n rows, in the unit of the piece."""
+
+    winsorised: Array               # (n,) observed, outliers drawn in
+    sd: Array                       # (n,)
+    outliers: IntArray              # rows drawn in
+    min_variance: float             # share of sd**2 below which the rows' variance is not believed to be
+    unequal_p: float | None         # Brown-Forsythe; None: too few replicates
     setting_sd: tuple[tuple[int, int, float], ...]      # setting, rows, s.d.
 
 
-def scatter_of(piece: Piece, setting: Whole, nominal: Array) -> Scatter:
-    """Noise of the rows from replicates, else about a smooth fit of what the model leaves."""
+def noise_of(piece: Piece, setting: IntArray, nominal: Array) -> Noise:
+    """Noise of the rows from replicates (pure error), else about a smooth fit of what the model leaves.
+
+    Of the relative noises that the piece allows (constant, a share of the value) the likeliest is taken.
+    """
     tried = [_with(piece, setting, nominal, spread) for spread in piece.spreads]
     return max(tried, key=lambda one: one[1])[0]
 
 
-def _with(piece: Piece, setting: Whole, nominal: Array, spread: Array) -> tuple[Scatter, float]:
-    """Scatter if the rows' relative noise is `spread`, and the log-likelihood of that."""
+def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tuple[Noise, float]:
+    """Noise if the rows' relative noise is `spread`, and the log-likelihood of that."""
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
-    away = relative - medians[setting]
-    tamed, far = _drawn_in(relative, away, medians, setting, counts, counts[setting] >= LEAST_TO_DRAW_IN)
-    means = np.bincount(setting, tamed) / counts
-    inside = tamed - means[setting]
+    winsorised, outliers = _winsorised(relative, medians, setting, counts)
+    means = np.bincount(setting, winsorised) / counts
+    inside = winsorised - means[setting]
     pure_dof = int(np.sum(counts - 1))
-    if pure_dof >= PURE_DOF:
+    if pure_dof >= MIN_PURE_DOF:
         repeated = counts[setting] > 1
         sd, dof = float(np.sqrt(np.sum(inside ** 2) / pure_dof)), pure_dof
-        lengths = float(np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated]))
+        log_spread = float(np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated]))
     else:
-        sd, dof = _about_smooth(piece, tamed), len(tamed)
-        lengths = float(np.sum(np.log(spread)))
+        sd, dof = _sd_about_smooth(piece, winsorised), len(winsorised)
+        log_spread = float(np.sum(np.log(spread)))
     rounding = quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
     sd = max(sd, rounding, 1e-9)
-    least = 1.0 if pure_dof >= PURE_DOF else min(1.0, rounding / sd) ** 2
+    min_variance = 1.0 if pure_dof >= MIN_PURE_DOF else min(1.0, rounding / sd) ** 2
     by_setting = tuple((k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
                        for k in range(len(counts)))
-    unequal = _brown_forsythe(relative, setting, counts)
+    unequal_p = _brown_forsythe(relative, setting, counts)
     factor = np.ones(len(relative))
-    if unequal is not None and unequal < UNEQUAL_P:
-        factor = np.array([np.sqrt(max(s, 0.2 * sd) / sd) for _, _, s in by_setting])[setting]
-    return (Scatter(nominal + tamed * spread, sd * spread * factor, far, least, unequal, by_setting),
-            -dof * float(np.log(sd)) - lengths)
+    if unequal_p is not None and unequal_p < UNEQUAL_P:
+        factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
+    return (Noise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance, unequal_p, by_setting),
+            -dof * float(np.log(sd)) - log_spread)
 
 
-def _drawn_in(relative: Array, away: Array, medians: Array, setting: Whole, counts: Whole,
-              enough: np.ndarray) -> tuple[Array, Whole]:
+def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntArray) -> tuple[Array, IntArray]:
+    """Rows with outliers among their replicates drawn in, and which those are."""
+    away = relative - medians[setting]
+    enough: BoolArray = counts[setting] >= MIN_ROWS_TO_WINSORISE
     if not enough.any():
         return relative, np.zeros(0, np.int64)
     shrink = np.sqrt(np.maximum(1, counts[setting] - 1) / counts[setting])
-    common = 1.4826 * float(np.median(np.abs(away[enough]) / shrink[enough]))
+    common = ROBUST_SD * float(np.median(np.abs(away[enough]) / shrink[enough]))
     limit = np.full(len(relative), np.inf)
     for k in np.unique(setting[enough]):
         rows = setting == k
-        limit[rows] = FAR * max(common, 1.4826 * float(np.median(np.abs(away[rows]))))
+        limit[rows] = MAX_ROBUST_SD * max(common, ROBUST_SD * float(np.median(np.abs(away[rows]))))
     limit[limit == 0.0] = np.inf            # replicates without scatter say nothing of what is far
-    far = np.flatnonzero(np.abs(away) > limit)
-    tamed = relative.copy()
-    tamed[far] = medians[setting[far]] + np.sign(away[far]) * limit[far]
-    return tamed, far
+    outliers = np.flatnonzero(np.abs(away) > limit)
+    winsorised = relative.copy()
+    winsorised[outliers] = medians[setting[outliers]] + np.sign(away[outliers]) * limit[outliers]
+    return winsorised, outliers
 
 
-def _about_smooth(piece: Piece, relative: Array) -> float:
+def _sd_about_smooth(piece: Piece, relative: Array) -> float:
     """S.d. about a low polynomial in every varying setting, labels apart; at most a third of the rows are spent."""
     smooth, rank = smoothed(piece, relative)
     return float(np.sqrt(np.sum((relative - smooth) ** 2) / max(1, len(relative) - rank)))
@@ -108,8 +121,9 @@ def _multiples(values: Array, step: float) -> bool:
     return bool(np.all(np.abs(values - np.round(values / step) * step) < 1e-8))
 
 
-def _brown_forsythe(values: Array, setting: Whole, counts: Whole) -> float | None:
-    kinds = [k for k in range(len(counts)) if counts[k] >= LEAST_TO_WEIGH]
+def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray) -> float | None:
+    """p of the Brown-Forsythe test: F test of absolute deviations from the medians. None: too few replicates."""
+    kinds = [k for k in range(len(counts)) if counts[k] >= MIN_ROWS_PER_VARIANCE]
     if len(kinds) < 2:
         return None
     parts = [np.abs(values[setting == k] - np.median(values[setting == k])) for k in kinds]

@@ -9,5 +9,10 @@ from control.machine.machine import Machine
 
 from . import catch, heads, lag, place, weigh
 
-BUILDERS: dict[str, Callable[[BenchTable, Machine], tuple[Piece, ...]]] = {
+_BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[Piece, ...]]] = {
     "lag": lag.pieces, "catch": catch.pieces, "weigh": weigh.pieces, "heads": heads.pieces, "place": place.pieces}
+
+
+def pieces_of(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+    """A piece for each measured column of a usable table (control.calibration.bench_table.usable)."""
+    return _BY_KIND[table.kind](table, machine)
