@@ -1,15 +1,17 @@
 """What a diagnosis of bench tables hands on as data, not in a sentence: scope, steps, minutes, facts of effects."""
 from __future__ import annotations
 
-import re
+import ast
+import doctest
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from control.calibration.bench_table import KINDS
 from control.diagnosis import effects
 from control.diagnosis.result import Diagnosis
-from control.diagnosis.tables import Table, diagnose_tables
+from control.diagnosis.tables import Table, diagnose, diagnose_tables
 from control.diagnosis.tables import __path__ as room
 from control.diagnosis.tables.cost import field_cost
 from control.diagnosis.tables.experiments import EXPERIMENTS
@@ -52,13 +54,13 @@ def test_every_experiment_has_an_id_of_its_own() -> None:
 
 def test_no_effect_stands_as_a_literal() -> None:
     """Facts of an effect have one home, control/diagnosis/effects.py: all else names it by its constant there."""
-    ids = "|".join(re.escape(one) for one in CATALOGUE)
     for path in Path(next(iter(room))).rglob("*.py"):
-        assert not re.findall(rf"[\"'](?:{ids})[\"']", path.read_text(encoding="utf-8")), path
+        texts = {node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+                 if isinstance(node, ast.Constant)}
+        assert not texts & set(CATALOGUE), path
 
 
 def test_the_facts_of_an_effect_name_other_effects_and_kinds_of_tables() -> None:
-    from control.calibration.bench_table import KINDS
     for row in effects.ROWS.values():
         assert set(row.half_looks_like) <= set(CATALOGUE) and set(row.scoped_in) <= set(KINDS)
 
@@ -80,3 +82,8 @@ def test_a_lag_off_distances_at_a_wrong_speed_is_wrong_by_as_much() -> None:
     lag_s = 0.383 + 1.8288 - 0.0083 * MACHINE.set_points.shaft_rpm
     assert at_10.place_error_m == pytest.approx(0.1 * 1.25 * lag_s, rel=0.02)
     assert at_20.place_error_m == pytest.approx(2.0 * at_10.place_error_m)
+
+
+def test_the_example_of_diagnose_tables_holds() -> None:
+    ran = doctest.testmod(diagnose)
+    assert ran.attempted >= 9 and ran.failed == 0

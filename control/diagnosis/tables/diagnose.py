@@ -33,10 +33,64 @@ class _Judgement(NamedTuple):
 
 def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int = 0,
                     progress: Progress | None = None) -> Diagnosis:
-    """Diagnoses one bench table, or several of the same machine together.
+    """Where the machine model is wrong on bench tables, why, and what putting it right gains.
 
-    `seed`: of the draws behind the p-values; the same seed gives the same diagnosis. `progress(share, what)` is called
-    between stages; an exception raised by it cancels. Raises ValueError with one line for tables that cannot be used.
+    Parameters
+    ----------
+    tables
+        One bench table, or several of the same machine together: what one cannot tell, the other may. Columns are
+        float64 arrays of shape (rows,) with their units in their names (docs/bench-tables.md); NaN: not known.
+    machine
+        The machine as its file has it. Its tolerances are priors; sizes found are on top of its own effects.
+    seed
+        Of the draws behind the p-values; the same seed gives the same diagnosis.
+    progress
+        `progress(share, what)` is called between stages, share from 0 to 1; an exception raised by it cancels.
+
+    Returns
+    -------
+    Diagnosis
+        By the contract "topdress-diagnosis/1". Sizes and their 90 % intervals are in the catalogue's units
+        (`topdress effects`), residuals in those of the column: s, kg, NDVI or m. Field costs are % and m.
+
+    Raises
+    ------
+    ValueError
+        One line, for no table, a table given twice, an unknown kind, a missing column, a number out of range, or a
+        table without a usable row.
+
+    Notes
+    -----
+    Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter is tested for by Brown and
+    Forsythe [2]_. Effects enter by stepwise selection, each step against the largest statistic of the whole search
+    under noise (max-t) [3]_; intervals are widened where the lack-of-fit F test asks for it [4]_. Steps in times are
+    found by the cosine quantogram [5]_. The gain is measured on settings left out one at a time.
+
+    References
+    ----------
+    .. [1] Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993.
+    .. [2] Brown and Forsythe, J. Am. Stat. Assoc. 69, 1974.
+    .. [3] Westfall and Young, Resampling-Based Multiple Testing, 1993.
+    .. [4] Draper and Smith, Applied Regression Analysis, 3rd ed., 1998, ch. 2.
+    .. [5] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
+
+    Examples
+    --------
+    A catch test that yields 6 % more than the machine file says, at three shaft speeds and two openings:
+
+    >>> import numpy as np
+    >>> from control.calibration.bench_table import BenchTable
+    >>> from control.machine.machine import Machine
+    >>> shaft_rpm, opening_mm = np.repeat([20.0, 50.0, 80.0], 4), np.tile([10.0, 10.0, 30.0, 30.0], 3)
+    >>> scatter = 0.004 * np.random.default_rng(1).standard_normal(12)
+    >>> mass_kg = 1.06 * 5.5e-3 * opening_mm * shaft_rpm / 60.0 * 30.0 * (1.0 + scatter)
+    >>> table = BenchTable("catch", {"shaft_rpm": shaft_rpm, "opening_mm": opening_mm, "mass_kg": mass_kg,
+    ...                              "duration_s": np.full(12, 30.0)})
+    >>> found = diagnose_tables([table], Machine())
+    >>> found.verdict, [(cause.id, round(cause.size.value), cause.size.unit) for cause in found.causes]
+    ('named', [('flow.gain', 6, '%')])
+    >>> found.gain[0].after < 0.3 * found.gain[0].before
+    True
     """
     if not tables:
         raise ValueError("no table given: at least one is needed")
