@@ -118,14 +118,12 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
     import dataclasses
 
     from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
-    from control.diagnosis.tables.sentences import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     if not adoptable(found):
         raise CommandError(f"{out}: no effect was found that a machine file could take up, so nothing is written")
-    in_part = held_in_part(found.findings)
     for cause in found.causes:
-        refuse_to_adopt(cause.id, in_part.get(cause.id))
+        refuse_to_adopt(cause)
         if cause.rivals:
             typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
                        f"{', '.join(rival.id for rival in cause.rivals)}", err=True)

@@ -24,7 +24,6 @@ from console.services.separating_run import drivable
 from control.diagnosis.extend import adoptable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import Part
-from control.diagnosis.tables.sentences import held_in_part
 from control.machine.machine import CATALOGUE, Machine
 
 TIME_BINS, RATE_BINS, ROWS_IN_BIN = 40, 16, 6
@@ -54,12 +53,11 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids that a machine file may take up, and a line for each cause that it may not."""
-    scoped = held_in_part(found.findings)
     able = [cause.id for cause in adoptable(found)]
     kept, refused = [], []
     for cause in found.causes:
-        if cause.id in scoped:
-            refused.append(f"{cause.id}: holds in the rows of {scoped[cause.id]} only")
+        if cause.scope is not None:
+            refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
         elif cause.onset_s is not None or CATALOGUE[cause.id].effect.onset_only:
             refused.append(f"{cause.id}: began during the run: repair it, the model stays")
         elif cause.id not in able:

@@ -127,15 +127,15 @@ def test_cancelling_ends_the_process_at_once(files, folder):
 
 # --- what may be adopted ---------------------------------------------------------------------------------------------
 
-def cause(effect_id: str, value: float | None = 5.0, onset_s: float | None = None) -> Cause:
-    return Cause(effect_id, Size(value, None, None, "%"), onset_s, 0.9, (), None, "", FieldCost(None, None))
+def cause(effect_id: str, value: float | None = 5.0, onset_s: float | None = None, scope: str | None = None) -> Cause:
+    return Cause(effect_id, Size(value, None, None, "%"), onset_s, 0.9, (), None, "", FieldCost(None, None), scope)
 
 
 def test_scoped_late_and_sizeless_effects_are_refused():
     found = Diagnosis(Data("t.csv", "lag", 9, None, "m"), (), "named",
-                      (cause("lag.offset"), cause("flow.gain"), cause("shaft.stall", 100.0), cause("scale.gain", None),
-                       cause("shaft.gain", onset_s=60.0)), (), (), None, (), None,
-                      findings=("lag.offset +0.3 holds in the rows of t.csv after only",))
+                      (cause("lag.offset", scope="t.csv after"), cause("flow.gain"),
+                       cause("shaft.stall", 100.0), cause("scale.gain", None),
+                       cause("shaft.gain", onset_s=60.0)), (), (), None, (), None)
     kept, refused = sorted_out(found)
     assert kept == ("flow.gain",)
     assert [why.split(":")[0] for why in refused] == ["lag.offset", "shaft.stall", "scale.gain", "shaft.gain"]

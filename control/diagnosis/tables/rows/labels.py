@@ -1,4 +1,4 @@
-"""What a label says about how a change of the rate began, where it says it in a plain word."""
+"""What a table's labels say: which rows belong together, and how a change of the rate began."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .piece import Array
+from control.calibration.bench_table import BenchTable
+from control.diagnosis.tables.piece import Array
 
 EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
 RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})
@@ -25,6 +26,16 @@ class Roles(NamedTuple):
     @property
     def known(self) -> bool:
         return self.tell_start or self.tell_direction
+
+
+def labels_of(table: BenchTable) -> npt.NDArray[np.str_]:
+    """Label of each row, (n,); "" where the table has none."""
+    return np.full(table.rows, "") if table.label is None else table.label
+
+
+def column_of(table: BenchTable) -> str:
+    """The column that the labels come from, as a sentence names it."""
+    return table.label_column or "label"
 
 
 def roles_of(label: npt.NDArray[np.str_]) -> Roles:

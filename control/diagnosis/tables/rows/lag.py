@@ -5,11 +5,20 @@ import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
 from control.calibration.response import ramp_s, response_s
+from control.diagnosis.effects import (
+    LAG_ASYMMETRY,
+    LAG_FIRST_FILL,
+    LAG_OFFSET,
+    LAG_REBOUND,
+    LAG_SPEED_SCALE,
+    ROWS,
+    SHAFT_DEAD_TIME,
+)
+from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 
-from .piece import Array, Choice, Piece, varying
-from .roles import Roles, roles_of
+from .labels import Roles, column_of, labels_of, roles_of
 
 FORMS_OVER_RPM = ((60.0, 1.0), (70.0, 0.5), (70.0, 2.0), (75.0, 1.0), (80.0, 1.0))    # (from, power) of a rise
 
@@ -29,9 +38,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     if name == "lag_m":
         assert speed is not None
         observed = observed / speed
-    label = np.full(int(keep.sum()), "") if table.label is None else table.label[keep]
+    label = labels_of(table)[keep]
     roles = roles_of(label)
-
     rig = name == "drop_s" and "response_s" in table.columns
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
@@ -40,24 +48,35 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         return predicted(m, rpm, name, roles) * scale + (_ramps(m, rpm) if rig else 0.0)
 
     drops = name != "response_s"
-    choices = ["lag.offset", "lag.rebound"] if drops else []
-    choices += ["shaft.dead_time"] if name != "drop_s" else []
-    if drops:
-        choices += ["lag.first_fill"] if roles.tell_start else []
-        choices += ["lag.asymmetry"] if roles.tell_direction else []
-        choices += ["lag.speed_scale"] if name == "lag_m" else []
-    own = [*(["lag.offset"] if drops else []), *(["shaft.dead_time"] if name != "drop_s" else []),
-           *(["lag.speed_scale"] if name in ("lag_s", "lag_m") else [])]
-    own = [] if roles.known else own
-    nuisances = {} if name == "drop_s" else {"shaft.dead_time_s": np.full(len(rpm), machine.tolerance.dead_time_s)}
+    nuisances = {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
     variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
     if speed is not None:
         variables["speed_mps"] = speed
     # A distance is read to a constant error in m: its time is the noisier the slower it was driven.
     spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
     return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
-                 tuple(Choice(i) for i in choices), tuple(own), varying(variables), nuisances,
-                 {"lag.rebound": rises(rpm)} if drops else {}, clocked=name != "lag_m")
+                 column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
+                 varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm)} if drops else {}, clocked=name != "lag_m")
+
+
+def _ids(name: str, roles: Roles) -> tuple[str, ...]:
+    """Effects that a column of lags can show."""
+    drops = (LAG_OFFSET, LAG_REBOUND) if name != "response_s" else ()
+    response = (SHAFT_DEAD_TIME,) if name != "drop_s" else ()
+    by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
+    distance = (LAG_SPEED_SCALE,) if name == "lag_m" else ()
+    return tuple(row.id for row in (*drops, *response, *(by_label if drops else ()), *distance))
+
+
+def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
+    """Those that may hold for one label only; none where the labels say how a change began.
+
+    Times of one label may have been read off distances, whose written speed may be wrong.
+    """
+    if roles.known:
+        return ()
+    ids = [*_ids(name, roles), *([LAG_SPEED_SCALE.id] if name == "lag_s" else [])]
+    return tuple(i for i in ids if "lag" in ROWS[i].scoped_in)
 
 
 def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:

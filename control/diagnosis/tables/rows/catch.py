@@ -6,14 +6,22 @@ from math import pi
 import numpy as np
 
 from control.calibration.bench_table import BenchTable
+from control.diagnosis.effects import (
+    FLOW_FILL_FALLOFF,
+    FLOW_GAIN,
+    FLOW_OUTLET_UNEVEN,
+    FLOW_PULSATION,
+    FLOW_ZERO_OFFSET,
+)
+from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
 from control.machine.flow import Flow, grams_per_rev
 from control.machine.machine import Machine
 
-from .piece import Array, Choice, Piece, varying
+from .labels import column_of, labels_of
 
 SMALL_SHARE = 0.1           # of the median mass: below it even proportional noise is constant
-LEVELS_KEPT = 3             # shaft speeds that free shapes of a fall-off must leave, or they would pass for a gain
-FAST_TURNS = 3.0            # flute passages in a catch, above which it is too slow to show a pulsation
+MIN_LEVELS_LEFT = 3         # shaft speeds that free shapes of a fall-off must leave, or they would pass for a gain
+MAX_PASSAGES = 3.0          # flute passages in the shortest catch, above which no catch shows a pulsation
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
@@ -34,28 +42,27 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
 
     share = np.maximum(nominal, 1e-9) / (float(np.median(nominal)) or 1.0)
     spreads = (np.ones(table.rows), np.hypot(share, 1.0) / np.sqrt(2.0), np.hypot(share, SMALL_SHARE))
-    choices = [Choice("flow.gain"), Choice("flow.zero_offset"), Choice("flow.fill_falloff")]
-    if outlet is not None:
-        choices += [Choice("flow.outlet_uneven", int(k)) for k in np.unique(outlet) if k == int(k)]
-    if angle.min() / (2.0 * pi) < FAST_TURNS and len(np.unique(lasts_s)) > 2:
-        choices.append(Choice("flow.pulsation"))
-    fast = rpm / 100.0
-    shapes = [fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
-    shapes = shapes[:max(1, len(np.unique(rpm)) - LEVELS_KEPT)]
     wide = machine.model_copy(update={"flow": machine.flow._replace(zero_offset_g_rev=machine.flow.zero_offset_g_rev
                                       + machine.flow.grams_per_rev_mm * machine.tolerance.opening_mm)})
     variables = {"shaft_rpm": rpm, "opening_mm": opening, "duration_s": lasts_s,
                  "replicate": columns.get("replicate", np.full(table.rows, np.nan))}
     if outlet is not None:
         variables["outlet"] = outlet
-    label = np.full(table.rows, "") if table.label is None else table.label
+    candidates = _candidates(outlet, pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES
+                                                   and len(np.unique(lasts_s)) > 2))
     return (Piece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
-                  spreads, label, tuple(choices),
-                  ("flow.gain",), varying(variables),
+                  spreads, labels_of(table), column_of(table), candidates,
+                  tuple(row.id for row in (FLOW_GAIN,) if table.kind in row.scoped_in), varying(variables),
                   {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
                    **_each_outlet(nominal, outlet, machine)},
-                  {"flow.fill_falloff": np.column_stack([nominal * shape for shape in shapes]),
-                   "flow.pulsation": _twice_as_quick(nominal, angle)}),)
+                  {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm), FLOW_PULSATION.id: _twice_as_quick(nominal, angle)}),)
+
+
+def _candidates(outlet: Array | None, pulsates: bool) -> tuple[Candidate, ...]:
+    outlets = [] if outlet is None else [int(k) for k in np.unique(outlet) if k == int(k)]
+    return (*(Candidate(row.id) for row in (FLOW_GAIN, FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF)),
+            *(Candidate(FLOW_OUTLET_UNEVEN.id, k) for k in outlets),
+            *((Candidate(FLOW_PULSATION.id),) if pulsates else ()))
 
 
 def _mass(flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int) -> Array:
@@ -72,6 +79,13 @@ def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict
         return {}
     share = machine.tolerance.flow_percent / 100.0 * float(np.sqrt(machine.geometry.outlets))
     return {f"outlet_{k:g}": np.where(outlet == k, nominal * share, 0.0) for k in np.unique(outlet).tolist()}
+
+
+def _falloffs(nominal: Array, rpm: Array) -> Array:
+    """Other shapes that a loss at high shaft speed may have, (n, k)."""
+    fast = rpm / 100.0
+    shapes = [fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
+    return np.column_stack([nominal * shape for shape in shapes[:max(1, len(np.unique(rpm)) - MIN_LEVELS_LEFT)]])
 
 
 def _pulse(angle: Array, begins: float) -> Array:

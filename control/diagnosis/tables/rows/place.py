@@ -4,14 +4,20 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import BenchTable
+from control.diagnosis.effects import (
+    LAG_ASYMMETRY,
+    LAG_FIRST_FILL,
+    LAG_REBOUND,
+    PLACE_LATENCY,
+    PLACE_LEVER_ARM,
+)
+from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
 from control.machine.machine import Machine
 
-from .lag_rows import predicted, rises
-from .piece import Array, Choice, Piece, varying
-from .roles import roles_of
+from .labels import column_of, labels_of, roles_of
+from .lag import predicted, rises
 
 UNCORRECTED = "before"
-SCOPED = ("place.lever_arm", "place.latency")       # may have been put right between two labels or tables
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
@@ -25,7 +31,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     """
     rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
     assert speed is not None
-    label = np.full(table.rows, "") if table.label is None else table.label
+    label = labels_of(table)
     roles = roles_of(label)
     corrected = np.where(label == UNCORRECTED, 0.0, predicted(machine, rpm, "lag_s", roles))
     if "corrected_lag_s" in table.columns:
@@ -37,15 +43,13 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
         lag = predicted(m, rpm, "lag_s", roles)
         return true_mps * (lag + m.fall.latency_s - corrected) + m.fall.lever_arm_m
 
-    choices = ["place.lever_arm", "place.latency", "lag.rebound"]
-    choices += ["lag.first_fill"] if roles.tell_start else []
-    choices += ["lag.asymmetry"] if roles.tell_direction else []
+    by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
+    effects = (PLACE_LEVER_ARM, PLACE_LATENCY, LAG_REBOUND, *by_label)
     variables = {"shaft_rpm": rpm, "speed_mps": speed,
                  "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
                  "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
     return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
-                  label, tuple(Choice(i) for i in choices), SCOPED, varying(variables),
-                  {"shaft.dead_time_s": speed * machine.tolerance.dead_time_s},
-                  {"lag.rebound": rises(rpm) * speed[:, None]},
-                  remarks=("a constant extra lag (lag.offset) looks like place.latency in a place table; a lag table "
-                           "tells them apart",)),)
+                  label, column_of(table), tuple(Candidate(row.id) for row in effects),
+                  tuple(row.id for row in effects if table.kind in row.scoped_in), varying(variables),
+                  {"dead_time": speed * machine.tolerance.dead_time_s},
+                  {LAG_REBOUND.id: rises(rpm) * speed[:, None]}),)
