@@ -2,33 +2,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
-
-import numpy as np
 
 from control.calibration.bench_table import BenchTable, usable
-from control.diagnosis.result import STRUCTURE_P, Data, Diagnosis, Unexplained, Verdict
+from control.diagnosis.result import Data, Diagnosis
 from control.machine.machine import Machine
 
 from .evidence import held_out_gain, not_shown
 from .piece import Piece
-from .problem import Problem, problem_of
+from .problem import problem_of
 from .report import causes_of, channels_of, findings_of, next_run_of
 from .rows import pieces_of
-from .selection import Selection, nothing_selected, select
-from .unexplained import Structure, remaining_structure
+from .selection import select
+from .verdict import judged
 
 Progress = Callable[[float, str], None]
-
-# Of the structure found (sum of squares beyond noise), by the catalogue or beside it.
-MIN_BY_CATALOGUE = 0.6      # below it the catalogue does not explain it, and nothing is named
-MAX_BESIDE = 0.15           # above it, what is left beside named effects makes the verdict unexplained
-
-
-class _Judgement(NamedTuple):
-    selection: Selection
-    verdict: Verdict
-    unexplained: tuple[Unexplained, ...] = ()
 
 
 def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int = 0,
@@ -103,9 +90,9 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     tell(0.2, "search")
     selection = select(problem, seed)
     tell(0.6, "what is left")
-    structure = remaining_structure(problem, selection.effects, seed + 10)
-    selection, verdict, unexplained = _judged(problem, selection, structure, seed)
-    causes = causes_of(problem, tables, selection)
+    judgement = judged(problem, selection, seed)
+    causes = causes_of(problem, tables, judgement)
+    verdict = judgement.verdict
     if verdict == "named" and any(cause.rivals for cause in causes):
         verdict = "ambiguous"
     told = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
@@ -113,10 +100,10 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     return Diagnosis(
         data=Data(" + ".join(table.path for table in tables), "+".join(dict.fromkeys(t.kind for t in tables)),
                   sum(table.rows for table in tables), None, machine.id),
-        channels=channels_of(problem, selection), verdict=verdict, causes=causes,
-        not_shown=not_shown(problem, selection, told), unexplained=unexplained,
-        next_run=next_run_of(problem, selection), gain=held_out_gain(problem, selection.effects, seed),
-        extended_machine=None, findings=findings_of(problem, tables, selection, structure))
+        channels=channels_of(problem, judgement.structure_p), verdict=verdict, causes=causes,
+        not_shown=not_shown(problem, judgement.selection, told), unexplained=judgement.unexplained,
+        next_run=next_run_of(problem, judgement), gain=held_out_gain(problem, judgement.selection.effects, seed),
+        extended_machine=None, findings=findings_of(problem, tables, judgement))
 
 
 def _refuse_twins(pieces: Sequence[Piece]) -> None:
@@ -124,45 +111,3 @@ def _refuse_twins(pieces: Sequence[Piece]) -> None:
     for name in names:
         if names.count(name) > 1 and name.split(" ")[0]:
             raise ValueError(f"{name}: given twice: each table once")
-
-
-def _judged(problem: Problem, selection: Selection, structure: Structure | None, seed: int) -> _Judgement:
-    """The verdict, before it is asked whether causes have rivals."""
-    judged = _beside_structure(problem, selection, structure, seed)
-    if judged.verdict != "none":
-        return judged
-    if any(clock is not None and clock.shown for clock in problem.clocks):
-        return judged._replace(verdict="named")
-    if selection.structure_p < STRUCTURE_P:
-        return judged._replace(verdict="unexplained", unexplained=(_not_noise(problem, structure),))
-    return judged
-
-
-def _beside_structure(problem: Problem, selection: Selection, structure: Structure | None, seed: int) -> _Judgement:
-    """What is named, against what no effect explains."""
-    said: Verdict = "named" if selection.selected else "none"
-    if structure is None or not structure.shown:
-        return _Judgement(selection, said)
-    none = nothing_selected(problem, selection)
-    by_catalogue = max(0.0, none.estimate.rss - selection.estimate.rss)
-    whole = by_catalogue + structure.sum_of_squares
-    if not selection.selected or by_catalogue < MIN_BY_CATALOGUE * whole:
-        alone = remaining_structure(problem, (), seed + 11) or structure
-        if selection.selected and alone.shown:
-            structure = alone
-        return _Judgement(none, "unexplained", (_unexplained(structure),))
-    if structure.sum_of_squares > MAX_BESIDE * whole:
-        return _Judgement(selection, "unexplained", (_unexplained(structure),))
-    return _Judgement(selection, said)
-
-
-def _unexplained(structure: Structure) -> Unexplained:
-    return Unexplained(structure.channel, structure.variable, structure.share)
-
-
-def _not_noise(problem: Problem, structure: Structure | None) -> Unexplained:
-    """Structure that is no chance, though every name for it was refused."""
-    if structure is not None:
-        return _unexplained(structure)
-    off = (problem.observed - problem.nominal) / problem.sd
-    return Unexplained(problem.pieces[0].channel, "", max(0.0, 1.0 - 1.0 / max(1.0, float(np.mean(off ** 2)))))

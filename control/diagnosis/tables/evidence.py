@@ -12,7 +12,7 @@ from control.diagnosis.result import Detectable, Gain, NotShown
 from control.machine.machine import CATALOGUE
 
 from .algebra import estimated, orthonormal, projected_out
-from .piece import Array, IntArray, Piece, SizedEffect
+from .piece import Array, BoolArray, Candidate, IntArray, Piece, SizedEffect
 from .problem import Problem
 from .selection import LEVEL, Selection
 
@@ -25,19 +25,14 @@ MIN_PAIRS = 3               # settings that two labels must share to be compared
 def held_out_gain(problem: Problem, effects: Sequence[SizedEffect], seed: int) -> tuple[Gain, ...]:
     """Leave one setting out at a time, refit the sizes, predict it; 90 % intervals by resampling settings (bootstrap).
 
-    A gain of each channel; none where nothing is named or all rows are set alike.
+    A gain of each channel; none where nothing is named. Where one setting is all that could show an effect of a member
+    (an outlet, a head), or all rows are set alike, rows are left out instead.
     """
-    kinds = np.unique(problem.setting)
-    if not effects or len(kinds) < 2:
+    if not effects:
         return ()
+    chosen = [effect.candidate for effect in effects]
     before = problem.observed - problem.nominal
-    after = before.copy()               # a setting without which an effect has no size gains nothing
-    for kind in kinds.tolist():
-        out = problem.setting == kind
-        held = problem._replace(sd=np.where(out, np.inf, problem.sd))
-        fit, sized = estimated(held, [effect.candidate for effect in effects], rounds=2)
-        if fit is not None:
-            after[out] = (problem.observed - problem.predicted(sized))[out]
+    after = _held_out(problem, chosen, _folds(problem, chosen))
     rng = np.random.default_rng(seed)
     found = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
@@ -47,8 +42,65 @@ def held_out_gain(problem: Problem, effects: Sequence[SizedEffect], seed: int) -
         unit = next(piece.unit for piece in problem.pieces if piece.channel == channel)
         found.append(Gain(channel, f"rmse, {unit}", float(np.sqrt(np.mean(before[rows] ** 2))),
                           float(np.sqrt(np.mean(after[rows] ** 2))), float(np.quantile(drawn, 0.05)),
-                          float(np.quantile(drawn, 0.95)), f"each of {len(settings)} settings in turn"))
+                          float(np.quantile(drawn, 0.95)), _in_turn(problem, chosen, settings)))
     return tuple(found)
+
+
+def held_out_shares(problem: Problem, effects: Sequence[SizedEffect]) -> tuple[float, ...]:
+    """Share of the held-out sum of squares (whitened) that each effect removes beside the others; negative: it adds.
+
+    Settings are held out one at a time. Where one setting is all that could show an effect of a member (an outlet, a
+    head), or all rows are set alike, rows are held out instead.
+    """
+    chosen = [effect.candidate for effect in effects]
+    if not chosen:
+        return ()
+    folds = _folds(problem, chosen)
+    whole = _held_out_rss(problem, chosen, folds)
+    shares = []
+    for k in range(len(chosen)):
+        without = _held_out_rss(problem, chosen[:k] + chosen[k + 1:], folds)
+        shares.append(1.0 - whole / without if without > 0.0 else 0.0)
+    return tuple(shares)
+
+
+def _held_out_rss(problem: Problem, chosen: Sequence[Candidate], folds: Sequence[BoolArray]) -> float:
+    return float(np.sum((_held_out(problem, chosen, folds) / problem.sd) ** 2))
+
+
+def _held_out(problem: Problem, chosen: Sequence[Candidate], folds: Sequence[BoolArray]) -> Array:
+    """Error of each row, (n,), predicted without the rows of its fold."""
+    off = problem.observed - problem.nominal
+    for out in folds if chosen else ():
+        fit, sized = estimated(problem._replace(sd=np.where(out, np.inf, problem.sd)), chosen, rounds=2)
+        if fit is not None:             # else an effect has no size without these rows, and gains nothing there
+            off[out] = (problem.observed - problem.predicted(sized))[out]
+    return off
+
+
+def _folds(problem: Problem, chosen: Sequence[Candidate]) -> list[BoolArray]:
+    """Rows that are held out together, (n,) each: settings, or the single rows of some settings."""
+    split = _split(problem, chosen)
+    folds = [problem.setting == kind for kind in np.unique(problem.setting).tolist() if kind not in split]
+    return folds + [np.arange(len(problem.setting)) == row
+                    for row in np.flatnonzero(np.isin(problem.setting, sorted(split))).tolist()]
+
+
+def _split(problem: Problem, chosen: Sequence[Candidate]) -> frozenset[int]:
+    """Settings whose rows are held out one by one: the only one of all, or of a member's effect."""
+    only_one = len(np.unique(problem.setting)) == 1
+    slopes = problem._replace(candidates=tuple(chosen)).slopes()[1]
+    own = [np.unique(problem.setting[column != 0.0]) for column in slopes.T]
+    return frozenset(int(seen[0]) for candidate, seen in zip(chosen, own, strict=True)
+                     if len(seen) == 1 and (candidate.member is not None or only_one))
+
+
+def _in_turn(problem: Problem, chosen: Sequence[Candidate], settings: IntArray) -> str:
+    split = _split(problem, chosen) & set(settings.tolist())
+    rows = int(np.sum(np.isin(problem.setting, sorted(split))))
+    whole = len(settings) - len(split)
+    said = [f"{whole} settings"] * (whole > 0) + [f"{rows} rows"] * (rows > 0)
+    return f"each of {' and '.join(said)} in turn"
 
 
 def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: np.ndarray) -> float:
@@ -59,6 +111,13 @@ def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: np.ndarray) ->
 
 def not_shown(problem: Problem, selection: Selection, told: frozenset[str]) -> tuple[NotShown, ...]:
     """Every catalogued effect that is neither named nor a rival (`told`). None: these rows cannot show it at all."""
+    smallest = smallest_shown(problem, selection)
+    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), entry.effect.unit))
+                 for effect_id, entry in CATALOGUE.items() if effect_id not in told)
+
+
+def smallest_shown(problem: Problem, selection: Selection) -> dict[str, float]:
+    """The smallest size, within its bounds, of each effect that these rows would show with POWER, by id."""
     design = selection.design
     index = [problem.candidates.index(candidate) for candidate in selection.candidates]
     basis = orthonormal(np.column_stack([design.nuisances, design.x[:, index]]))
@@ -77,8 +136,7 @@ def not_shown(problem: Problem, selection: Selection, told: frozenset[str]) -> t
     steps = [clock.smallest_s for clock in problem.clocks if clock is not None and clock.smallest_s is not None]
     if steps:
         smallest[LAG_COARSE_CLOCK.id] = min(steps)
-    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), entry.effect.unit))
-                 for effect_id, entry in CATALOGUE.items() if effect_id not in told)
+    return smallest
 
 
 class Contrast(NamedTuple):

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t as student
 
-from control.calibration.bench_table import BenchTable
+from control.calibration.bench_table import LAGS, BenchTable
 from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENCY, PLACE_LEVER_ARM, ROWS
 from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size
 from control.machine.machine import CATALOGUE
 
-from .clock import UNDECIDED, Clock
+from .clock import Clock
 from .cost import field_cost
 from .evidence import label_contrasts
 from .experiments import Pair, Plan, separating
@@ -20,8 +20,9 @@ from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
 from .selection import Selected, Selection
 from .sizes import settings_differ
-from .unexplained import Structure
+from .verdict import Judgement
 
+UNKNOWN = "unknown"             # a rival that is no effect of the catalogue
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
 OUTSTANDING = 2.0               # times the common scatter, from which on a setting is pointed out
@@ -30,10 +31,12 @@ MIN_INFLATION_SAID = 1.05       # of the intervals
 MIN_ROWS_SAID = 4
 
 
-def causes_of(problem: Problem, tables: Sequence[BenchTable], selection: Selection) -> tuple[Cause, ...]:
+def causes_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
     """Named effects and the clearest coarse clock, largest consequence in the field first."""
     speed = _speed(tables)
-    causes = [_cause(problem, one, selection.dof, speed) for one in selection.selected]
+    selection = judgement.selection
+    causes = [_cause(problem, one, selection.dof, speed, suspected=bool(why))
+              for one, why in zip(selection.selected, judgement.suspected, strict=True)]
     clocks = [clock for clock in problem.clocks if clock is not None and clock.shown]
     if clocks:
         causes.append(_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
@@ -45,18 +48,24 @@ def causes_of(problem: Problem, tables: Sequence[BenchTable], selection: Selecti
     return tuple(sorted(causes, key=consequence, reverse=True))
 
 
-def _cause(problem: Problem, one: Selected, dof: float, speed: float | None) -> Cause:
+def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, suspected: bool) -> Cause:
     candidate, size = one.effect
     effect = CATALOGUE[candidate.id].effect
     half = float(student.ppf(0.95, dof)) * one.se
     rivals = tuple(Rival(r.candidate.id, r.probability) for r in one.rivals)
-    share = 1.0
+    probability = one.probability
     if ROWS[candidate.id].constant_time and any(clock is not None and clock.undecided for clock in problem.clocks):
-        share = UNDECIDED
-        rivals = (Rival(LAG_COARSE_CLOCK.id, UNDECIDED), *(Rival(r.id, share * r.probability) for r in rivals))
-    return Cause(candidate.id, Size(size, size - half, size + half, effect.unit), None, share * one.probability, rivals,
+        probability, rivals = _halved(probability, rivals, LAG_COARSE_CLOCK.id)
+    if suspected:
+        probability, rivals = _halved(probability, rivals, UNKNOWN)
+    return Cause(candidate.id, Size(size, size - half, size + half, effect.unit), None, probability, rivals,
                  candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
                  scope=None if candidate.scope is None else _group_name(problem, candidate.scope))
+
+
+def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[float, tuple[Rival, ...]]:
+    """Nothing known tells the other from all that is said: it gets half."""
+    return 0.5 * probability, (Rival(other, 0.5), *(Rival(r.id, 0.5 * r.probability) for r in rivals))
 
 
 def _clock_cause(problem: Problem, clock: Clock, speed: float | None) -> Cause:
@@ -71,7 +80,7 @@ def _speed(tables: Sequence[BenchTable]) -> float | None:
     return float(np.nanmean(np.concatenate(speeds))) if speeds else None
 
 
-def channels_of(problem: Problem, selection: Selection) -> tuple[Channel, ...]:
+def channels_of(problem: Problem, structure_p: float) -> tuple[Channel, ...]:
     """How well the nominal model predicts each channel."""
     out = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
@@ -83,19 +92,27 @@ def channels_of(problem: Problem, selection: Selection) -> tuple[Channel, ...]:
         explained = 1.0 - float(np.sum(off ** 2)) / varies if varies > 0.0 else 0.0
         out.append(Channel(channel, problem.pieces[inside[0]].unit, len(off), float(off.mean()),
                            float(np.sqrt(np.mean(off ** 2))), float(np.sqrt(np.mean(problem.sd[rows] ** 2))),
-                           max(0.0, explained), min(1.0, selection.structure_p)))
+                           max(0.0, explained), min(1.0, structure_p)))
     return tuple(out)
 
 
-def next_run_of(problem: Problem, selection: Selection) -> NextRun | None:
+def next_run_of(problem: Problem, judgement: Judgement) -> NextRun | None:
     """The tests that would separate the rivals; None where nothing is ambiguous."""
+    selection = judgement.selection
+
     def anywhere(effect: SizedEffect) -> SizedEffect:
         return effect._replace(candidate=effect.candidate._replace(scope=None))
 
     plan = separating(problem.machine, [
         [anywhere(one.effect), *(anywhere(SizedEffect(r.candidate, r.size)) for r in one.rivals)]
         for one in selection.selected])
-    return None if plan is None else _next_run(plan)
+    if plan is not None:
+        return _next_run(plan)
+    doubtful = [candidate.id for candidate, why in zip(selection.candidates, judgement.suspected, strict=True) if why]
+    if not doubtful:
+        return None
+    return NextRun(f"this data cannot tell {', '.join(doubtful)} from something else",
+                   "repeat this test with three or more settings at which the effect would show")
 
 
 def _next_run(plan: Plan) -> NextRun:
@@ -117,11 +134,15 @@ def _names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
-def findings_of(problem: Problem, tables: Sequence[BenchTable], selection: Selection,
-                structure: Structure | None) -> tuple[str, ...]:
-    """Plain sentences about the rows themselves."""
+def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[str, ...]:
+    """Plain sentences about the rows themselves; columns that could not be judged first."""
+    selection, structure = judgement.selection, judgement.structure
     ids = {candidate.id for candidate in selection.candidates}
-    out = [text for table in tables for text in table.findings]
+    out = [text for table in tables for text in _not_judged_sentences(table)]
+    if judgement.verdict == "not_judged":
+        out += [f"{piece.name}: not judged: no effect within its bounds could have shown in these rows"
+                for piece in problem.pieces]
+    out += [text for table in tables for text in table.findings]
     for index, piece in enumerate(problem.pieces):
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
@@ -133,12 +154,35 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], selection: Selec
     if structure is not None and structure.shown and selection.selected:
         out.append(f"beside what is named, {structure.channel} still depends on {structure.variable} "
                    f"(p {structure.p:.2g}, {100 * structure.share:.0f} % of what is left)")
+    out += [f"{one.effect.candidate.id}: settings left out are not predicted better with it: it may be something else"
+            for one, why in zip(selection.selected, judgement.suspected, strict=True) if why == "held_out"]
+    out += [f"{one.effect.candidate.id}: an effect whose size would be out of its bounds fits as well: it may be "
+            "something else" for one, why in zip(selection.selected, judgement.suspected, strict=True)
+            if why == "bounds"]
+    if judgement.verdict == "unexplained":
+        out += _nearest_sentences(selection)
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
         out.append(f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a place table; a lag "
                    "table tells them apart")
     if len(problem.observed) < MIN_ROWS_SAID:
         out.append(f"only {len(problem.observed)} rows: only large effects can be shown")
     return tuple(out)
+
+
+def _not_judged_sentences(table: BenchTable) -> list[str]:
+    """Measured columns without a number."""
+    return [f"{f'{table.path} {name}'.strip()}: not judged: no row has a number" for name in LAGS
+            if table.kind == "lag" and name in table.columns and not np.isfinite(table.columns[name]).any()]
+
+
+def _nearest_sentences(selection: Selection) -> list[str]:
+    """The effect that comes nearest to what is unexplained, and why it is not named."""
+    if not selection.refused:
+        return []
+    nearest = selection.refused[0].id
+    entry = CATALOGUE[nearest]
+    return [f"nearest effect: {nearest}, but its size would have to lie outside {entry.low:g} to {entry.high:g} "
+            f"{entry.effect.unit}" + (", or be negative" if ROWS[nearest].only_adds else "")]
 
 
 def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:

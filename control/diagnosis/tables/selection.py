@@ -5,7 +5,7 @@ in its place), and a backward step at the end.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -60,6 +60,7 @@ class Selection(NamedTuple):
     design: Design
     dof: float
     inflation: float
+    refused: tuple[Candidate, ...] = ()         # that fitted best in a forward step, with a size out of bounds
 
     @property
     def effects(self) -> tuple[SizedEffect, ...]:
@@ -72,7 +73,7 @@ class Selection(NamedTuple):
 
 def select(problem: Problem, seed: int) -> Selection:
     """Effects one by one, each with lateral steps, against the null of the whole search."""
-    chosen, ps, structure_p = _searched(problem, seed)
+    chosen, ps, structure_p, refused = _searched(problem, seed)
     fit = fitted(problem, _of_all_rows(problem, chosen))
     assert fit is not None
     effects, estimate, design = fit
@@ -85,11 +86,11 @@ def select(problem: Problem, seed: int) -> Selection:
                  if (inflation == 1.0 or _still_shown(one, estimate.dof, len(problem.candidates)))
                  and not _half_of_another(one, selected))
     if len(kept) == len(selected):
-        return Selection(selected, structure_p, estimate, design, dof, inflation)
+        return Selection(selected, structure_p, estimate, design, dof, inflation, refused)
     fit = fitted(problem, [one.effect.candidate for one in kept])
     assert fit is not None
     return Selection(tuple(one._replace(effect=effect) for effect, one in zip(fit.effects, kept, strict=True)),
-                     structure_p, fit.estimate, fit.design, dof, inflation)
+                     structure_p, fit.estimate, fit.design, dof, inflation, refused)
 
 
 def nothing_selected(problem: Problem, selection: Selection) -> Selection:
@@ -97,21 +98,21 @@ def nothing_selected(problem: Problem, selection: Selection) -> Selection:
     design = design_of(problem)
     estimate = least_squares(design, [])
     assert estimate is not None
-    return Selection((), selection.structure_p, estimate, design, estimate.dof, 1.0)
+    return Selection((), selection.structure_p, estimate, design, estimate.dof, 1.0, selection.refused)
 
 
-def _searched(problem: Problem, seed: int) -> tuple[list[Candidate], list[float], float]:
-    """Candidates, the p of each one's step, and p of the first step."""
+def _searched(problem: Problem, seed: int) -> tuple[list[Candidate], list[float], float, tuple[Candidate, ...]]:
+    """Candidates, the p of each one's step, p of the first step, and candidates refused because of their bounds."""
     chosen: list[Candidate] = []
     ps: list[float] = []
-    barred: set[Candidate] = set()
+    barred: dict[Candidate, None] = {}
     structure_p = 1.0
     while len(chosen) < MAX_EFFECTS:
         fit = fitted(problem, chosen)
         assert fit is not None
         p, best = _forward_step(problem, fit.design, chosen, barred, seed + len(chosen))
         if not chosen:
-            structure_p = p
+            structure_p = min(structure_p, p)
         if p >= LEVEL or best is None:
             pair = None if chosen else _forward_pair(problem, fit.design)
             if pair is None:
@@ -121,14 +122,14 @@ def _searched(problem: Problem, seed: int) -> tuple[list[Candidate], list[float]
             continue
         tried = _lateral_steps(problem, [*chosen, best], barred)
         if tried is None:
-            barred.add(best)
+            barred[best] = None
             continue
         chosen = tried
         ps.append(p)
-    return chosen, ps, structure_p
+    return chosen, ps, structure_p, tuple(barred)
 
 
-def _forward_step(problem: Problem, design: Design, chosen: Sequence[Candidate], barred: set[Candidate],
+def _forward_step(problem: Problem, design: Design, chosen: Sequence[Candidate], barred: Collection[Candidate],
                   seed: int) -> tuple[float, Candidate | None]:
     """The candidate that explains most of what the chosen ones leave, in whatever shape, and its max-t p."""
     index = [problem.candidates.index(candidate) for candidate in chosen]
@@ -161,7 +162,7 @@ def _forward_pair(problem: Problem, design: Design) -> tuple[tuple[Candidate, Ca
     return best[1], best[0]
 
 
-def _lateral_steps(problem: Problem, chosen: list[Candidate], barred: set[Candidate]) -> list[Candidate] | None:
+def _lateral_steps(problem: Problem, chosen: list[Candidate], barred: Collection[Candidate]) -> list[Candidate] | None:
     """Each effect in turn against whatever would fit better in its place. None: out of every bound."""
     design = design_of(problem)
     for _ in range(SWEEPS):
@@ -174,7 +175,7 @@ def _lateral_steps(problem: Problem, chosen: list[Candidate], barred: set[Candid
 
 
 def _lateral_step(problem: Problem, design: Design, chosen: list[Candidate], k: int,
-                  barred: set[Candidate]) -> list[Candidate]:
+                  barred: Collection[Candidate]) -> list[Candidate]:
     """The best within bounds in place of the k-th, of the two that fit best."""
     scores: dict[Candidate, float] = {}
     for candidate in problem.candidates:
@@ -200,7 +201,7 @@ def _of_all_rows(problem: Problem, chosen: list[Candidate]) -> list[Candidate]:
             continue
         tried = [*chosen[:k], wide, *chosen[k + 1:]]
         before, after = estimated(problem, chosen)[0], estimated(problem, tried)[0]
-        if before and after and _as_good(after, before):
+        if before and after and as_good(after, before):
             chosen = tried
     return chosen
 
@@ -211,14 +212,14 @@ def _within_bounds(problem: Problem, chosen: Sequence[Candidate]) -> bool:
 
 
 def _allowed(problem: Problem, candidate: Candidate, size: float) -> bool:
-    """Within the catalogue's bounds; what is lost or extra by definition only adds to what the machine has of it."""
+    """Strictly within the catalogue's bounds; what is lost or extra by definition only adds to what there is of it."""
     entry = CATALOGUE[candidate.id]
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
     low = entry.neutral - has if ROWS[candidate.id].only_adds else entry.low - entry.neutral
-    return low <= size <= entry.high - entry.neutral
+    return low < size < entry.high - entry.neutral
 
 
-def _as_good(other: LeastSquares, best: LeastSquares) -> bool:
+def as_good(other: LeastSquares, best: LeastSquares) -> bool:
     """Within the confidence set of the best, by its likelihood (t)."""
     t = float(student.ppf(1.0 - RIVAL_P / 2.0, best.dof))
     return bool(other.rss <= best.rss * (1.0 + t * t / best.dof))
@@ -258,7 +259,7 @@ def _rival_weights(problem: Problem, effects: Sequence[SizedEffect], best: Least
             continue
         if len(tried) > 1:      # where effects multiply one another, a rival is judged at its own best sizes
             estimate = estimated(problem, tried, rounds=3)[0] or estimate
-        if _as_good(estimate, best):
+        if as_good(estimate, best):
             log_ratio = np.log(max(estimate.rss, 1e-300) / max(best.rss, 1e-300))
             found[candidate] = (float(np.exp(-0.5 * best.dof * log_ratio)), float(estimate.sizes[k]))
     return found

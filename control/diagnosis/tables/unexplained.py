@@ -50,7 +50,7 @@ class _Dependence(NamedTuple):
 def remaining_structure(problem: Problem, effects: Sequence[SizedEffect], seed: int) -> Structure | None:
     """The strongest remaining dependence on one setting. None where no setting varies or no freedom is left."""
     design = design_of(problem, effects)
-    explained = _explained(problem, effects, design)
+    explained = explained_by(problem, effects, design)
     tried = _dependences(problem, explained, design)
     if not tried:
         return None
@@ -67,8 +67,8 @@ def remaining_structure(problem: Problem, effects: Sequence[SizedEffect], seed: 
     return Structure(best.channel, best.variable, p, beyond / total if total > 0.0 else 0.0, beyond)
 
 
-def _explained(problem: Problem, effects: Sequence[SizedEffect], design: Design) -> Array:
-    """What needs no explanation: tolerances, the effects in whatever shape, and what half of one of them may be."""
+def explained_by(problem: Problem, effects: Sequence[SizedEffect], design: Design) -> Array:
+    """What needs no explanation, (m, k): tolerances, the effects in any shape, and what half of one of them may be."""
     chosen = [effect.candidate for effect in effects]
     index = [problem.candidates.index(candidate) for candidate in chosen]
     halves = [problem.candidates.index(candidate) for candidate in problem.candidates
