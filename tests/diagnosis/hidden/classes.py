@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import courses, extras, runlog, terms
+from . import closed_loop, courses, extras, runlog, terms
 from . import noise as run_noise
 from .courses import GROWTH, ONSET, TEMPORARY, Course
 from .detect import Eye
@@ -27,7 +27,7 @@ from .run_cases import (
     traits_of,
     within_tolerance,
 )
-from .truth import Made, Relations, share_of, told
+from .truth import Columns, Made, Relations, share_of, told
 
 RUN_IDS = tuple(i for i, k in IDS.items() if "run" in k.seen)
 WITH_ONSET = tuple(i for i in RUN_IDS if i not in (
@@ -43,6 +43,7 @@ WITH_END = ("shaft.gain", "shaft.slow", "shaft.dead_time", "shaft.voltage_sag", 
 COARSE_HZ = (5.0, 2.0, 1.0, 0.5)
 FASTEST_HZ = 50.0
 LOUD = ("loud", "loud_drift", "pink", "hum", "uneven")
+LOOPS = ("loop", "healthy_loop")
 LIKE_CATALOGUE = 0.6              # from which likeness on a catalogued effect would be a fair answer to a term
 
 # class -> ids it may hide (None: nothing; empty: not an effect of the catalogue)
@@ -115,9 +116,18 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
         planted = tuple(e for e, _ in found)
     if len(planted) > 1 and any(together(eye, (a, b)) for k, a in enumerate(planted) for b in planted[:k]):
         return None
+    log_seed, trim = int(rng.integers(1 << 30)), None
+    if category in LOOPS:
+        plant, trim = _closed(plant, physics, planted, noises, log_seed, rng)
+        d, eye = plant.drive, Eye(plant, noises, Physics(), recipe.logged)
+        found = [(e, eye.z([e])) for e, _ in found]
+        if any(z < 2.0 for _, z in found):
+            return None
     relations = [_relation(eye, e, z, planted) for e, z in found]
     traits = traits_of(eye, rng, plant)
-    columns = runlog.columns(plant, physics, (*planted, *traits), noises, int(rng.integers(1 << 30)))
+    columns = runlog.columns(plant, physics, (*planted, *traits), noises, log_seed)
+    if trim is not None:
+        columns["flow_trim"] = trim
     if np.nanmin(columns["hopper_kg"]) < LEAST_KG:
         return None
     for x in more:
@@ -133,6 +143,16 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
              "causes": causes, "traits": [plain(t) for t in traits], "physics": physics._asdict(),
              "log": {"row_s": d.row_s, **recipe.told, "columns": {x.name: x.like for x in more}}}
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), None
+
+
+def _closed(plant: Plant, physics: Physics, planted: tuple[Effect, ...], noises: dict[str, Any], log_seed: int,
+            rng: np.random.Generator) -> tuple[Plant, Any]:
+    """The plant under a controller that corrects its flow by the scale, and the correction (rows,)."""
+    def logged(driven: Drive) -> Columns:
+        return runlog.columns(Plant(driven, plant.columns), physics, planted, noises, log_seed)
+
+    driven, trim = closed_loop.trimmed(plant.drive, logged, rng)
+    return Plant(driven, plant.columns), trim
 
 
 def _recipe(category: str, d: Drive, rng: np.random.Generator, ids: Sequence[str]) -> _Recipe | None:
