@@ -124,7 +124,7 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
         if any(z < 2.0 for _, z in found):
             return None
     relations = [_relation(eye, e, z, planted) for e, z in found]
-    traits = traits_of(eye, rng, plant)
+    traits = tuple(t._replace(size=float(f"{t.size:.4g}")) for t in traits_of(eye, rng, plant))
     columns = runlog.columns(plant, physics, (*planted, *traits), noises, log_seed)
     if trim is not None:
         columns["flow_trim"] = trim

@@ -1,7 +1,8 @@
-"""A controller that corrects its flow by the scale: it reacts to whatever the scale and the readings tell, right or not."""
+"""A controller that corrects its flow by the scale: it reacts to whatever scale and readings tell, right or not."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +40,7 @@ def _correction(columns: Columns, drive: Drive, window_s: float, share: float) -
     trim, now = np.ones(t.size), 1.0
     edges = np.searchsorted(t, np.arange(t[0], t[-1], window_s))
     smooth = max(1, round(2.0 / drive.row_s))
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         begin, end = np.nanmean(scale[a:a + smooth]), np.nanmean(scale[b - smooth:b])
         expected = told[b] - told[a]
         if poured[b - 1] == poured[max(a - 1, 0)] and expected > 1.5 and np.isfinite(begin - end):
