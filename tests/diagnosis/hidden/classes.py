@@ -204,15 +204,22 @@ def _z(rng: np.random.Generator, lowest: float) -> float:
 
 
 def _rivals(e: Effect, plant: Plant) -> Iterator[Effect]:
-    """The catalogue's, as they are and on the course of `e`; what drifts, from the time at which `e` begins."""
+    """The catalogue's on the course of `e`, or as they are; what drifts, from the time at which `e` begins.
+
+    A drift that begins is like other effects that grow from then on.
+    """
+    drifts = ("flow.moisture_drift", "scale.drift")
     for r in rivals_of(e, plant):
         if e.course is None:
             yield r
             continue
         there = r.id in {ONSET: WITH_ONSET, GROWTH: WITH_GROWTH, TEMPORARY: WITH_END}[e.course.kind]
         yield r._replace(course=e.course, onset_s=None) if there else r
-        if r.id in ("flow.moisture_drift", "scale.drift"):
+        if r.id in drifts:
             yield r._replace(course=Course(ONSET, e.course.from_s, 0.0))
+        if e.id in drifts and r.id in WITH_GROWTH:
+            over_s = float(plant.drive.time_s[-1]) - e.course.from_s
+            yield r._replace(course=Course(GROWTH, e.course.from_s, over_s), onset_s=None)
 
 
 def _relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dict[str, Any]:
