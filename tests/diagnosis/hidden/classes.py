@@ -72,7 +72,8 @@ class _Recipe(NamedTuple):
     told: dict[str, Any] = {}
 
 
-def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.Generator) -> Made | None:
+def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.Generator,
+               minutes: tuple[float, float] | None = None) -> Made | None:
     """One draw of a class; None where it does not work out. `wanted`: of its ids (or term classes) only these."""
     allowed = CLASSES[category]
     if category in ("term", "column"):
@@ -89,6 +90,7 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
     p = pool[int(rng.integers(len(pool)))]
     if category == "healthy_fast":
         p = p._replace(row_hz=FASTEST_HZ, minutes=(8.0, 14.0))
+    p = p._replace(minutes=minutes or p.minutes)
     d = drive(p, int(rng.integers(1 << 30)))
     is_column = category in ("column", "healthy_columns")
     more = extras.dealt(d, int(rng.integers(2, 6)), rng, category == "column") if is_column else []
@@ -137,7 +139,8 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
     for (e, z), r in zip(found, relations, strict=True):
         cause = told(e, z, r, span_of(d))
         if e.course is not None:
-            cause |= {"onset_s": e.course.from_s, "course": e.course._asdict()}
+            cause |= {"onset_s": e.course.from_s, "onset_sd_s": round(onset_sd(eye, e), 2),
+                      "course": e.course._asdict()}
         causes.append(cause)
     truth = {"programme": p.name, "noise": kind, "rows": int(columns["time_s"].size), "outside": outside,
              "causes": causes, "traits": [plain(t) for t in traits], "physics": physics._asdict(),
@@ -229,6 +232,24 @@ def _relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dic
         like = eye.likeness(mine, eye.trace([r]))
         found.add(r.id, abs(like) if IDS[r.id].sign == 0 else like)
     return found.told()
+
+
+def begun_at(e: Effect, from_s: float) -> Effect:
+    """The same effect with another begin; a growth ends where it did."""
+    assert e.course is not None
+    over_s = e.course.over_s + (e.course.from_s - from_s if e.course.kind == GROWTH else 0.0)
+    return e._replace(course=e.course._replace(from_s=from_s, over_s=over_s))
+
+
+def onset_sd(eye: Eye, e: Effect, step_s: float = 5.0) -> float:
+    """How sharply the data hold the begin, 1 s.d. in s: the bound of Cramer and Rao, size and begin both unknown."""
+    assert e.course is not None
+    by_size = eye.trace([e]) / e.size
+    later, earlier = (eye.trace([begun_at(e, e.course.from_s + d)]) for d in (step_s, -step_s))
+    by_begin = (later - earlier) / (2.0 * step_s)
+    a, b, c = eye.inner(by_size, by_size), eye.inner(by_size, by_begin), eye.inner(by_begin, by_begin)
+    left = c - b * b / a if a > 0 else 0.0
+    return float(min(1e4, left**-0.5)) if left > 0 else 1e4
 
 
 def _term(eye: Eye, plant: Plant, kind: str, more: Sequence[extras.Extra],
