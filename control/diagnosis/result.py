@@ -8,6 +8,7 @@ FORMAT = "topdress-diagnosis/1"
 CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
+UNKNOWN = "unknown"        # id of a rival that is no effect of the catalogue
 STRUCTURE_P = 1e-3         # a channel whose structure has less than this is never called noise
 
 
@@ -44,6 +45,8 @@ class Size:
 
 @dataclass(frozen=True, slots=True)
 class Rival:
+    """`id`: of an effect, or UNKNOWN."""
+
     id: str
     probability: float
 
