@@ -24,7 +24,7 @@ from .verdict import Judgement
 
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
-OUTSTANDING = 2.0               # times the common scatter, from which on a setting is pointed out
+OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 MIN_INFLATION_SAID = 1.05       # of the intervals
 MIN_ROWS_SAID = 4
