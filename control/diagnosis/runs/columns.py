@@ -152,9 +152,7 @@ class Columns:
             step = _slope_step(part)
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
             now = model.predicted(parts)
-            plan = schedule(model.base, moved)
-            change = {c.name: (c.predict(plan, MOST_STEP_S) - now[c.name]) / step
-                      for c in model.channels if c.name in row.channels}
+            change = {name: (one - now[name]) / step for name, one in model.run(moved, only=row.channels).items()}
             found.append(self.column(Label(Role.SLOPE, part.id, k), change))
         return found
 

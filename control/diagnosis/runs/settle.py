@@ -3,11 +3,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from control.machine.over_log import MOST_STEP_S
-
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Part, Parts, bounds, schedule
+from .hypothesis import Part, Parts, bounds
 from .likelihood import Role, fitted, problem
 from .model import Nuisance
 from .noise import coefficients
@@ -88,8 +86,8 @@ def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: N
     places = np.arange(len(kept))
 
     def value(off: float) -> float:
-        plan = schedule(model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)}), parts)
-        left = channel.measured - model.drawn_in[name] - channel.predict(plan, MOST_STEP_S)
+        base = model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)})
+        left = channel.measured - model.drawn_in[name] - model.run(parts, base, (name,))[name]
         p = problem([channel], {name: coefficients(left, channel.cut)}, kept)
         return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
     now = model.offsets.get(n.key, 0.0)
