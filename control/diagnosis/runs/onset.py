@@ -9,7 +9,8 @@ from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 
-from .hypothesis import Part, Parts, replaced, without
+from .changes import changes
+from .hypothesis import MAX_SWITCHES, Part, Parts, bounds, replaced, without
 from .model import HALT_S, GroupModel
 from .search import Candidate, Refit, Search
 from .stages import RunData
@@ -139,43 +140,67 @@ def with_onset(search: Search, found: Refit, data: RunData, threshold: float) ->
     """The hypothesis with an onset for the part that gains most by one, where it gains more than `threshold`."""
     best = found
     for k, part in enumerate(found.parts):
-        if part.onset_s is not None or not ROWS[part.id].may_begin or CATALOGUE[part.id].effect.onset_only:
-            continue
         others: Parts = without(found.parts, k)
-        if sum(p.onset_s is not None for p in others) >= MAX_OTHER_ONSETS:
+        if part.onset_s is not None or len({t for p in others for t in p.switches}) + 1 > MAX_SWITCHES:
             continue
-        low, high = CATALOGUE[part.id].low, CATALOGUE[part.id].high
-        tried = [Candidate(part._replace(onset_s=float(at)), low, high) for at in working_times(data)]
-        ranked = search.scan(others, found.noise, tried)
-        if not ranked:
+        tried = changes(search.columns, others, found.noise, [Candidate(part, *bounds(part.id))])
+        if not tried:
             continue
-        better = search.refit((*others, _as_blocked(ranked[0].part)), found.noise)
         alone = search.refit(others, found.noise)
         reach = max(threshold, ONSET_SHARE * 2.0 * (found.log_likelihood - alone.log_likelihood))
-        if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
-            best = refined(search, better, data)
+        for one in tried:
+            better = search.refit(replaced(found.parts, k, as_begun(one.part)), found.noise)
+            if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
+                best, reach = refined(search, better, data), 0.0
     return best
 
 
-def _as_blocked(part: Part) -> Part:
+def with_end(search: Search, found: Refit, threshold: float) -> Refit:
+    """The hypothesis with an end for each part that began, where that gains more than `threshold`."""
+    best = found
+    for k, part in enumerate(found.parts):
+        if not part.switches or part.until_s is not None or CATALOGUE[part.id].effect.onset_only or \
+                len({t for p in best.parts for t in p.switches}) + 1 > MAX_SWITCHES:
+            continue
+        back = Candidate(part._replace(onset_s=None), -abs(part.size) * 2.0, abs(part.size) * 2.0)
+        ends = [one.part.onset_s for one in changes(search.columns, best.parts, best.noise, [back])
+                if not one.part.grows and one.part.size * part.size < 0.0]
+        for at_s in ends:
+            if at_s is not None and part.onset_s is not None and at_s > part.onset_s:
+                tried = search.refit(replaced(best.parts, k, best.parts[k]._replace(until_s=at_s)), best.noise)
+                if 2.0 * (tried.log_likelihood - best.log_likelihood) > threshold:
+                    best = refined(search, tried, search.model.data)
+    return best
+
+
+def as_begun(part: Part) -> Part:
+    """The part by the name that it has where it begins within a run."""
     begun = ROWS[part.id].loss_begins_as
-    return Part(begun, -part.size, part.onset_s) if begun and part.size < 0.0 else part
+    return part._replace(id=begun, size=-part.size) if begun and part.size < 0.0 and not part.grows else part
 
 
 def refined(search: Search, found: Refit, data: RunData) -> Refit:
-    """Onsets moved to where they fit best, in ever smaller steps."""
+    """Onsets and ends moved to where they fit best, in ever smaller steps."""
     best = found
     step = float(np.median(np.diff(working_times(data))))
-    for _ in range(HALVINGS):
-        step *= NARROWER
+    for _ in range(5):
+        step *= 0.45
         for k, part in enumerate(best.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
-            for moved_s in (part.onset_s - step, part.onset_s + step):
-                if not data.time_s[0] < moved_s < data.time_s[-1]:
+            for moved in (*_moved(part, -step), *_moved(part, step)):
+                times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
+                if not (data.time_s[0] < times[0] < times[-1] < data.time_s[-1] or
+                        data.time_s[0] < times[0] == times[-1] < data.time_s[-1]):
                     continue
-                parts = replaced(best.parts, k, part._replace(onset_s=moved_s))
-                tried = search.refit(parts, best.noise)
+                tried = search.refit(replaced(best.parts, k, moved), best.noise)
                 if tried.log_likelihood > best.log_likelihood:
                     best = tried
     return best
+
+
+def _moved(part: Part, by_s: float) -> list[Part]:
+    """The part with its beginning moved, and with its end moved where it has one."""
+    assert part.onset_s is not None
+    found = [part._replace(onset_s=part.onset_s + by_s)]
+    return found if part.until_s is None else [*found, part._replace(until_s=part.until_s + by_s)]
