@@ -2,9 +2,10 @@
 
     python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
 
-What case k hides is dealt by hidden/plan.py (runs and tables, nulls, every id in turn); with `--category` or `--kind`
-it is drawn among those instead. Cases done are kept (one line each below --keep) and not done again, as long as the
-program's code is the same; `--minutes` bounds the time, and the next call goes on from there.
+What case k hides is dealt by hidden/plan.py (runs and tables, nulls, every id in turn), with `--plan classes` by
+hidden/class_plan.py (all classes of runs); with `--category` or `--kind` it is drawn among those instead. Cases done
+are kept (one line each below --keep) and not done again, as long as the program's code is the same; `--minutes` bounds
+the time, and the next call goes on from there.
 """
 from __future__ import annotations
 
@@ -22,8 +23,9 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
 
-AFTERWARDS = ("score.py", "report.py", "make.py", "write.py")      # they neither make a case nor answer it
-CATEGORIES = ("none", "single", "pair", "lookalike", "outside")
+# They neither make a case nor answer it.
+AFTERWARDS = ("score.py", "report.py", "class_report.py", "make.py", "write.py")
+PLANS = ("catalogue", "classes")
 
 
 def code_hash() -> str:
@@ -61,10 +63,11 @@ class Task(NamedTuple):
 
 
 def tasks_of(args: argparse.Namespace) -> list[Task]:
-    """By the timetable, or drawn among the categories and kinds asked for."""
+    """By a timetable, or drawn among the categories and kinds asked for."""
+    from hidden import class_plan, plan
     from hidden.cases import CATEGORIES
-    from hidden.plan import wanted
 
+    wanted = class_plan.wanted if getattr(args, "plan", PLANS[0]) == "classes" else plan.wanted
     numbers = range(args.start, args.start + args.cases)
     if args.category or args.kind:
         return [Task(k, args.seed, args.programmes, tuple(args.category or CATEGORIES), tuple(args.kind or ()))
@@ -112,7 +115,9 @@ def main() -> None:
     a.add_argument("--start", type=int, default=0, help="number of the first case")
     a.add_argument("--seed", type=int, default=1)
     a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="all")
-    a.add_argument("--category", action="append", choices=CATEGORIES)
+    a.add_argument("--plan", choices=PLANS, default=PLANS[0],
+                   help="timetable: the effects of the catalogue in runs and tables, or all classes of runs")
+    a.add_argument("--category", action="append", help="only these, of either timetable")
     a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
     a.add_argument("--data", choices=("all", "run", "table"), default="all", help="of the timetable, only these")
     a.add_argument("--jobs", type=int, default=2)
@@ -124,10 +129,11 @@ def main() -> None:
     a.add_argument("--peer-cases", type=int, default=200)
     a.add_argument("--sysident", type=Path, help="python of SysIdentPy's own environment")
     args = a.parse_args()
+    from hidden.class_report import sections
     from hidden.report import report
     from hidden.score import mark
 
-    plan = "drawn" if args.category or args.kind else "plan"
+    plan = "drawn" if args.category or args.kind else "classes" if args.plan == "classes" else "plan"
     words = "-".join((str(args.seed), args.programmes, plan, *sorted(set(args.category or ())), *(args.kind or ()),
                       code_hash()))
     args.keep.mkdir(parents=True, exist_ok=True)
@@ -152,7 +158,8 @@ def main() -> None:
     marks = [mark(o["truth"], o["answer"], o["seconds"], o["gain_share"]) for o in kept.values()]
     spent = time.monotonic() - began
     busy = sum(o.get("whole_s", o["seconds"]) for o in kept.values())
-    text = report(marks, f"Diagnosis of hidden effects, seed {args.seed}, programmes: {args.programmes}") + \
+    text = report(marks, f"Diagnosis of hidden effects, seed {args.seed}, programmes: {args.programmes}",
+                  sections(marks) if any("log" in m.truth for m in marks) else ()) + \
         f"\nCode {code_hash()}; {len(tasks)} cases in this call, wall time {spent / 60:.1f} min with {args.jobs} " \
         f"jobs; making and asking all {len(kept)} took {busy / 60:.1f} min of one job.\n"
     if args.out is None:

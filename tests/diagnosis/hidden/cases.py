@@ -6,10 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .classes import CLASSES, class_case
 from .nominal import IDS, OUTSIDE, OUTSIDE_TABLES
 from .programmes import SPLITS, Programme, chosen
 from .run_cases import run_case
 from .table_cases import table_case
+from .terms import CLASSES as TERMS
 from .truth import Columns, Made, Redriven, Share
 
 TABLE_KINDS = ("lag", "catch", "heads", "place", "weigh")
@@ -60,7 +62,7 @@ def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,
     Raises ValueError on an unknown word.
     """
     chosen(programmes)
-    for given, known in ((categories, CATEGORIES), (ids or (), (*IDS, *OUTSIDE, *OUTSIDE_TABLES))):
+    for given, known in ((categories, (*CATEGORIES, *CLASSES)), (ids or (), (*IDS, *OUTSIDE, *OUTSIDE_TABLES, *TERMS))):
         for word in given:
             if word not in known:
                 raise ValueError(f"{word!r} is not one of {', '.join(known)}")
@@ -71,11 +73,16 @@ def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,
 def one(number: int, seed: int, programmes: str = "all", categories: tuple[str, ...] = CATEGORIES,
         kinds: tuple[str, ...] = (), ids: tuple[str, ...] = ()) -> Case:
     """Case `number`; tries again with other draws until one fits what is asked for."""
-    shares = np.array([SHARES[CATEGORIES.index(c)] for c in categories])
+    shares = np.array([SHARES[CATEGORIES.index(c)] if c in CATEGORIES else 0.1 for c in categories])
     category = str(np.random.default_rng([seed, number, 0]).choice(list(categories), p=shares / shares.sum()))
     split = programmes if programmes != "all" else SPLITS[number % 2]
     for attempt in range(400):
-        made = _make(category, split, np.random.default_rng([seed, number, attempt, 1]), kinds, ids)
+        draws = [seed, number, attempt, 1]
+        if category in CLASSES:
+            rng = np.random.default_rng([*draws, list(CLASSES).index(category)])
+            made = class_case(category, ids, split, rng)
+        else:
+            made = _make(category, split, np.random.default_rng(draws), kinds, ids)
         if made is not None:
             kind, columns, truth, share, redriven = made
             name = f"case-{seed}-{number:05d}"

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import nominal as nom
+from .logged import Logged
 from .noise import Noise, fresh_samples
 from .nominal import Effect, Physics
 from .plant import Plant
@@ -23,10 +24,13 @@ Floats = npt.NDArray[np.float64]
 class Eye:
     """Sees differences between simulated readings in units of noise, nuisances taken out."""
 
-    def __init__(self, plant: Plant, noises: dict[str, Noise], around: Physics) -> None:
+    def __init__(self, plant: Plant, noises: dict[str, Noise], around: Physics, log: Logged | None = None) -> None:
         self.plant, self.noises = plant, noises
         self.around = around
+        self.log = log or Logged()
         self.base = plant.run(around)
+        self._doubt = self.log.doubt(plant, around, self.base)
+        self._told: list[tuple[Floats, Floats]] = []
         self._columns = self._nuisances()
         gram = self._columns @ self._columns.T + np.eye(len(self._columns))
         self._solve = np.linalg.inv(gram)
@@ -52,15 +56,17 @@ class Eye:
         parts = []
         for name in ("shaft", "gate", "scale"):
             n = self.noises[name]
-            at = fresh_samples(t.size, n)
-            parts.append(self._white(d[name][None, at], t[at], n))
+            at = self.log.seen(fresh_samples(t.size, n), n.fresh_rows, name)
+            sure = 1.0 if name not in self._doubt else n.sd / np.hypot(n.sd, self._doubt[name][at])
+            parts.append(self._white(d[name][None, at] * sure, t[at], n))
         gnss, wheel = self.noises["gnss"], self.noises["wheel"]
-        at = fresh_samples(t.size, gnss)                     # the ground speed itself is unknown: wheel minus GNSS
+        at = self.log.seen(fresh_samples(t.size, gnss), gnss.fresh_rows, "speed")
+        # The ground speed itself is unknown: wheel minus GNSS.
         both = gnss._replace(sd=float(np.hypot(gnss.sd, wheel.sd)), step=float(np.hypot(gnss.step, wheel.step)),
                              slow_sd=float(np.hypot(gnss.slow_sd, wheel.slow_sd)))
         parts.append(self._white((d["wheel"] - d["gnss"])[None, at], t[at], both))
         n = self.noises["heads"]
-        at = fresh_samples(t.size, n)
+        at = self.log.seen(fresh_samples(t.size, n), n.fresh_rows, "heads")
         heads = d["heads"][:, at]
         parts.append(self._white(heads - heads.mean(axis=0), t[at], n))     # the canopy itself is unknown
         return np.concatenate(parts)
@@ -82,8 +88,16 @@ class Eye:
 
     def inner(self, a: Floats, b: Floats) -> float:
         """Inner product of two traces after the nuisances took their part under their priors."""
-        ja, jb = self._columns @ a, self._columns @ b
+        ja, jb = self._on_nuisances(a), self._on_nuisances(b)
         return float(a @ b - ja @ self._solve @ jb)
+
+    def _on_nuisances(self, a: Floats) -> Floats:
+        """Remembers the last few: one trace is held against many."""
+        told = next((told for known, told in self._told if known is a), None)
+        if told is None:
+            told = np.asarray(self._columns @ a)
+        self._told = [(a, told), *((k, v) for k, v in self._told if k is not a)][:2]
+        return told
 
     def z(self, effects: Iterable[Effect], beside: Iterable[Effect] = ()) -> float:
         """Detectability of `effects` together."""

@@ -45,6 +45,29 @@ def slew(wanted: Floats, most_per_s: float, dt_s: float, start: float) -> Floats
 
 
 @numba.njit(cache=True)
+def drag_by(leader: Floats, half_play: Floats, start: float) -> Floats:
+    """`drag` with a play (steps,) that changes."""
+    out = np.empty_like(leader)
+    x = start
+    for k in range(leader.size):
+        x = min(max(x, leader[k] - half_play[k]), leader[k] + half_play[k])
+        out[k] = x
+    return out
+
+
+@numba.njit(cache=True)
+def slew_by(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Floats:
+    """`slew` with a speed (steps,) that changes."""
+    out = np.empty_like(wanted)
+    x = start
+    for k in range(wanted.size):
+        most = most_per_s[k] * dt_s
+        x += min(max(wanted[k] - x, -most), most)
+        out[k] = x
+    return out
+
+
+@numba.njit(cache=True)
 def whiten(signals: Floats, time_s: Floats, fast_var: float, fast_s: float, slow_var: float, slow_s: float,
            white_var: float) -> Floats:
     """Standardised innovations of `signals` (columns, samples) under fast AR(1) + slow AR(1) + white noise.

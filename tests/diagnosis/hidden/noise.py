@@ -29,6 +29,8 @@ class Noise(NamedTuple):
     tails: bool
     dropouts: float               # share of samples lost
     fresh_rows: int = 1
+    hum_s: float = 0.0            # period at which it rings; 0 = it does not
+    swell_s: float = 0.0          # how slowly its size grows and shrinks; 0 = it does not
 
     def whitened(self, signals: Floats, time_s: Floats) -> Floats:
         """`signals` (columns, samples) in units of the noise that is left once its past is known.
@@ -65,6 +67,37 @@ def noises(kind: str, row_s: float, rng: np.random.Generator) -> dict[str, Noise
     return out
 
 
+def louder(kind: str, row_s: float, rng: np.random.Generator) -> dict[str, Noise]:
+    """Noise beyond what the machine is said to have: 1.5 to 5 times as loud, drifting, pink, humming, or uneven.
+
+    A hum and noise that grows and shrinks count in z as the white noise of the same power.
+    """
+    out = {}
+    all_by = float(np.exp(rng.uniform(np.log(1.5), np.log(5.0))))
+    for name, n in noises("ar1", row_s, rng).items():
+        by = all_by if rng.random() < 0.5 else float(np.exp(rng.uniform(np.log(1.5), np.log(5.0))))
+        sd = by * n.sd
+        if kind == "loud_drift":
+            n = n._replace(slow_sd=sd * float(rng.uniform(0.2, 0.7)), slow_s=float(rng.uniform(40.0, 300.0)))
+        elif kind == "pink":
+            n = n._replace(fast_s=float(rng.uniform(0.1, 0.6)), slow_sd=sd * float(rng.uniform(0.4, 0.8)),
+                           slow_s=float(rng.uniform(4.0, 25.0)))
+        elif kind in ("hum", "uneven"):
+            n = n._replace(fast_s=0.0, hum_s=float(rng.uniform(0.25, 4.0)) * (kind == "hum"),
+                           swell_s=float(rng.uniform(20.0, 200.0)) * (kind == "uneven"))
+        out[name] = n._replace(sd=sd)
+    return out
+
+
+def _hum(count: int, step_s: float, period_s: float, draws: Floats) -> Floats:
+    """Noise (count,) of unit spread that rings at a period (AR(2), damped within about three periods)."""
+    period = max(period_s, 2.5 * step_s)
+    r = np.exp(-step_s / (3.0 * period))
+    a1, a2 = 2.0 * r * np.cos(2.0 * np.pi * step_s / period), -r * r
+    scale = np.sqrt((1.0 - a2) / (1.0 + a2) / ((1.0 - a2) ** 2 - a1**2))
+    return np.asarray(lfilter([1.0 / scale], [1.0, -a1, -a2], draws))
+
+
 def _coloured(count: int, step_s: float, correlation_s: float, draws: Floats) -> Floats:
     if correlation_s <= 0:
         return draws
@@ -78,6 +111,11 @@ def readings(clean: Floats, row_s: float, n: Noise, rng: np.random.Generator) ->
     step_s = row_s * n.fresh_rows
     draws = rng.standard_t(TAIL_FREEDOM, fresh.size) / np.sqrt(TAIL_FREEDOM / (TAIL_FREEDOM - 2)) if n.tails \
         else rng.normal(size=fresh.size)
+    if n.hum_s:
+        draws = 0.8 * _hum(fresh.size, step_s, n.hum_s, draws) + 0.6 * rng.normal(size=fresh.size)
+    if n.swell_s:
+        slow = _coloured(fresh.size, step_s, n.swell_s, rng.normal(size=fresh.size))
+        draws = draws * np.exp(0.5 * slow - 0.25)
     y = clean[fresh] + n.sd * _coloured(fresh.size, step_s, n.fast_s, draws)
     if n.slow_sd:
         y = y + n.slow_sd * _coloured(fresh.size, step_s, n.slow_s, rng.normal(size=fresh.size))

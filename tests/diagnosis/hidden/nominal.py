@@ -6,6 +6,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from .courses import Course
+from .terms import Term
+
 WIDTH_M = 2.4
 OUTLETS = 6
 HEADS = 6
@@ -143,3 +146,5 @@ class Effect(NamedTuple):
     onset_s: float | None = None
     member: int | None = None     # 1-based
     seed: int = 0                 # of whatever is random in it
+    course: Course | None = None  # over time; None: the form's own, from the first row on
+    term: Term | None = None      # of an id `y.*`: the dependence

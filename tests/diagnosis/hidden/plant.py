@@ -12,21 +12,23 @@ import numpy.typing as npt
 
 from . import nominal as nom
 from . import shapes
-from .kernels import chase, drag, slew
+from .kernels import chase, drag, drag_by, slew, slew_by
 from .nominal import Effect, Physics
 from .programmes import Drive
+from .terms import ANGLE
 
 Floats = npt.NDArray[np.float64]
 SUBSTEPS = {0.05: 16, 0.1: 32}
-_GATE = ("gate.", "x.gate", "t.gate")
-_SHAFT = ("shaft.", "x.shaft", "t.shaft")
+_GATE = ("gate.", "x.gate", "t.gate", "y.gate")
+_SHAFT = ("shaft.", "x.shaft", "t.shaft", "y.shaft")
 
 
 class Plant:
     """Simulates one drive under any physics and effects; remembers gate and shaft, which most effects leave alone."""
 
-    def __init__(self, drive: Drive) -> None:
-        self.drive = drive
+    def __init__(self, drive: Drive, columns: dict[str, Floats] | None = None) -> None:
+        """`columns`: further variables (rows,) that a term may depend on."""
+        self.drive, self.columns = drive, columns or {}
         self.substeps = SUBSTEPS.get(round(drive.row_s, 6), 16)
         self.dt_s = drive.row_s / self.substeps
         rows = drive.time_s.size
@@ -58,18 +60,35 @@ class Plant:
     def fine(self, name: str) -> Floats:
         """A row variable of the drive on the fine grid."""
         if name not in self._kept:
-            rows = getattr(self.drive, name).astype(float)
+            rows = (self.columns[name] if name in self.columns else getattr(self.drive, name)).astype(float)
             if name == "heading_deg":
                 rows = np.unwrap(rows, period=360.0)
             self._kept[name] = np.interp(self.fine_s, self.drive.time_s, rows)
         out: Floats = self._kept[name]
         return out
 
-    def _delayed(self, rows: Floats, delay_s: float) -> Floats:
+    def _size(self, e: Effect) -> Any:
+        """Its size, or (steps,) on the fine grid where it comes and goes."""
+        return e.size if e.course is None else e.size * e.course.at(self.fine_s)
+
+    def _size_at_rows(self, e: Effect) -> Any:
+        return e.size if e.course is None else e.size * e.course.at(self.drive.time_s)
+
+    def _term(self, e: Effect, own: dict[str, Floats]) -> Any:
+        """Size times signal on the fine grid. `own`: variables that the stage itself knows better than the drive."""
+        term = e.term
+        assert term is not None
+        values = {v: own[v] if v in own else self.fine(v) for v in {*term.variables, "time_s"}}
+        return self._size(e) * term.signal(values, self.dt_s)
+
+    def _delayed(self, rows: Floats, delay_s: Any) -> Floats:
         """Commands (rows,), each in force until the next row, seen `delay_s` later: exact mean over each fine step."""
         t0, step = self.drive.time_s[0], self.drive.row_s
         edges = np.r_[t0 - 30.0, t0 + step * np.arange(rows.size + 1)]
         total = np.r_[-30.0 * rows[0], 0.0, np.cumsum(rows) * step]
+        if np.ndim(delay_s):
+            first = t0 + self.dt_s * np.arange(self.fine_s.size) - delay_s
+            return np.asarray(np.interp(first + self.dt_s, edges, total) - np.interp(first, edges, total)) / self.dt_s
         at = t0 + self.dt_s * np.arange(self.fine_s.size + 1) - delay_s
         return np.diff(np.interp(at, edges, total)) / self.dt_s
 
@@ -81,19 +100,24 @@ class Plant:
         if key in self._kept:
             return self._kept[key]  # type: ignore[no-any-return]
         rows = self.drive.opening_mm_cmd
-        speed, wanted = p.gate_slew_mm_s, self._delayed(rows, p.gate_dead_s)
+        speed: Any = p.gate_slew_mm_s
+        wanted = self._delayed(rows, p.gate_dead_s)
         for e in mine:
             if e.id == "gate.slow":
-                speed -= e.size
-        motor = slew(wanted, speed, self.dt_s, float(rows[0]))
+                speed = speed - self._size(e)
+        motor = slew_by(wanted, speed, self.dt_s, float(rows[0])) if np.ndim(speed) else \
+            slew(wanted, speed, self.dt_s, float(rows[0]))
         x = motor + p.opening_off_mm
         for e in mine:
             if e.id == "gate.home_error":
-                x = x + e.size
+                x = x + self._size(e)
             elif e.id == "gate.backlash":
-                x = drag(x, e.size / 2.0, float(x[0]))
+                play = self._size(e) / 2.0
+                x = drag_by(x, play, float(x[0])) if np.ndim(play) else drag(x, play, float(x[0]))
             elif e.id == "gate.lost_steps":
                 moved = np.abs(np.diff(motor, prepend=motor[0]))
+                if e.course is not None:
+                    moved = moved * e.course.at(self.fine_s)
                 share = np.cumsum(moved) / 100.0
                 if e.form % 2:
                     share = np.floor(share / 0.5) * 0.5          # lost in slips rather than evenly
@@ -107,6 +131,8 @@ class Plant:
                 x = x + e.size * self.fine("roll_deg")
             elif e.id == "t.gate_bow":
                 x = x + e.size * np.sin(2 * np.pi * x / (17.0 + 10.0 * e.knob))
+            elif e.id == "y.gate":
+                x = x + self._term(e, {"opening_mm_cmd": wanted})
         x = np.clip(x, 0.0, nom.FULL_OPENING_MM + 2.0)
         return self._keep(key, x)
 
@@ -121,7 +147,7 @@ class Plant:
         y = self._at_rows(opening)
         for e in effects:
             if e.id == "gate.offset":
-                y = y + e.size
+                y = y + self._size_at_rows(e)
         return y
 
     def _shaft(self, p: Physics, effects: tuple[Effect, ...], opening: Floats) -> Floats:
@@ -131,28 +157,30 @@ class Plant:
                p.opening_off_mm if gate else 0.0)
         if key in self._kept and not any("droop" in e.id for e in mine):
             return self._kept[key]  # type: ignore[no-any-return]
-        dead = p.shaft_dead_s + sum(e.size for e in mine if e.id == "shaft.dead_time")
+        dead = p.shaft_dead_s + sum(self._size(e) for e in mine if e.id == "shaft.dead_time")
         u = self._delayed(self.drive.shaft_rpm_cmd, dead)
         tau = np.full(u.size, p.shaft_tau_s)
-        second = 0.0
+        second: Any = 0.0
         factor: Any = p.shaft_ratio
+        added: Any = None
         for e in mine:
+            size = self._size(e)
             if e.id == "shaft.gain":
-                factor = factor * (1 + e.size / 100)
+                factor = factor * (1 + size / 100)
             elif e.id == "shaft.slow":
                 if e.form % 3 == 2:
-                    tau, second = tau + 0.85 * e.size, 0.15 * e.size
+                    tau, second = tau + 0.85 * size, 0.15 * size
                 elif e.form % 3 == 1:
-                    tau = tau + e.size * (0.85 + 0.3 * u / 70.0 * e.knob)
+                    tau = tau + size * (0.85 + 0.3 * u / 70.0 * e.knob)
                 else:
-                    tau = tau + e.size
+                    tau = tau + size
             elif e.id == "shaft.dead_band":
-                u = np.where(u < e.size, 0.0, u)
+                u = np.where(u < size, 0.0, u)
             elif e.id == "shaft.voltage_sag":
                 below = shapes.sag(self.fine("supply_v"), nom.NOMINAL_SUPPLY_V, e.form, e.knob)
-                factor = factor * (1 - e.size / 100 * below)
+                factor = factor * (1 - size / 100 * below)
             elif e.id == "shaft.load_droop":
-                factor = factor * (1 - e.size / 100 * shapes.droop(opening, e.form, e.knob))
+                factor = factor * (1 - size / 100 * shapes.droop(opening, e.form, e.knob))
             elif e.id == "shaft.stall":
                 factor = factor * (1 - shapes.begun(self.fine_s, e.onset_s))
             elif e.id == "x.shaft_heading":
@@ -162,10 +190,17 @@ class Plant:
                 factor = factor * (1 + e.size / 100 * np.sin(2 * np.pi * day))
             elif e.id == "t.shaft_tau":
                 tau = tau * np.maximum(0.2, 1 + e.size * (u - 50.0) / 50.0)
-        n = chase(u * factor, tau, nom.SHAFT_ACCELERATION_RPM_S, self.dt_s, float(u[0]))
-        if second > 0.0:
-            n = chase(n, np.full(u.size, second), 1e9, self.dt_s, float(u[0]))
+            elif e.id == "y.shaft" and e.term is not None and e.term.variables != (ANGLE,):
+                factor = factor * (1 + self._term(e, {"shaft_rpm_cmd": u}) / 100)
+            elif e.id == "y.shaft_rpm":
+                added = self._term(e, {"shaft_rpm_cmd": u}) * (u > 0.0)
+        aim = u * factor if added is None else np.maximum(0.0, u * factor + added)
+        n = chase(aim, tau, nom.SHAFT_ACCELERATION_RPM_S, self.dt_s, float(u[0]))
+        if np.any(second > 0.0):
+            n = chase(n, np.maximum(np.full(u.size, 1e-6), second), 1e9, self.dt_s, float(u[0]))
         for e in mine:
+            if e.id == "y.shaft" and e.term is not None and e.term.variables == (ANGLE,):
+                n = n * (1 + self._term(e, {ANGLE: np.cumsum(n) * self.dt_s / 60.0}) / 100)
             if e.id == "t.shaft_ripple":
                 angle = np.cumsum(n) * self.dt_s / 60.0
                 n = n * (1 + e.size * np.sin(2 * np.pi * (angle + e.knob)))
@@ -177,7 +212,7 @@ class Plant:
             if e.id == "t.shaft_sensor":
                 y = y + e.size * np.sin(y / (9.0 + 8.0 * e.knob)) * (y > 1.0)
             elif e.id == "shaft.coarse_encoder":
-                y = np.round(y / e.size) * e.size
+                y = np.where(self._size_at_rows(e) > 0.5 * e.size, np.round(y / e.size) * e.size, y)
         return y
 
     def _flow(self, p: Physics, effects: tuple[Effect, ...], shaft: Floats, opening: Floats) -> Floats:
@@ -187,27 +222,28 @@ class Plant:
         extra: Any = 0.0
         factor: Any = 1.0
         t = self.fine_s
-        mine = [e for e in effects if e.id.startswith(("flow.", "x.flow", "t.flow"))]
+        mine = [e for e in effects if e.id.startswith(("flow.", "x.flow", "t.flow", "y.flow"))]
         for e in mine:
-            s = e.size / 100.0
+            size = self._size(e)
+            s = size / 100.0
             if e.id == "flow.gain":
                 factor = factor * (1 + s)
             elif e.id == "flow.zero_offset":
                 fade = np.exp(-opening / 400.0) if e.form % 2 else 1.0
-                per_rev = np.maximum(0.0, per_rev + e.size / 1000.0 * fade)
+                per_rev = np.maximum(0.0, per_rev + size / 1000.0 * fade)
             elif e.id == "flow.fill_falloff":
                 factor = factor * (1 - s * shapes.fill_loss(shaft, e.form, e.knob))
             elif e.id == "flow.moisture_drift":
-                factor = factor * (1 + s * shapes.aged(t, e.form, e.knob))
+                factor = factor * (1 + e.size / 100.0 * self._aged(e, t))
             elif e.id == "flow.batch":
                 factor = factor * (1 + s * shapes.begun(t, self.refill_s))
             elif e.id == "flow.blocked_outlet":
-                factor = factor * (1 - s * shapes.begun(t, e.onset_s))
+                factor = factor * (1 - s * (shapes.begun(t, e.onset_s) if e.course is None else 1.0))
             elif e.id == "flow.bridging":
                 factor = factor * (1 - shapes.spells(t, s, e.seed))
             elif e.id == "flow.leak":
                 closing = np.exp(-shaft / 1.5) if e.form % 2 else (shaft < 0.5).astype(float)
-                extra = extra + e.size / 3600.0 * closing
+                extra = extra + size / 3600.0 * closing
             elif e.id == "flow.slope":
                 factor = factor * (1 + s * shapes.tilted(self.fine("pitch_deg"), e.form, e.knob))
             elif e.id == "x.flow_roll":
@@ -218,11 +254,22 @@ class Plant:
             elif e.id == "t.flow_wave":
                 far = np.cumsum(self.fine("speed_mps")) * self.dt_s
                 factor = factor * (1 + e.size * np.sin(2 * np.pi * far / (40.0 + 30.0 * e.knob)))
+            elif e.id == "y.flow":
+                factor = factor * (1 + self._term(e, {"shaft_rpm_cmd": shaft, "opening_mm_cmd": opening}) / 100.0)
         flow = per_rev * revs * factor + extra
         for e in mine:
             if e.id == "flow.hopper_head":
                 flow = self._with_head(p, flow, e)
         return np.asarray(flow)
+
+    def _aged(self, e: Effect, t: Floats) -> Floats:
+        """Hours since it began (see shapes.aged)."""
+        if e.course is None:
+            return shapes.aged(t, e.form, e.knob)
+        since, late = np.maximum(0.0, t - e.course.from_s), t >= e.course.from_s
+        out = np.zeros_like(t)
+        out[late] = shapes.aged(since[late], e.form, e.knob)
+        return out
 
     def _with_head(self, p: Physics, flow: Floats, e: Effect) -> Floats:
         """The loss depends on the level and the level on the loss: three rounds of substitution settle it."""
@@ -246,25 +293,27 @@ class Plant:
         level = d.start_kg - np.r_[0.0, np.cumsum(out - poured * d.row_s)[:-1]]
         reading = level + p.level_kg[0]
         for e in effects:
-            s = e.size / 100.0
+            s = self._size_at_rows(e) / 100.0
             if e.id == "scale.gain":
                 bend = 1.0 + 0.04 * (e.knob - 0.5) * (level / nom.FULL_HOPPER_KG - 0.5) if e.form % 2 else 1.0
                 reading = reading + s * level * bend
             elif e.id == "scale.drift":
-                reading = reading + e.size * shapes.aged(t, e.form, e.knob)
+                reading = reading + e.size * self._aged(e, t)
             elif e.id == "scale.tilt":
                 reading = reading + s * level * shapes.tilted(d.pitch_deg, e.form, e.knob)
             elif e.id == "x.scale_supply":
                 reading = reading + e.size * (d.supply_v - nom.NOMINAL_SUPPLY_V)
             elif e.id == "x.scale_roll":
                 reading = reading + s * level * d.roll_deg
+            elif e.id == "y.scale":
+                reading = reading + self._at_rows(self._term(e, {}))
         return np.asarray(reading)
 
     def _speeds(self, p: Physics, effects: tuple[Effect, ...]) -> tuple[Floats, Floats]:
         d = self.drive
         wheel, gnss = d.speed_mps * p.wheel_ratio, d.speed_mps.copy()
         for e in effects:
-            s = e.size / 100.0
+            s = self._size_at_rows(e) / 100.0
             if e.id == "speed.wheel_slip":
                 steep = 0.04 + 0.08 * e.knob
                 hill = np.exp(steep * d.pitch_deg) if e.form % 2 else np.maximum(0.0, 1 + steep * d.pitch_deg)
@@ -274,13 +323,16 @@ class Plant:
             elif e.id == "speed.missed_pulses":
                 wheel = wheel * (1 - s)
             elif e.id == "speed.gnss_latency":
-                gnss = self._late(gnss, e)
+                late = self._late(gnss, e)
+                gnss = late if e.course is None else gnss + e.course.at(d.time_s) * (late - gnss)
             elif e.id == "x.wheel_roll":
                 wheel = wheel * (1 + s * d.roll_deg)
             elif e.id == "x.wheel_supply":
                 wheel = wheel * (1 + s * (d.supply_v - nom.NOMINAL_SUPPLY_V))
             elif e.id == "t.wheel_wobble":
                 wheel = wheel * (1 + e.size * np.sin(2 * np.pi * np.cumsum(d.speed_mps) * d.row_s / 2.5))
+            elif e.id == "y.wheel":
+                wheel = wheel * (1 + self._at_rows(self._term(e, {})) / 100.0)
         return wheel, gnss
 
     def _late(self, speed: Floats, e: Effect) -> Floats:
@@ -298,5 +350,5 @@ class Plant:
         out = self.drive.ndvi * np.asarray(p.heads_ratio)[:, None]
         for e in effects:
             if e.id == "canopy.head_fouled":
-                out[(e.member or 1) - 1] *= 1 + e.size / 100.0
+                out[(e.member or 1) - 1] *= 1 + self._size_at_rows(e) / 100.0
         return out

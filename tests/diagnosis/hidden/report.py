@@ -53,7 +53,7 @@ def _of(marks: Iterable[Mark], *categories: str) -> list[Mark]:
     return [m for m in marks if m.truth["category"] in categories]
 
 
-def _asked(marks: Iterable[Mark], ask: Callable[[Mark], float | None]) -> list[float]:
+def asked(marks: Iterable[Mark], ask: Callable[[Mark], float | None]) -> list[float]:
     return [float(v) for m in marks if (v := ask(m)) is not None]
 
 
@@ -63,40 +63,40 @@ def _strong(marks: Iterable[Mark], least: float = STRONG_Z) -> list[Mark]:
 
 FIGURES = (
     Figure("false alarms, nothing hidden, no slow drift", "<= 1 %",
-           lambda ms: _asked([m for m in _of(ms, "none") if m.truth["noise"] != "drift"], lambda m: m.false_alarm),
+           lambda ms: asked([m for m in _of(ms, "none") if m.truth["noise"] != "drift"], lambda m: m.false_alarm),
            lambda x: x <= 0.01),
     Figure("false alarms, nothing hidden, slow drift", "<= 2 %",
-           lambda ms: _asked([m for m in _of(ms, "none") if m.truth["noise"] == "drift"], lambda m: m.false_alarm),
+           lambda ms: asked([m for m in _of(ms, "none") if m.truth["noise"] == "drift"], lambda m: m.false_alarm),
            lambda x: x <= 0.02),
     Figure("one effect, z >= 8: exactly named", ">= 90 %",
-           lambda ms: _asked(_strong(_of(ms, "single")), lambda m: m.exact), lambda x: x >= 0.9),
+           lambda ms: asked(_strong(_of(ms, "single")), lambda m: m.exact), lambda x: x >= 0.9),
     Figure("one effect, z >= 16: exactly named", "not below z 8-16",
-           lambda ms: _asked(_strong(_of(ms, "single"), HIGH_Z), lambda m: m.exact), None),
+           lambda ms: asked(_strong(_of(ms, "single"), HIGH_Z), lambda m: m.exact), None),
     Figure("one effect, z >= 8: exact, or honestly ambiguous", "",
-           lambda ms: _asked(_strong(_of(ms, "single")), lambda m: m.honest), None),
+           lambda ms: asked(_strong(_of(ms, "single")), lambda m: m.honest), None),
     Figure("one effect, z >= 8: the true one among what is said", "",
-           lambda ms: _asked(_strong(_of(ms, "single")), lambda m: m.said_truth), None),
+           lambda ms: asked(_strong(_of(ms, "single")), lambda m: m.said_truth), None),
     Figure("two effects, any z: both exactly named, nothing else", ">= 80 %",
-           lambda ms: _asked(_of(ms, "pair"), lambda m: m.exact), lambda x: x >= 0.8),
+           lambda ms: asked(_of(ms, "pair"), lambda m: m.exact), lambda x: x >= 0.8),
     Figure("two effects, each z >= 8: both exactly named, nothing else", ">= 80 %",
-           lambda ms: _asked(_strong(_of(ms, "pair")), lambda m: m.exact), lambda x: x >= 0.8),
+           lambda ms: asked(_strong(_of(ms, "pair")), lambda m: m.exact), lambda x: x >= 0.8),
     Figure("look-alikes: the true effect is in the set", ">= 97 %",
-           lambda ms: _asked(_of(ms, "lookalike"), lambda m: m.in_set), lambda x: x >= 0.97),
+           lambda ms: asked(_of(ms, "lookalike"), lambda m: m.in_set), lambda x: x >= 0.97),
     Figure("look-alikes: mean set size, equals counting as one", "<= 1.3",
-           lambda ms: _asked(_of(ms, "lookalike"), lambda m: m.set_size), lambda x: x <= 1.3, is_share=False),
+           lambda ms: asked(_of(ms, "lookalike"), lambda m: m.set_size), lambda x: x <= 1.3, is_share=False),
     Figure("look-alikes: mean set size, every id counting", "",
-           lambda ms: _asked(_of(ms, "lookalike"), lambda m: m.raw_set_size), None, is_share=False),
+           lambda ms: asked(_of(ms, "lookalike"), lambda m: m.raw_set_size), None, is_share=False),
     Figure("outside the catalogue: right variable", ">= 85 %",
-           lambda ms: _asked(_of(ms, "outside"), lambda m: m.right_variable), lambda x: x >= 0.85),
+           lambda ms: asked(_of(ms, "outside"), lambda m: m.right_variable), lambda x: x >= 0.85),
     Figure("outside the catalogue: an effect is named", "<= 5 %",
-           lambda ms: _asked(_of(ms, "outside"), lambda m: m.falsely_named), lambda x: x <= 0.05),
+           lambda ms: asked(_of(ms, "outside"), lambda m: m.falsely_named), lambda x: x <= 0.05),
     Figure("90 % intervals of the size cover", "85-95 %",
            lambda ms: [float(c) for m in _of(ms, "single", "pair", "lookalike") for c in m.covered],
            lambda x: 0.85 <= x <= 0.95),
     Figure("exactly named, z >= 8: share of the removable error removed", ">= 0.97",
-           lambda ms: _asked([m for m in _strong(_of(ms, "single", "pair")) if m.exact], lambda m: m.gain_share),
+           lambda ms: asked([m for m in _strong(_of(ms, "single", "pair")) if m.exact], lambda m: m.gain_share),
            lambda x: x >= 0.97, is_share=False),
-    Figure("answers that broke", "0", lambda ms: _asked(ms, lambda m: m.broken), lambda x: x == 0.0),
+    Figure("answers that broke", "0", lambda ms: asked(ms, lambda m: m.broken), lambda x: x == 0.0),
 )
 
 
@@ -112,42 +112,42 @@ def halves(marks: Marks) -> dict[str, list[Mark]]:
     return out
 
 
-def report(marks: Marks, title: str = "Diagnosis of hidden effects") -> str:
-    """The whole report as Markdown."""
+def report(marks: Marks, title: str = "Diagnosis of hidden effects", sections: Sequence[str] = ()) -> str:
+    """The whole report as Markdown. `sections`: further ones, of marks of their own (see class_report.py)."""
     groups = halves(marks)
     kinds = {k: g for k, g in groups.items() if k in ("runs", "tables")}
-    counted = ", ".join(f"{len(g)} {k}, {sum(m.truth['category'] == 'none' for m in g)} of them with nothing hidden"
+    counted = ", ".join(f"{len(g)} {k}, {sum(m.healthy for m in g)} of them with nothing hidden"
                         for k, g in kinds.items())
     out = [f"# {title}", "", f"{len(marks)} cases: {counted}. In brackets: Wilson 95 % intervals.", "",
-           *_table(["figure", "to reach", *groups], [[f.title, f.goal, *(f.cell(g) for g in groups.values())]
+           *table(["figure", "to reach", *groups], [[f.title, f.goal, *(f.cell(g) for g in groups.values())]
                                                      for f in FIGURES])]
     for kind, some in kinds.items():
         single = _of(some, "single")
         out += ["", f"## {kind.capitalize()}: false alarms by noise", "",
-                *_table(["noise", "false alarms"], _shares(_of(some, "none"), lambda m: m.truth["noise"],
+                *table(["noise", "false alarms"], _shares(_of(some, "none"), lambda m: m.truth["noise"],
                                                            lambda m: m.false_alarm))]
         out += ["", f"## {kind.capitalize()}: one effect, by z", "",
-                *_table(["z", "exactly named", "or honestly ambiguous", "nothing said", "intervals cover"],
+                *table(["z", "exactly named", "or honestly ambiguous", "nothing said", "intervals cover"],
                         _by_band(single))]
         out += ["", f"## {kind.capitalize()}: one effect of z >= 8, by noise", "",
-                *_table(["noise", "exactly named"], _shares(_strong(single), lambda m: m.truth["noise"],
+                *table(["noise", "exactly named"], _shares(_strong(single), lambda m: m.truth["noise"],
                                                             lambda m: m.exact))]
         out += ["", f"## {kind.capitalize()}: exactly named by id and z (single effects and look-alikes)", "",
-                *_table(["hidden", *BAND_WORDS, "size covered", "said instead, most frequent first"],
+                *table(["hidden", *BAND_WORDS, "size covered", "said instead, most frequent first"],
                         _by_id(_of(some, "single", "lookalike")))]
         out += ["", f"## {kind.capitalize()}: two effects, what was said instead", "",
-                *_table(["hidden", "z", "said"], _pairs(_of(some, "pair")))]
+                *table(["hidden", "z", "said"], _pairs(_of(some, "pair")))]
         out += ["", f"## {kind.capitalize()}: outside the catalogue", "",
-                *_table(["hidden", "right variable", "an effect is named", "said"], _outsiders(_of(some, "outside")))]
-    out += ["", *_seconds(marks)]
+                *table(["hidden", "right variable", "an effect is named", "said"], _outsiders(_of(some, "outside")))]
+    out += ["", *sections, *([""] if sections else []), *_seconds(marks)]
     return "\n".join(out) + "\n"
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads), *(f"| {' | '.join(row)} |" for row in rows)]
 
 
-def _grouped(marks: Marks, key: Callable[[Mark], str]) -> dict[str, list[Mark]]:
+def grouped(marks: Marks, key: Callable[[Mark], str]) -> dict[str, list[Mark]]:
     groups: dict[str, list[Mark]] = defaultdict(list)
     for m in marks:
         groups[key(m)].append(m)
@@ -155,12 +155,12 @@ def _grouped(marks: Marks, key: Callable[[Mark], str]) -> dict[str, list[Mark]]:
 
 
 def _share(marks: Marks, ask: Callable[[Mark], bool | None]) -> str:
-    got = _asked(marks, ask)
+    got = asked(marks, ask)
     return percent(round(sum(got)), len(got))
 
 
 def _shares(marks: Marks, key: Callable[[Mark], str], ask: Callable[[Mark], bool | None]) -> list[list[str]]:
-    return [[k, _share(g, ask)] for k, g in _grouped(marks, key).items()]
+    return [[k, _share(g, ask)] for k, g in grouped(marks, key).items()]
 
 
 def _banded(marks: Marks) -> list[list[Mark]]:
@@ -180,7 +180,7 @@ def _covered(marks: Marks) -> tuple[int, int]:
 
 def _by_id(marks: Marks) -> list[list[str]]:
     rows = []
-    for name, some in _grouped(marks, lambda m: m.truth["causes"][0]["id"]).items():
+    for name, some in grouped(marks, lambda m: m.truth["causes"][0]["id"]).items():
         cells = [f"{sum(bool(m.exact) for m in g)}/{len(g)}" if g else "" for g in _banded(some)]
         right, count = _covered(some)
         wrong = Counter(f"{m.answer} ({m.verdict})" if m.answer == name else m.answer for m in some if not m.exact)
@@ -198,7 +198,7 @@ def _pairs(marks: Marks) -> list[list[str]]:
 def _outsiders(marks: Marks) -> list[list[str]]:
     return [[name, _share(g, lambda m: m.right_variable), _share(g, lambda m: m.falsely_named),
              ", ".join(f"{a} {n}" for a, n in Counter(m.answer for m in g).most_common(4))]
-            for name, g in _grouped(marks, lambda m: m.truth["outside"]["name"]).items()]
+            for name, g in grouped(marks, lambda m: m.truth["outside"]["name"]).items()]
 
 
 def _seconds(marks: Marks) -> list[str]:

@@ -22,7 +22,7 @@ LEAST_KG = 2.0
 _TRAITS = ("t.gate_bow", "t.shaft_tau", "t.shaft_ripple", "t.shaft_sensor", "t.flow_wave", "t.wheel_wobble")
 
 
-def _physics(rng: np.random.Generator, refill: bool) -> Physics:
+def within_tolerance(rng: np.random.Generator, refill: bool) -> Physics:
     """A machine within its tolerances."""
     p = Physics()
     p = p._replace(**{k: getattr(p, k) + sd * rng.normal() for k, sd in nom.TOLERANCE.items()})
@@ -31,7 +31,7 @@ def _physics(rng: np.random.Generator, refill: bool) -> Physics:
                       level_kg=(float(rng.normal()), float(nom.LEVEL_TOLERANCE_KG[1] * rng.normal() * refill)))
 
 
-def _effect(name: str, size: float, rng: np.random.Generator, plant: Plant) -> Effect:
+def effect_of(name: str, size: float, rng: np.random.Generator, plant: Plant) -> Effect:
     t = plant.drive.time_s
     onset = float(t[0] + rng.uniform(0.25, 0.75) * (t[-1] - t[0])) if name in _ONSETS else None
     member = int(rng.integers(1, 7)) if name in ("canopy.head_fouled", "flow.outlet_uneven") else None
@@ -63,8 +63,8 @@ def _hidden(eye: Eye, name: str, rng: np.random.Generator, plant: Plant,
     sign = kind.sign or int(rng.choice([-1, 1]))
     if kind.by_z:
         wanted = float(np.exp(rng.uniform(np.log(lowest_z), np.log(40.0))))
-        return sized(eye, _effect(name, sign * kind.guess, rng, plant), wanted, kind.most)
-    e = _effect(name, float(rng.uniform(kind.guess, kind.most)), rng, plant)
+        return sized(eye, effect_of(name, sign * kind.guess, rng, plant), wanted, kind.most)
+    e = effect_of(name, float(rng.uniform(kind.guess, kind.most)), rng, plant)
     if name in ("shaft.stall", "gate.stuck"):                # the size is the onset
         e = e._replace(size=e.onset_s or 0.0)
     z = eye.z([e])
@@ -92,7 +92,7 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     plant, noise = Plant(d), str(rng.choice(run_noise.KINDS))
     noises = run_noise.noises(noise, d.row_s, rng)
     eye = Eye(plant, noises, Physics())
-    physics = _physics(rng, bool(d.refill_kg))
+    physics = within_tolerance(rng, bool(d.refill_kg))
     found: list[tuple[Effect, float]] = []
     outside = None
     if category == "outside":
@@ -108,7 +108,7 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
             found.append(made_one)
         planted = tuple(e for e, _ in found)
     relations = [relation(eye, e, z, planted) for e, z in found]
-    if category == "pair" and _pair_is_one(eye, planted):
+    if category == "pair" and together(eye, planted):
         return None
     if category == "lookalike" and len(relations[0]["equal"]) + len(relations[0]["near"]) == 0:
         return None
@@ -118,8 +118,8 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     if np.nanmin(columns["hopper_kg"]) < LEAST_KG:
         return None                                          # stuck wide open it would have run empty
     truth = {"programme": p.name, "noise": noise, "rows": int(d.time_s.size), "outside": outside,
-             "causes": [told(e, z, r, _span(d)) for (e, z), r in zip(found, relations, strict=True)],
-             "traits": [e._asdict() for e in traits], "physics": physics._asdict()}
+             "causes": [told(e, z, r, span_of(d)) for (e, z), r in zip(found, relations, strict=True)],
+             "traits": [plain(e) for e in traits], "physics": physics._asdict()}
 
     def redriven(change: Callable[[Drive], Drive]) -> tuple[Columns, dict[str, Any]]:
         other = Plant(change(d))
@@ -127,14 +127,18 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
         causes = []
         for e, _ in found:
             z = seen.z([e], [q for q in planted if q != e])
-            causes.append(told(e, z, relation(seen, e, z, planted), _span(other.drive)))
+            causes.append(told(e, z, relation(seen, e, z, planted), span_of(other.drive)))
         return (runlog.columns(other, physics, (*planted, *traits), noises, log_seed),
                 {**truth, "rows": int(other.drive.time_s.size), "causes": causes})
 
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), redriven
 
 
-def _span(d: Drive) -> dict[str, float]:
+def plain(e: Effect) -> dict[str, Any]:
+    return {k: v for k, v in e._asdict().items() if k not in ("course", "term")}
+
+
+def span_of(d: Drive) -> dict[str, float]:
     return {"shaft_high_rpm": float(d.shaft_rpm_cmd.max()), "opening_high_mm": float(d.opening_mm_cmd.max())}
 
 
@@ -149,7 +153,7 @@ def traits_of(eye: Eye, rng: np.random.Generator, plant: Plant) -> tuple[Effect,
     return tuple(out)
 
 
-def _rivals(e: Effect, plant: Plant) -> Iterator[Effect]:
+def rivals_of(e: Effect, plant: Plant) -> Iterator[Effect]:
     """Other effects of the same part of the machine, in every form and sign that the catalogue allows."""
     refill_s = plant.refill_s
     for name, kind in IDS.items():
@@ -172,13 +176,13 @@ def relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dict
     """Which other ids leave the same trace on this data (`equal`), which are too alike to be told apart (`near`)."""
     mine = eye.trace([e], [p for p in planted if p != e])
     found = Relations(z)
-    for r in _rivals(e, eye.plant):
+    for r in rivals_of(e, eye.plant):
         like = eye.likeness(mine, eye.trace([r]))
         found.add(r.id, abs(like) if IDS[r.id].sign == 0 else like)
     return found.told()
 
 
-def _pair_is_one(eye: Eye, planted: tuple[Effect, ...]) -> bool:
+def together(eye: Eye, planted: tuple[Effect, ...]) -> bool:
     """Two effects of which one hides the other are no honest pair."""
     a, b = eye.trace([planted[0]]), eye.trace([planted[1]])
     together = eye.trace(planted)
@@ -199,7 +203,7 @@ def _outside(eye: Eye, rng: np.random.Generator, plant: Plant,
     e, z = made
     mine = eye.trace([e])
     stage = {"x.wheel": "speed", "x.gate": "gate", "x.shaft": "shaft"}.get(name.split("_")[0], "flow")
-    rivals = _rivals(Effect(f"{stage}.none", 0.0), plant)
+    rivals = rivals_of(Effect(f"{stage}.none", 0.0), plant)
     likest = max((abs(eye.likeness(mine, eye.trace([r]))) for r in rivals), default=0.0)
     if likest > 0.6:
         return None                                          # a catalogued effect would be a fair answer

@@ -17,11 +17,15 @@ TEXTS = ("utc", "state", "strategy", "target_source", "alarms", "events")
 _PULSE_M = 2.5 / 16.0
 
 
-def _missed(wheel: Floats, distance: Floats, row_s: float, e: Effect) -> Floats:
+def _missed(wheel: Floats, distance: Floats, time_s: Floats, row_s: float, e: Effect) -> Floats:
     """Wheel speed with random pulses missing: an interval twice as long, or a thinner count over half a second."""
     rng = np.random.default_rng([e.seed, 3])
     pulses = np.floor(distance / _PULSE_M).astype(int)
-    lost = rng.random(pulses[-1] + 3) < e.size / 100.0
+    share: Floats | float = e.size / 100.0
+    if e.course is not None:                                 # more and more of them, or from some time on
+        first = np.searchsorted(pulses, np.arange(pulses[-1] + 3)).clip(0, time_s.size - 1)
+        share = share * e.course.at(time_s[first])
+    lost = rng.random(pulses[-1] + 3) < share
     if e.form % 2 == 0:
         return np.where(lost[pulses] | lost[pulses + 1], wheel / 2.0, wheel)
     back = np.interp(np.arange(wheel.size) - 0.5 / row_s, np.arange(wheel.size), distance)
@@ -39,7 +43,9 @@ def columns(plant: Plant, physics: Physics, effects: Sequence[Effect], noises: d
     wheel = clean["wheel"]
     for e in effects:
         if e.id == "speed.missed_pulses":
-            wheel = _missed(wheel / (1 - e.size / 100.0), np.cumsum(d.speed_mps) * d.row_s, d.row_s, e)
+            there = 1.0 if e.course is None else e.course.at(d.time_s)
+            whole = wheel / (1 - e.size / 100.0 * there)
+            wheel = _missed(whole, np.cumsum(d.speed_mps) * d.row_s, d.time_s, d.row_s, e)
     out: dict[str, npt.NDArray[Any]] = {"time_s": np.round(d.time_s, 3)}
 
     def seen(clean_rows: Floats, name: str) -> Floats:
@@ -51,7 +57,8 @@ def columns(plant: Plant, physics: Physics, effects: Sequence[Effect], noises: d
     shaft = seen(clean["shaft"], "shaft")
     for e in effects:
         if e.id == "shaft.coarse_encoder":
-            shaft = np.round(shaft / e.size) * e.size
+            coarse = np.round(shaft / e.size) * e.size
+            shaft = coarse if e.course is None else np.where(e.course.at(d.time_s) > 0.5, coarse, shaft)
     out["shaft_rpm"] = np.round(shaft, 3)
     out["opening_mm"] = np.round(seen(clean["gate"], "gate"), 3)
     out["hopper_kg"] = np.round(seen(clean["scale"], "scale"), 3)
