@@ -21,14 +21,16 @@ from . import noise as noises
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Part, Parts
-from .likelihood import best_fitted, calm, solved
+from .likelihood import Column, best_fitted, calm, problem, solved
 from .model import in_course
 from .noise import Noise, coefficients, series_of
 from .search import Candidate, Scanned
 
 Array = npt.NDArray[np.float64]
 
-TIMES = 8                   # at which the information is had exactly
+TIMES = 8                   # at which the information is had exactly ...
+FEW_TIMES = 3               # ... once it is had at these and the gain may matter
+MAY_MATTER = 6.0            # of twice the log-likelihood
 END_S = 8.0                 # from either end of the log: nothing is told to begin there
 
 
@@ -61,10 +63,12 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     best: dict[tuple[str, int | None, bool], Scanned] = {}
     p, before = columns.compressed(parts)
     fit = best_fitted(p, np.arange(before), noise, columns.model.channels)
-    for start in (fit.noise, calm(fit.noise, columns.model.channels)):
-        ground = _ground(columns, parts, start)
-        for candidate in begins:
-            trace = columns.model.difference(parts, candidate.part)
+    base = columns.of_hypothesis(parts)
+    traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
+    starts = [fit.noise, calm(fit.noise, columns.model.channels)]
+    for start in starts[:1] if starts[0] == starts[1] else starts:
+        ground = _ground(columns, parts, base, start)
+        for candidate, trace in zip(begins, traces, strict=True):
             for grows in (False, True):
                 found = _begun(ground, candidate, trace, grows)
                 name = (candidate.part.id, candidate.part.member, grows)
@@ -73,11 +77,9 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     return sorted(best.values(), key=lambda one: -one.gain)
 
 
-def _ground(columns: Columns, parts: Parts, noise: dict[str, Noise]) -> _Ground:
-    base = columns.of_hypothesis(parts)
-    p, before = columns.compressed(parts)
-    amplitude, _ = solved(p, np.arange(before), noise)
+def _ground(columns: Columns, parts: Parts, base: Sequence[Column], noise: dict[str, Noise]) -> _Ground:
     banded, found, begin = columns.model.banded_residual(parts), {}, 0
+    amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), noise)
     for channel in columns.model.channels:
         name, cut = channel.name, channel.cut
         strength = noises.spectrum(np.array(noise[name].theta), channel.prior, cut, channel.grid.step_s)
@@ -114,13 +116,16 @@ def _begun(ground: _Ground, candidate: Candidate, trace: dict[str, Array], grows
         seen = ground.channels[name]
         sums = _sums_from(seen, one.reshape(seen.channel.copies, -1), _adds_up(candidate.part, name), grows)
         pull += np.interp(time_s, seen.channel.grid.even_s, sums)
-    exact_s = np.linspace(time_s[0] + END_S, time_s[-1] - END_S, TIMES)
     part = candidate.part._replace(grows=grows)
-    exact = np.array([_information(ground, unit, part._replace(onset_s=float(at))) for at in exact_s])
-    information = np.maximum(np.interp(time_s, exact_s, exact), 1e-12)
-    size = np.clip(pull / information, candidate.low, candidate.high)
-    gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
-    at = int(np.argmax(gain))
+    for count in (FEW_TIMES, TIMES):
+        exact_s = np.linspace(time_s[0] + END_S, time_s[-1] - END_S, count)
+        exact = _information(ground, unit, [part._replace(onset_s=float(at)) for at in exact_s])
+        information = np.maximum(np.interp(time_s, exact_s, exact), 1e-12)
+        size = np.clip(pull / information, candidate.low, candidate.high)
+        gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
+        at = int(np.argmax(gain))
+        if gain[at] < MAY_MATTER:
+            break
     return Scanned(part._replace(size=float(size[at]), onset_s=float(time_s[at])), float(gain[at]))
 
 
@@ -150,10 +155,11 @@ def _ahead(values: Array) -> Array:
     return np.asarray(np.cumsum(values[:, ::-1], axis=1)[:, ::-1].sum(axis=0))
 
 
-def _information(ground: _Ground, unit: dict[str, Array], part: Part) -> float:
-    """Information on the size of a part that begins at its onset, once the hypothesis has taken up what it can."""
-    whole = np.zeros(len(ground.basis))
+def _information(ground: _Ground, unit: dict[str, Array], parts: Sequence[Part]) -> Array:
+    """Information on the size of one effect by its onset, (k,), once the hypothesis has taken up what it can."""
+    whole = np.zeros((len(ground.basis), len(parts)))
     for name, one in unit.items():
         seen = ground.channels[name]
-        whole[seen.place] = coefficients(in_course(one, seen.channel, part), seen.channel.cut) * seen.scale
-    return float(whole @ whole - np.sum((ground.basis.T @ whole) ** 2))
+        begun = np.array([in_course(one, seen.channel, part) for part in parts])
+        whole[seen.place] = (coefficients(begun, seen.channel.cut) * seen.scale).T
+    return np.asarray(np.sum(whole ** 2, axis=0) - np.sum((ground.basis.T @ whole) ** 2, axis=0))

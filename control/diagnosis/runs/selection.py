@@ -211,7 +211,7 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     if CATALOGUE[part.id].effect.onset_only or row.found_by is FoundBy.STEPS:
         return None
     others = without(found.parts, k)
-    if abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
+    if part.onset_s is None and abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
         return Doubt.TOLERANCE
     trace = search.columns.trace(found.parts, k)
     seen = scores(search.columns, others, found.noise, [trace])
