@@ -22,6 +22,15 @@ class FoundBy(Enum):
     STEPS = "steps"                 # shaft speeds that come in steps
 
 
+class Costs(Enum):
+    """What an effect costs in the field when nobody knows of it."""
+
+    DOSE = "dose"
+    PLACE = "place"
+    NEITHER = "neither"             # it is wrong in what is told, or evens out
+    CROP = "crop"                   # depends on the crop that the heads look at: left open
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """What a diagnosis must know of an effect beside its place in the model."""
@@ -52,6 +61,9 @@ class Row:
     may_begin: bool = True              # whether it may begin in the middle of a run
     loss_begins_as: str = ""            # the effect that a loss of this kind is, where it begins in mid-run
 
+    # -- what it costs
+    costs: Costs = Costs.DOSE
+
     @property
     def stage(self) -> str:
         """Stage of the machine model that has the effect's parameter."""
@@ -71,19 +83,20 @@ class Row:
 
 SHAFT_GAIN = Row("shaft.gain", probe=0.5, form_over="shaft_rpm")
 SHAFT_SLOW = Row("shaft.slow", ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",), moves="time_constant_s",
-                 seen_in_steps=False, move_shaped=True)
+                 seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
 SHAFT_DEAD_TIME = Row("shaft.dead_time", ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",), moves="dead_time_s",
-                      seen_in_steps=False, move_shaped=True)
+                      seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
 SHAFT_DEAD_BAND = Row("shaft.dead_band", ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
 SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", probe=0.5, form_over="supply_v", along="supply_v")
 SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm")
-SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", found_by=FoundBy.STEPS)
+SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", found_by=FoundBy.STEPS, costs=Costs.NEITHER)
 SHAFT_STALL = Row("shaft.stall", found_by=FoundBy.STOP)
 GATE_OFFSET = Row("gate.offset", probe=0.1, form_over="opening_mm", also_on=("scale",))     # flow follows the true one
 GATE_HOME_ERROR = Row("gate.home_error", probe=0.1, form_over="opening_mm")
 GATE_BACKLASH = Row("gate.backlash", ladder=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0, move_shaped=True)
 GATE_LOST_STEPS = Row("gate.lost_steps", probe=0.02, may_begin=False, move_shaped=True)
-GATE_SLOW = Row("gate.slow", ladder=(1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True)
+GATE_SLOW = Row("gate.slow", ladder=(1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True,
+                costs=Costs.PLACE)
 GATE_STUCK = Row("gate.stuck", found_by=FoundBy.STOP)
 FLOW_GAIN = Row("flow.gain", probe=1.0, loss_begins_as="flow.blocked_outlet")
 FLOW_ZERO_OFFSET = Row("flow.zero_offset", probe=1.0, form_over="opening_mm")
@@ -96,25 +109,26 @@ FLOW_OUTLET_UNEVEN = Row("flow.outlet_uneven")
 FLOW_BRIDGING = Row("flow.bridging", found_by=FoundBy.STANDSTILL)
 FLOW_LEAK = Row("flow.leak", probe=1.0)
 FLOW_SLOPE = Row("flow.slope", probe=0.2, form_over="pitch_deg", along="pitch_deg")
-FLOW_PULSATION = Row("flow.pulsation")
+FLOW_PULSATION = Row("flow.pulsation", costs=Costs.NEITHER)
 SCALE_GAIN = Row("scale.gain", probe=0.2)
 SCALE_DRIFT = Row("scale.drift", probe=0.5, form_over="time_s", may_begin=False)
 SCALE_TILT = Row("scale.tilt", probe=0.05, form_over="pitch_deg", along="pitch_deg")
 SPEED_WHEEL_SLIP = Row("speed.wheel_slip", probe=0.5, form_over="pitch_deg")
 SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", probe=0.5)
 SPEED_MISSED_PULSES = Row("speed.missed_pulses", probe=0.5, found_by=FoundBy.DIPS)
-SPEED_GNSS_LATENCY = Row("speed.gnss_latency", ladder=(0.1, 0.3, 0.8), slope_step=0.05)     # two rows of its stage
-CANOPY_HEAD_FOULED = Row("canopy.head_fouled", probe=1.0)
-CANOPY_WARM_UP = Row("canopy.warm_up")
-CANOPY_SATURATION = Row("canopy.saturation")
-LAG_OFFSET = Row("lag.offset")
-LAG_REBOUND = Row("lag.rebound")
-LAG_FIRST_FILL = Row("lag.first_fill")
-LAG_ASYMMETRY = Row("lag.asymmetry")
-LAG_COARSE_CLOCK = Row("lag.coarse_clock")
-LAG_SPEED_SCALE = Row("lag.speed_scale")
-PLACE_LEVER_ARM = Row("place.lever_arm")
-PLACE_LATENCY = Row("place.latency")
+SPEED_GNSS_LATENCY = Row("speed.gnss_latency", ladder=(0.1, 0.3, 0.8), slope_step=0.05,     # two rows of its stage
+                         costs=Costs.PLACE)
+CANOPY_HEAD_FOULED = Row("canopy.head_fouled", probe=1.0, costs=Costs.CROP)
+CANOPY_WARM_UP = Row("canopy.warm_up", costs=Costs.CROP)
+CANOPY_SATURATION = Row("canopy.saturation", costs=Costs.CROP)
+LAG_OFFSET = Row("lag.offset", costs=Costs.PLACE)
+LAG_REBOUND = Row("lag.rebound", costs=Costs.PLACE)
+LAG_FIRST_FILL = Row("lag.first_fill", costs=Costs.PLACE)
+LAG_ASYMMETRY = Row("lag.asymmetry", costs=Costs.PLACE)
+LAG_COARSE_CLOCK = Row("lag.coarse_clock", costs=Costs.NEITHER)
+LAG_SPEED_SCALE = Row("lag.speed_scale", costs=Costs.PLACE)
+PLACE_LEVER_ARM = Row("place.lever_arm", costs=Costs.PLACE)
+PLACE_LATENCY = Row("place.latency", costs=Costs.PLACE)
 
 ROWS: dict[str, Row] = {row.id: row for row in list(globals().values()) if isinstance(row, Row)}
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))

@@ -50,8 +50,10 @@ class Rival:
 
 @dataclass(frozen=True, slots=True)
 class FieldCost:
-    rate_error_percent: float | None
-    place_error_m: float | None
+    """What an effect does in the field when nobody knows of it. None: that depends on what the data cannot tell."""
+
+    rate_error_percent: float | None    # applied over wanted less 1
+    place_error_m: float | None         # landed less wanted, late positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +96,9 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class NextRun:
+    """What would tell rivals apart. `id`, `minutes` and `steps` are for programs; they are empty where no run of the
+    program's list does, and `plan` is the effect's own experiment."""
+
     why: str
     plan: str
     id: str = ""

@@ -140,6 +140,9 @@ def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell():
     assert found.verdict == "ambiguous"
     assert {c.id for c in found.causes} | {r.id for c in found.causes for r in c.rivals} >= {"flow.gain", "scale.gain"}
     assert found.next_run is not None and found.next_run.plan
+    planned = next(one for one in manoeuvres(Machine()) if one.id == found.next_run.id)
+    assert (found.next_run.plan, found.next_run.minutes) == (planned.plan, planned.minutes) and found.next_run.steps
+    assert all(cause.scope is None for cause in found.causes)
     assert sum(r.probability for r in found.causes[0].rivals) + found.causes[0].probability <= 1.0 + 1e-9
 
 

@@ -23,6 +23,7 @@ from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on
+Rows = Callable[[Schedule, float], Array]    # schedule, model step s -> (n, 2) at the log's rows
 MAX_CHAINED = 4             # refills of one log that are filled into the model
 SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
 WHITE_S = 0.02              # correlation time that stands for "none"
@@ -51,54 +52,92 @@ def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...]
     return tuple(sets), np.array(rows, np.int64)
 
 
-def shaft_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
+def shaft_rows(drive: Drive) -> Rows:
+    """The shaft asked for what the log asked: true and measured speed, r/min."""
     inputs = input_rows(ShaftInput, len(drive.time_s), command_rpm=drive.command, opening_mm=drive.opening_mm,
-                        supply_v=drive.supply_v, **_table(record))
+                        supply_v=drive.supply_v)
     first = float(drive.command[0])
 
-    def predict(plan: Schedule, step_s: float) -> Array:
+    def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "shaft", drive.time_s)
-        out = shaft_run(sets, rows, shaft_start(first, drive.clock_s[0]), ShaftOutput(first, first), inputs,
-                        drive.clock_s, step_s)
-        return drive.grid.of(out[:, 1])
+        return np.asarray(shaft_run(sets, rows, shaft_start(first, drive.clock_s[0]), ShaftOutput(first, first), inputs,
+                                    drive.clock_s, step_s))
+    return run
+
+
+def shaft_channel(drive: Drive, machine: Machine) -> ChannelSeries:
+    run = shaft_rows(drive)
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        return drive.grid.of(run(plan, step_s)[:, 1])
     floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0))
     return _channel("shaft", "r/min", drive.grid, drive.measured, predict,
                     NoisePrior(machine.noise.shaft_rpm, WHITE_S, max(floor, 0.02 * machine.noise.shaft_rpm)))
 
 
-def gate_channel(drive: Drive, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
-    inputs = input_rows(GateInput, len(drive.time_s), command_mm=drive.command, **_table(record))
+def gate_rows(drive: Drive) -> Rows:
+    """The gate asked for what the log asked: true and measured opening, mm."""
+    inputs = input_rows(GateInput, len(drive.time_s), command_mm=drive.command)
     first = float(drive.command[0])
 
-    def predict(plan: Schedule, step_s: float) -> Array:
+    def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "gate", drive.time_s)
-        out = gate_run(sets, rows, gate_start(first, drive.clock_s[0]), GateOutput(first, first), inputs,
-                       drive.clock_s, step_s)
-        return drive.grid.of(out[:, 1])
+        return np.asarray(gate_run(sets, rows, gate_start(first, drive.clock_s[0]), GateOutput(first, first), inputs,
+                                   drive.clock_s, step_s))
+    return run
+
+
+def gate_channel(drive: Drive, machine: Machine) -> ChannelSeries:
+    run = gate_rows(drive)
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        return drive.grid.of(run(plan, step_s)[:, 1])
     floor = _floor(drive.measured)
     return _channel("gate", "mm", drive.grid, drive.measured, predict,
                     NoisePrior(machine.noise.opening_mm, WHITE_S, max(floor, 0.02 * machine.noise.opening_mm)))
 
 
-def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
-    """Scale reading, kg. The flow follows the true opening: a read-back offset (gate.offset) is taken off first."""
+def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -> ChannelSeries:
+    """Scale reading, kg. table_at : value of the smooth extension's variable at each bin's begin (m+1,)."""
+    count = len(h.time_s) - 1
+    levels = _hopper_levels(h, np.zeros(count + 1) if table_at is None else table_at)
+    middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        scales, rows = switches(plan, "scale", h.time_s)
+        at = np.searchsorted(rows, np.arange(count), side="right")
+        seen = input_rows(ScaleInput, count, hopper_kg=levels(plan), time_s=middle, pitch_deg=h.pitch_deg[:-1],
+                          table_at=0.0 if table_at is None else table_at[:-1])
+        reads = np.empty(count)
+        for k in sorted(set(at.tolist())):
+            reads = np.where(at == k, scale_run(scales[k], seen), reads)
+        return h.grid.of(reads)
+    noise = machine.noise
+    per_bin = max(1.0, h.grid.step_s / 0.05)
+    return _channel("scale", "kg", h.grid, h.reading_kg, predict,
+                    NoisePrior(noise.scale_kg, noise.scale_correlation_s,
+                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin)))
+
+
+def _hopper_levels(h: Hopper, table_at: Array) -> Callable[[Schedule], Array]:
+    """Level of the hopper in the middle of each bin, kg (m,), as the flow leaves it.
+
+    The flow follows the true opening: what the opening's reading is off by is taken off first.
+    """
     count = len(h.time_s)
-    none = np.zeros(count)
     turns = h.shaft_rpm > 0.0
     pieces = _pieces(h)
     refill_kg = h.refill_kg.copy()
     refill_kg[[begin for begin, _, _ in pieces]] = 0.0
     share = refill_kg / LEAST_STEPS         # the model fills in what it is told in every one of its steps
 
-    def predict(plan: Schedule, step_s: float) -> Array:
+    def levels(plan: Schedule) -> Array:
         flow_sets, rows = switches(plan, "flow", h.time_s)
         gates, _ = switches(plan, "gate", h.time_s)
-        at = np.searchsorted(np.asarray(rows), np.arange(count), side="right")
-        offset = np.array([p.offset_mm for p in gates])[at]
-        table = none if record is None else record[1]
+        offset = np.array([p.offset_mm for p in gates])[np.searchsorted(rows, np.arange(count), side="right")]
         inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=share,
                             opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
-                            table_at=table)
+                            table_at=table_at)
         # The model's hopper is full at full_kg; a reading above that is taken down and put back on afterwards.
         over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + 5.0)
         hopper = np.empty(count - 1)
@@ -107,19 +146,8 @@ def hopper_channel(h: Hopper, machine: Machine, record: tuple[str, Array] | None
             out = flow_run(flow_sets, rows - begin, flow_start(start_kg - over_kg, float(h.time_s[begin])), first,
                            inputs[begin:end + 1], h.time_s[begin:end + 1], 1e9)
             hopper[begin:end] = 0.5 * (out[:-1, 1] + out[1:, 1]) + over_kg
-        middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
-        reads = np.empty(count - 1)
-        scales, _ = switches(plan, "scale", h.time_s)
-        seen = input_rows(ScaleInput, count - 1, hopper_kg=hopper, time_s=middle, pitch_deg=h.pitch_deg[:-1],
-                          table_at=table[:-1])
-        for k in sorted(set(at[:-1].tolist())):
-            reads = np.where(at[:-1] == k, scale_run(scales[k], seen), reads)
-        return h.grid.of(reads)
-    noise = machine.noise
-    per_bin = max(1.0, h.grid.step_s / 0.05)
-    return _channel("scale", "kg", h.grid, h.reading_kg, predict,
-                    NoisePrior(noise.scale_kg, noise.scale_correlation_s,
-                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin)))
+        return hopper
+    return levels
 
 
 def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
@@ -136,24 +164,31 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
     return list(zip(begins, [*begins[1:], count], levels, strict=True))
 
 
-def speed_channel(s: Speed, machine: Machine, record: tuple[str, Array] | None = None) -> ChannelSeries:
-    """Wheel less GNSS speed, m/s. The true speed runs between readings; the model is given it in FINE_S rows."""
+def speed_rows(s: Speed) -> Rows:
+    """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in rows of FINE_S."""
     clock = joined(s.time_s, SEAM_S)
     fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
     in_log_s = np.interp(fine_s, clock, s.time_s)
-    table = {} if record is None else {"table_at": np.interp(fine_s, clock, record[1])}
     middle = fine_s + 0.5 * FINE_S
     inputs = input_rows(SpeedInput, len(fine_s), speed_mps=np.interp(middle, clock, s.true_mps),
-                        working=np.interp(middle, clock, s.working),
-                        pitch_deg=np.interp(middle, clock, s.pitch_deg), **table)
+                        working=np.interp(middle, clock, s.working), pitch_deg=np.interp(middle, clock, s.pitch_deg))
     at = np.minimum(len(fine_s) - 1, np.round((clock - clock[0]) / FINE_S).astype(int))
     first = float(s.true_mps[0])
 
-    def predict(plan: Schedule, step_s: float) -> Array:
+    def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "speed", in_log_s)
-        out = speed_run(sets, rows, speed_start(first, float(fine_s[0])), SpeedOutput(first, first), inputs,
-                        fine_s, step_s)
-        return s.grid.of((out[:, 0] - out[:, 1])[at])
+        return np.asarray(speed_run(sets, rows, speed_start(first, float(fine_s[0])), SpeedOutput(first, first), inputs,
+                                    fine_s, step_s)[at])
+    return run
+
+
+def speed_channel(s: Speed, machine: Machine) -> ChannelSeries:
+    """Wheel less GNSS speed, m/s: what both have in common is the ground's."""
+    run = speed_rows(s)
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        out = run(plan, step_s)
+        return s.grid.of(out[:, 0] - out[:, 1])
     sd = float(np.hypot(machine.noise.gnss_mps, machine.noise.wheel_mps))
     return _channel("speed", "m/s", s.grid, s.wheel_mps - s.gnss_mps, predict, NoisePrior(sd, WHITE_S, 0.05 * sd))
 
@@ -205,10 +240,6 @@ def _channel(name: str, unit: str, grid: Grid, measured: Array, predict: Callabl
              prior: NoisePrior) -> ChannelSeries:
     series = grid.of(measured)
     return ChannelSeries(name, unit, series, predict, grid, segments(len(series)), prior)
-
-
-def _table(record: tuple[str, Array] | None) -> dict[str, Array]:
-    return {} if record is None else {"table_at": record[1]}
 
 
 def _floor(measured: Array) -> float:

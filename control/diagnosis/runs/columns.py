@@ -28,119 +28,127 @@ ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of r
 MAX_KEPT = 200              # columns of candidates that are kept
 
 
+def _column(model: GroupModel, label: Label, series_of_channel: dict[str, Array], sd: float = np.inf,
+            mean: float = 0.0) -> Column:
+    """A column of series (m,) by channel. sd, mean : prior of its amplitude."""
+    cuts = {c.name: c.cut for c in model.channels}
+    return Column(label, {name: coefficients(one, cuts[name]) for name, one in series_of_channel.items()}, sd, mean)
+
+
+def nuisance_columns(model: GroupModel) -> list[Column]:
+    """What is open under every hypothesis, channel by channel: tolerances, and what the readings leave open."""
+    return [column for channel in model.channels
+            for column in (*_of_tolerances(model, channel), *_of_readings(model, channel))]
+
+
+def _of_tolerances(model: GroupModel, channel: ChannelSeries) -> list[Column]:
+    """Slopes of the prediction in the nominal values that may be off, where these stand now."""
+    found: list[Column] = []
+    now = model.predicted(())[channel.name]
+    for one, n in model.nuisances:
+        if one is not channel:
+            continue
+        value = getattr(model.base.by_name[n.stage], n.field) + n.step
+        plan = schedule(model.base.put(n.stage, **{n.field: value}), ())
+        change = (channel.predict(plan, MOST_STEP_S) - now) / n.step
+        found.append(_column(model, Label(Role.TOLERANCE, n.key), {channel.name: change}, n.sd,
+                             -model.offsets.get(n.key, 0.0)))
+        if channel.name == "shaft" and n.field != "gain_percent":
+            found += _by_speed_and_way(model, n.key, change, now, TRAIT_SHARE * n.sd)
+    return found
+
+
+def _by_speed_and_way(model: GroupModel, key: str, change: Array, rpm: Array, sd: float) -> list[Column]:
+    """The same tolerance, unlike at low and high speed and for rising and falling commands."""
+    middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
+    way = np.sign(np.gradient(rpm))
+    return [_column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
+            _column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd)]
+
+
+def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
+    """What the readings themselves leave open: rounding, level and refills, time stamps, heads."""
+    label, data = Label(Role.READING), model.data
+    if channel.name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
+        turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
+        return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
+    if channel.name == "scale" and data.hopper is not None:
+        bins = np.arange(len(data.hopper.reading_kg))
+        steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
+        return [_column(model, label, {"scale": np.ones(len(channel.measured))}, UNKNOWN_KG),
+                *(_column(model, label, {"scale": after}, REFILL_SD_KG if told else UNKNOWN_KG)
+                  for after, told in zip(steps, data.hopper.told, strict=True))]
+    if channel.name == "speed":
+        row = effects.SPEED_GNSS_LATENCY
+        assert row.slope_step is not None
+        late = model.difference((), Part(row.id, row.slope_step))
+        stamp = {name: change / row.slope_step for name, change in late.items()}
+        return [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
+    if channel.name == "heads":
+        ones = [model.difference((), Part(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
+                for k in range(model.heads)]
+        return [_column(model, label, one, model.machine.tolerance.head_percent) for one in ones]
+    return []
+
+
+class Forms:
+    """Columns of the smooth shapes of each stage over each recorded variable, made when first asked for."""
+
+    def __init__(self, model: GroupModel) -> None:
+        self._model = model
+        self._units = {stage: _unit(model, table.unit) for stage, table in TABLES.items()
+                       if table.channel in model.names and stage != "scale"}
+        self._made: dict[tuple[str, str], list[Column]] = {}
+
+    def over(self, stage: str, variable: str) -> list[Column]:
+        """Columns of a stage over a variable (empty: the variable hardly moves)."""
+        if (stage, variable) not in self._made:
+            self._made[(stage, variable)] = self._columns(stage, variable, self._model.data)
+        return self._made[(stage, variable)]
+
+    def moved(self, stage: str, variable: str, share: float) -> list[Column]:
+        """The same with the variable moved along the log by a share of it, round the end."""
+        data = self._model.data
+        moved = np.roll(data.variables[variable], round(share * len(data.time_s)))
+        return self._columns(stage, variable, data._replace(variables={**data.variables, variable: moved}))
+
+    def _columns(self, stage: str, variable: str, data: RunData) -> list[Column]:
+        model, over, name = self._model, span(data, variable), TABLES[stage].channel
+        if over is None or name not in model.names:
+            return []
+        rows = series(stage, over, model.channel(name), self._units.get(stage, np.ones(1)), data, model.base,
+                      model.machine)
+        return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
+
+
+def _unit(model: GroupModel, part: Part) -> Array:
+    """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
+    size = ROWS[part.id].probe
+    assert size is not None
+    return next(iter(model.difference((), part._replace(size=size)).values())) / size
+
+
 class Columns:
     """Columns of a group's hypotheses, made by running its model; those of candidates are kept while it stands."""
 
     def __init__(self, model: GroupModel) -> None:
         self.model = model
-        self._units = {stage: self._unit(table.unit) for stage, table in TABLES.items()
-                       if table.channel in model.names and stage != "scale"}
-        self._forms: dict[tuple[str, str], list[Column]] = {}
+        self.forms = Forms(model)
         self._kept: dict[tuple[Parts, Part], Column] = {}
         self._fixed: list[Column] = []
         self._made_at = -1          # of the model's moves
-
-    def _unit(self, part: Part) -> Array:
-        size = ROWS[part.id].probe
-        assert size is not None
-        return next(iter(self.model.difference((), part._replace(size=size)).values())) / size
 
     def _refresh(self) -> None:
         if self._made_at != self.model.moves:
             self._made_at = self.model.moves
             self._kept.clear()
-            self._fixed = self._made_fixed()
-
-    def column(self, label: Label, parts_series: dict[str, Array], sd: float = np.inf, mean: float = 0.0) -> Column:
-        """A column of series (m,) by channel. sd, mean : prior of its amplitude."""
-        cuts = {c.name: c.cut for c in self.model.channels}
-        return Column(label, {name: coefficients(one, cuts[name]) for name, one in parts_series.items()}, sd, mean)
-
-    # -- what is open under every hypothesis ---------------------------------------------------------------------
+            self._fixed = nuisance_columns(self.model)
 
     @property
     def fixed(self) -> list[Column]:
-        """Tolerances and what else a reading leaves open, at the nominal values as they stand."""
+        """The nuisances, at the nominal values as they stand."""
         self._refresh()
         return self._fixed
-
-    def _made_fixed(self) -> list[Column]:
-        found: list[Column] = []
-        for channel in self.model.channels:
-            found += self._of_tolerances(channel)
-            found += self._of_readings(channel)
-        return found
-
-    def _of_tolerances(self, channel: ChannelSeries) -> list[Column]:
-        model, found = self.model, []
-        now = model.predicted(())[channel.name]
-        for one, n in model.nuisances:
-            if one is not channel:
-                continue
-            value = getattr(model.base.by_name[n.stage], n.field) + n.step
-            plan = schedule(model.base.put(n.stage, **{n.field: value}), ())
-            change = (channel.predict(plan, MOST_STEP_S) - now) / n.step
-            found.append(self.column(Label(Role.TOLERANCE, n.key), {channel.name: change}, n.sd,
-                                     -model.offsets.get(n.key, 0.0)))
-            if channel.name == "shaft" and n.field != "gain_percent":
-                found += self._by_speed_and_way(n.key, change, now, TRAIT_SHARE * n.sd)
-        return found
-
-    def _by_speed_and_way(self, key: str, change: Array, rpm: Array, sd: float) -> list[Column]:
-        """The same tolerance, unlike at low and high speed and for rising and falling commands."""
-        middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
-        way = np.sign(np.gradient(rpm))
-        return [self.column(Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
-                self.column(Label(Role.TRAIT, key), {"shaft": change * way}, sd)]
-
-    def _of_readings(self, channel: ChannelSeries) -> list[Column]:
-        """What the readings themselves leave open: rounding, level, refills, time stamps, heads."""
-        data, name = self.model.data, channel.name
-        if name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
-            turning = (self.model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
-            return [self.column(Label(Role.READING), {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
-        if name == "scale" and data.hopper is not None:
-            hopper = data.hopper
-            bins = np.arange(len(hopper.reading_kg))
-            steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in hopper.jumps]
-            return [self.column(Label(Role.READING), {"scale": np.ones(len(channel.measured))}, UNKNOWN_KG),
-                    *(self.column(Label(Role.READING), {"scale": after}, REFILL_SD_KG if told else UNKNOWN_KG)
-                      for after, told in zip(steps, hopper.told, strict=True))]
-        if name == "speed":
-            row = effects.SPEED_GNSS_LATENCY
-            assert row.slope_step is not None
-            late = self.model.difference((), Part(row.id, row.slope_step))
-            stamp = {name: change / row.slope_step for name, change in late.items()}
-            return [self.column(Label(Role.READING), stamp, stamp_sd_s(self.model.machine, channel.grid.step_s))]
-        if name == "heads":
-            ones = [self.model.difference((), Part(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
-                    for k in range(self.model.heads)]
-            return [self.column(Label(Role.READING), one, self.model.machine.tolerance.head_percent) for one in ones]
-        return []
-
-    # -- smooth shapes over a recorded variable ------------------------------------------------------------------
-
-    def forms(self, stage: str, variable: str) -> list[Column]:
-        """Columns of the smooth shapes of a stage over a variable (empty: the variable hardly moves)."""
-        if (stage, variable) not in self._forms:
-            self._forms[(stage, variable)] = self._made_forms(stage, variable, self.model.data)
-        return self._forms[(stage, variable)]
-
-    def moved_forms(self, stage: str, variable: str, share: float) -> list[Column]:
-        """The same with the variable moved along the log by a share of it, round the end."""
-        data = self.model.data
-        moved = np.roll(data.variables[variable], round(share * len(data.time_s)))
-        return self._made_forms(stage, variable, data._replace(variables={**data.variables, variable: moved}))
-
-    def _made_forms(self, stage: str, variable: str, data: RunData) -> list[Column]:
-        over, name = span(data, variable), TABLES[stage].channel
-        if over is None or name not in self.model.names:
-            return []
-        rows = series(stage, over, self.model.channel(name), self._units.get(stage, np.ones(1)), data, self.model.base,
-                      self.model.machine)
-        return [self.column(Label(Role.FORM), {name: row}) for row in rows]
-
-    # -- parts of a hypothesis -----------------------------------------------------------------------------------
 
     def slopes(self, parts: Parts) -> list[Column]:
         """Slope of the prediction in each part's size, at the hypothesis."""
@@ -153,7 +161,7 @@ class Columns:
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
             now = model.predicted(parts)
             change = {name: (one - now[name]) / step for name, one in model.run(moved, only=row.channels).items()}
-            found.append(self.column(Label(Role.SLOPE, part.id, k), change))
+            found.append(_column(self.model, Label(Role.SLOPE, part.id, k), change))
         return found
 
     def form_columns(self, parts: Parts, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
@@ -180,11 +188,11 @@ class Columns:
     def _wobbles(self, parts: Parts, part: Part) -> list[Column]:
         """Shapes by which a part's form may differ: over its own variable, and those of its siblings."""
         row = ROWS[part.id]
-        found = list(self.forms(row.stage, row.form_over)) if row.form_over else []
+        found = list(self.forms.over(row.stage, row.form_over)) if row.form_over else []
         for sibling in row.siblings:
             step = ROWS[sibling].ladder[1]
             change = self.model.difference(parts, Part(sibling, step))
-            found.append(self.column(Label(Role.FORM), {name: one / step for name, one in change.items()}))
+            found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
         return found
 
     def of_candidate(self, parts: Parts, part: Part) -> Column:
@@ -194,13 +202,13 @@ class Columns:
             if len(self._kept) > MAX_KEPT:
                 self._kept.clear()
             change = self.model.difference(parts, part)
-            self._kept[(parts, part)] = self.column(Label(Role.CANDIDATE, part.id),
+            self._kept[(parts, part)] = _column(self.model, Label(Role.CANDIDATE, part.id),
                                                     {name: one / part.size for name, one in change.items()})
         return self._kept[(parts, part)]
 
     def trace(self, parts: Parts, k: int) -> Column:
         """What the whole of part k does, the others in place."""
-        return self.column(Label(Role.TRACE, parts[k].id, k),
+        return _column(self.model, Label(Role.TRACE, parts[k].id, k),
                            self.model.difference((*parts[:k], *parts[k + 1:]), parts[k]))
 
     def of_hypothesis(self, parts: Parts, share: float = FORM_SHARE) -> list[Column]:

@@ -1,77 +1,124 @@
-"""What a named effect does in the field when nobody compensates it: dose and place."""
+"""What a named effect does in the field when nobody compensates it, at the log's own operating points."""
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
-from control.diagnosis import effects
+from control.diagnosis.cost import USUAL_MPS, Point, rate_error_percent
+from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import shaft_channel
-from .hypothesis import Part, schedule, stages_of
-from .stages import RunData
+from .channels import SEAM_S, gate_rows, shaft_rows, speed_rows
+from .hypothesis import Part, Schedule, schedule, stages_of, with_part
+from .log import MOVING_MPS
+from .stages import Drive, RunData, joined
 
-FLOW_PERCENT = {         # relative change of the dose where the size is one in percent already
-    effects.FLOW_GAIN.id: 1.0, effects.FLOW_BATCH.id: 1.0, effects.FLOW_BLOCKED_OUTLET.id: -1.0,
-    effects.FLOW_BRIDGING.id: -1.0,
-    effects.SPEED_WHEEL_SLIP.id: 1.0, effects.SPEED_WHEEL_RADIUS.id: 1.0, effects.SPEED_MISSED_PULSES.id: -1.0,
-}
-LATE_S = (effects.SHAFT_DEAD_TIME.id, effects.SHAFT_SLOW.id, effects.SPEED_GNSS_LATENCY.id)
+Array = npt.NDArray[np.float64]
+
+MAX_POINTS = 500            # of a log, evenly over it
+MIN_WINDOW_S = 5.0          # in which a drive falls behind: longer than any delay
 
 
 def field_cost(part: Part, machine: Machine, data: RunData) -> FieldCost:
-    """Mean change of the dose over the working rows, %, and of the landing place, m (late positive).
+    """Mean change of the dose, %, and of the landing place, m (late positive), over the log from the effect's onset on.
 
-    Wheel effects are counted as if the wheel alone told the speed. None: this effect has no such cost.
+    None: it has no such cost that a log can tell. Effects of one speed sensor are counted as if it alone told the
+    speed, those of the scale as if the flow followed it.
     """
-    if part.id in LATE_S:
-        return FieldCost(0.0, round(part.size * _speed(data), 3))
-    if part.id in FLOW_PERCENT:
-        return FieldCost(round(FLOW_PERCENT[part.id] * part.size, 2), 0.0)
+    costs = ROWS[part.id].costs
+    if costs is Costs.CROP:
+        return FieldCost(None, None)
+    if costs is Costs.NEITHER:
+        return FieldCost(0.0, 0.0)
+    if costs is Costs.PLACE:
+        late_s = _late_s(part, machine, data)
+        return FieldCost(0.0, None if late_s is None else round(late_s * _mean_speed(data), 3))
     rate = _rate_percent(part, machine, data)
     return FieldCost(None if rate is None else round(rate, 2), 0.0)
 
 
-def _speed(data: RunData) -> float:
-    speed = data.variables.get("speed_mps")
-    if speed is None:
-        return 1.25
-    moving = speed[(data.working > 0.0) & (speed > 0.3)]
-    return float(np.mean(moving)) if len(moving) else 1.25
+def _plans(part: Part, machine: Machine) -> tuple[Schedule, Schedule]:
+    base = stages_of(machine)
+    return schedule(base, ()), schedule(base, (part,))
 
 
 def _rate_percent(part: Part, machine: Machine, data: RunData) -> float | None:
-    stage = effects.ROWS[part.id].stage
-    if stage in ("scale", "heads") or data.hopper is None:
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(ROWS[part.id].stage)
+    onset_s = part.onset_s or -np.inf
+    time_s = np.linspace(data.time_s[0], data.time_s[-1], MAX_POINTS) if drive is None else drive.time_s
+    rows = np.flatnonzero(time_s >= onset_s)
+    if not len(rows):
         return None
-    h = data.hopper
-    on = h.shaft_rpm > 0.0
-    if not on.any():
-        return None
-    rpm, opening, pitch = h.shaft_rpm[on], h.opening_mm[on], h.pitch_deg[on]
-    turned = np.sum(rpm * opening)
-    if part.id in (effects.GATE_OFFSET.id, effects.GATE_HOME_ERROR.id):
-        sign = -1.0 if part.id == effects.GATE_OFFSET.id else 1.0
-        return float(100.0 * sign * part.size * np.sum(rpm) / turned)
-    if part.id == effects.FLOW_ZERO_OFFSET.id:
-        return float(100.0 * part.size * np.sum(rpm) / (turned * machine.flow.grams_per_rev_mm))
-    if part.id == effects.FLOW_FILL_FALLOFF.id:
-        return float(-part.size * np.sum(rpm * opening * (rpm / 100.0) ** 3) / turned)
-    if part.id == effects.FLOW_SLOPE.id:
-        return float(part.size * np.sum(rpm * opening * pitch) / turned)
-    if part.id == effects.FLOW_MOISTURE_DRIFT.id:
-        return float(part.size * np.sum(rpm * opening * h.time_s[on] / 3600.0) / turned)
-    if part.id == effects.FLOW_HOPPER_HEAD.id:
-        level = np.interp(h.time_s[on], data.time_s, data.variables.get("hopper_kg", data.time_s * 0.0))
-        return float(-part.size * np.sum(rpm * opening * (1.0 - level / machine.flow.full_kg)) / turned)
-    if part.id == effects.FLOW_LEAK.id:
-        kg = turned * machine.flow.grams_per_rev_mm / 60_000.0 * float(np.median(np.diff(h.time_s)))
-        return float(100.0 * part.size / 3600.0 * data.duration_s / kg)
-    if stage == "shaft" and data.shaft is not None:
-        channel = shaft_channel(data.shaft, machine)
-        base = stages_of(machine)
-        with_it = channel.predict(schedule(base, (part,)), MOST_STEP_S)
-        without = channel.predict(schedule(base, ()), MOST_STEP_S)
-        return float(100.0 * np.sum(with_it - without) / max(1e-9, float(np.sum(without))))
-    return 0.0
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
+    points = _points(data, machine, time_s[rows], float(ROWS[part.id].needs_refill))
+    changed = machine.model_copy(update=with_part(stages_of(machine), part).by_name)
+    if drive is None:
+        return rate_error_percent(machine, points, changed, points)
+    wanted, applied = (_standing(drive, plan)[rows] for plan in _plans(part, machine))
+    return rate_error_percent(machine, _placed(points, drive, wanted), changed, _placed(points, drive, applied))
+
+
+def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> list[Point]:
+    """Operating points at times of the log (n,), as it was asked for; what it does not tell is as usual."""
+    at = np.maximum(0, np.searchsorted(data.time_s, time_s, side="right") - 1)
+    usual = {"shaft_rpm": machine.set_points.shaft_rpm, "opening_mm": machine.set_points.opening_mm,
+             "hopper_kg": machine.flow.full_kg, "speed_mps": USUAL_MPS, "pitch_deg": 0.0}
+    known = {name: data.variables[name][at].tolist() if name in data.variables else [value] * len(at)
+             for name, value in usual.items()}
+    known |= {"time_s": time_s.tolist(), "working": data.working[at].tolist()}
+    return [Point(**dict(zip(known, values, strict=True)), refills=refills)
+            for values in zip(*known.values(), strict=True)]
+
+
+def _standing(drive: Drive, plan: Schedule) -> Array:
+    """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off by what that is off."""
+    if drive.name == "shaft":
+        return shaft_rows(drive)(plan, MOST_STEP_S)[:, 0]
+    true, read = gate_rows(drive)(plan, MOST_STEP_S).T
+    return np.asarray(np.maximum(0.0, 2.0 * true - read))
+
+
+def _placed(points: list[Point], drive: Drive, standing: Array) -> list[Point]:
+    field = "shaft_rpm" if drive.name == "shaft" else "opening_mm"
+    return [point._replace(**{field: float(value)}) for point, value in zip(points, standing, strict=True)]
+
+
+def _late_s(part: Part, machine: Machine, data: RunData) -> float | None:
+    """By how much later a drive or a sensor follows, s; None where the log does not move it."""
+    plans = _plans(part, machine)
+    stage = ROWS[part.id].stage
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
+    if drive is not None:
+        moves = np.flatnonzero(np.diff(drive.command)) + 1
+        now, late = (_standing(drive, plan) for plan in plans)
+        return _behind_s(now, late, drive.clock_s, moves[drive.time_s[moves] >= (part.onset_s or -np.inf)])
+    if stage == "speed" and data.speed is not None:
+        every = np.flatnonzero(data.speed.time_s >= (part.onset_s or -np.inf))
+        now, late = (speed_rows(data.speed)(plan, MOST_STEP_S)[:, 1] for plan in plans)
+        return _behind_s(now, late, joined(data.speed.time_s, SEAM_S), every)
+    return None
+
+
+def _behind_s(now: Array, late: Array, clock_s: Array, moves: npt.NDArray[np.int64]) -> float | None:
+    """What falls behind from one move to a later one, over how far it went meanwhile: least squares over such windows.
+
+    What follows by d s later falls behind by d times the way. now, late : series (n,) at `clock_s`; moves : rows at
+    which one begins.
+    """
+    cuts: list[int] = []
+    for row in moves.tolist():
+        if not cuts or clock_s[row] - clock_s[cuts[-1]] >= MIN_WINDOW_S:
+            cuts.append(row)
+    behind = np.concatenate(([0.0], np.cumsum((now - late)[:-1] * np.diff(clock_s))))
+    fell, went = np.diff(behind[cuts]), np.diff(now[cuts])
+    return float(fell @ went / (went @ went)) if np.any(went) else None
+
+
+def _mean_speed(data: RunData) -> float:
+    speed = data.variables.get("speed_mps")
+    if speed is None:
+        return USUAL_MPS
+    moving = speed[(data.working > 0.0) & (speed > MOVING_MPS)]
+    return float(np.mean(moving)) if len(moving) else USUAL_MPS

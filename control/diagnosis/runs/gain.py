@@ -114,7 +114,7 @@ def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
         if TABLES[stage].channel != channel:
             continue
         for variable in MIN_RANGE:
-            columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms(stage, variable)
+            columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
             if columns:
                 p, count = search.columns.compressed((), columns)
                 value = fitted(p, np.arange(count + len(columns)), judged.null.noise, rounds=1).log_likelihood

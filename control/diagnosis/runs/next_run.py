@@ -104,8 +104,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
             best = (score, manoeuvre)
     why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
     if best is None:
-        own = CATALOGUE[cause.id].effect.separate
-        return NextRun(why, own, steps=(own,))
+        return NextRun(why, CATALOGUE[cause.id].effect.separate)
     run = best[1]
     return NextRun(why, run.plan, run.id, run.minutes, run.steps)
 

@@ -298,7 +298,7 @@ def _beside(search: Search, now: Refit, left: Dependence) -> Refit:
 
 
 def _with_dependence(search: Search, parts: Parts, now: Refit, left: Dependence) -> float:
-    shapes = search.columns.forms(left.stage, left.variable)
+    shapes = search.columns.forms.over(left.stage, left.variable)
     p, before = search.columns.compressed(parts, shapes)
     return best_fitted(p, np.arange(before + len(shapes)), now.noise, search.model.channels).log_likelihood
 

@@ -75,7 +75,7 @@ def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: Ru
     """
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
-        with_table = hopper_channel(data.hopper, machine, (over.variable, values))
+        with_table = hopper_channel(data.hopper, machine, values)
         nothing = schedule(base.put("flow", table_x=over.nodes, table_percent=FLAT), ())
         neutral = with_table.predict(nothing, MOST_STEP_S)
         rows = []

@@ -124,7 +124,7 @@ def gain_elsewhere(columns: Columns, now: Refit, stage: str, variable: str) -> f
 
 def moved_gain(columns: Columns, now: Refit, stage: str, variable: str, share: float) -> float:
     """Gain of a dependence once its variable is moved along the log by a share of it, round the end."""
-    shapes = columns.moved_forms(stage, variable, share)
+    shapes = columns.forms.moved(stage, variable, share)
     if not shapes:
         return 0.0
     _, plain, full = _without_and_with(columns, now, shapes)
@@ -141,7 +141,7 @@ def _without_and_with(columns: Columns, now: Refit, shapes: Sequence[Column]) ->
 
 def dependence(columns: Columns, now: Refit, stage: str, variable: str) -> Dependence | None:
     """A stage's dependence on a variable at a hypothesis; None where the variable hardly moves."""
-    shapes = columns.forms(stage, variable)
+    shapes = columns.forms.over(stage, variable)
     over = span(columns.model.data, variable)
     if not shapes or over is None:
         return None

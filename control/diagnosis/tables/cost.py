@@ -2,42 +2,34 @@
 from __future__ import annotations
 
 from control.calibration.response import response_s
+from control.diagnosis.cost import Point, rate_error_percent
+from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
 from control.machine.fall import drop_s
-from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
-from control.machine.scale import ScaleInput, scale_reads
 
 from .piece import Sized, with_more
-from .weigh_rows import USUAL_MPS, wheel_reads
+from .weigh_rows import USUAL_MPS
 
 
 def field_cost(machine: Machine, part: Sized, speed_mps: float | None) -> FieldCost:
     """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not know of the effect.
 
-    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. Heads' effects
-    depend on the crop and are left open.
+    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. A lag taken off
+    distances at a wrong speed is a wrong lag. What the heads' effects cost depends on the crop and is left open (None).
     """
-    if part.choice.id.startswith("canopy."):
+    if ROWS[part.choice.id].costs is Costs.CROP:
         return FieldCost(None, None)
-    if part.choice.id == "lag.coarse_clock":
+    if ROWS[part.choice.id].costs is Costs.NEITHER:
         return FieldCost(0.0, 0.0)
     changed = with_more(machine, (part,))
     speed = speed_mps if speed_mps is not None else USUAL_MPS
-    rate = _rate(changed, speed) / _rate(machine, speed) - 1.0
-    if part.choice.id == "flow.pulsation":
-        rate = 0.0
-    place = speed * (_lag_s(changed) - _lag_s(machine)) + changed.fall.lever_arm_m - machine.fall.lever_arm_m
-    if part.choice.id == "lag.speed_scale":
-        place = speed * _lag_s(machine) * part.size / 100.0
-    return FieldCost(100.0 * rate, place)
-
-
-def _rate(machine: Machine, speed_mps: float) -> float:
-    points = machine.set_points
-    flow = grams_per_rev(machine.flow, points.shaft_rpm, points.opening_mm)
-    flow *= 1.0 + machine.flow.uneven_percent / 100.0 / machine.geometry.outlets if machine.flow.uneven_outlet else 1.0
-    return flow * wheel_reads(machine, speed_mps) / scale_reads(machine.scale, ScaleInput(100.0, 0.0))
+    points = (Point(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)
+    rate = rate_error_percent(machine, points, changed, points)
+    learnt_percent = changed.fall.speed_scale_percent - machine.fall.speed_scale_percent
+    place = (speed * (_lag_s(changed) - _lag_s(machine)) + changed.fall.lever_arm_m - machine.fall.lever_arm_m
+             + speed * _lag_s(machine) * learnt_percent / 100.0)
+    return FieldCost(rate, place)
 
 
 def _lag_s(machine: Machine) -> float:

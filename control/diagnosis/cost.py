@@ -1,0 +1,73 @@
+"""What an effect costs in the field when nobody knows of it: the dose, through the machine model.
+
+Control asks for shaft speed and opening by the nominal machine, tells the ground speed by a wheel or a receiver and
+trims the flow by the scale; each of these it believes. So the dose goes with the flow, with the speed that is told,
+and against the mass that the scale tells.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from control.machine.flow import FlowInput, FlowState, flow_step
+from control.machine.machine import Machine
+from control.machine.scale import ScaleInput, scale_reads
+from control.machine.speed import SpeedInput, speed_start, speed_step
+
+USUAL_MPS = 1.25            # ground speed where data has none (decision paper: about 4.5 km/h)
+STEP_S = 1.0                # over which the scale tells a mass
+
+
+class Point(NamedTuple):
+    """One operating point: how the drives truly stand, and what is around them."""
+
+    shaft_rpm: float
+    opening_mm: float
+    hopper_kg: float
+    speed_mps: float = USUAL_MPS
+    pitch_deg: float = 0.0
+    time_s: float = 0.0         # since the run began
+    working: float = 1.0        # 1: under draught
+    refills: float = 0.0        # so far
+
+
+def dose(machine: Machine, points: Sequence[Point]) -> float:
+    """What leaves the machine over operating points, in kg for a second at each, under a control that believes its
+    sensors: the speed at each point, the mass that the scale tells over all of them (its trim is slow)."""
+    left = asked = told = 0.0
+    for point in points:
+        state = FlowState(point.time_s, point.hopper_kg, 0.0, point.refills)
+        asked_of = FlowInput(point.shaft_rpm, point.opening_mm, point.pitch_deg)
+        kg = flow_step(machine.flow, state, asked_of, STEP_S)[1].flow_kg_s * STEP_S
+        left += kg
+        asked += kg * _told_speed(machine, point)
+        told += _told_mass_kg(machine, point, kg)
+    return asked * left / told if told > 0.0 else asked
+
+
+def _told_speed(machine: Machine, point: Point) -> float:
+    """Speed as told over true speed, whichever of the two sensors is believed: an effect moves one of them."""
+    true = point.speed_mps
+    if true <= 0.0:
+        return 1.0
+    _, told = speed_step(machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S)
+    return told.wheel_mps * told.gnss_mps / true ** 2
+
+
+def _told_mass_kg(machine: Machine, point: Point, left_kg: float) -> float:
+    """Mass that the scale says has left where `left_kg` have; nothing is told while nothing leaves."""
+    if left_kg <= 0.0:
+        return 0.0
+    before = scale_reads(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))
+    after = scale_reads(machine.scale, ScaleInput(point.hopper_kg - left_kg, point.time_s + STEP_S, point.pitch_deg))
+    return before - after
+
+
+def rate_error_percent(nominal: Machine, wanted: Sequence[Point], changed: Machine,
+                       applied: Sequence[Point]) -> float | None:
+    """Applied over wanted less 1, %, over operating points; None where nothing was wanted.
+
+    wanted : as the nominal machine stands at them. applied : as the changed one does when it is asked for the same.
+    """
+    asked = dose(nominal, wanted)
+    return 100.0 * (dose(changed, applied) / asked - 1.0) if asked > 0.0 else None
