@@ -48,6 +48,7 @@ class Row:
     also_on: tuple[str, ...] = ()       # channels beside its own stage's that it moves
     needs_refill: bool = False          # shows only after the hopper was filled up
     min_move_mm: float = 0.0            # the opening's command must move so far (1st to 99th percentile)
+    needs: str = ""                     # recorded variable without which it cannot be told from others
     seen_in_steps: bool = True          # can be told where the shaft's speed is read in steps
 
     # -- what it may be taken for
@@ -88,7 +89,7 @@ SHAFT_DEAD_TIME = Row("shaft.dead_time", ladder=(0.03, 0.1, 0.25, 0.6), siblings
                       seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
 SHAFT_DEAD_BAND = Row("shaft.dead_band", ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
 SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", probe=0.5, form_over="supply_v", along="supply_v")
-SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm")
+SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm", needs="opening_mm")
 SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", found_by=FoundBy.STEPS, costs=Costs.NEITHER)
 SHAFT_STALL = Row("shaft.stall", found_by=FoundBy.STOP)
 GATE_OFFSET = Row("gate.offset", probe=0.1, form_over="opening_mm", also_on=("scale",))     # flow follows the true one

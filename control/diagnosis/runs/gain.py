@@ -21,7 +21,7 @@ from .channels import ChannelSeries
 from .likelihood import Z90, Column, Role, fitted, problem
 from .noise import Noise, coefficients, segments, series_of
 from .selection import Judged
-from .smooth import MIN_RANGE, TABLES
+from .smooth import TABLES, variables_of
 from .unexplained import DOWNSTREAM
 
 Array = npt.NDArray[np.float64]
@@ -113,7 +113,7 @@ def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
     for stage in TABLES:
         if TABLES[stage].channel != channel:
             continue
-        for variable in MIN_RANGE:
+        for variable in variables_of(judged.search.model.data):
             columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
             if columns:
                 p, count = search.columns.compressed((), columns)

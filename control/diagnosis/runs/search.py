@@ -199,6 +199,8 @@ def excited(candidate: Candidate, data: RunData) -> bool:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
     if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
         return False
+    if row.needs and row.needs not in data.variables:
+        return False
     opening = data.variables.get("opening_mm")
     if not row.min_move_mm or opening is None:
         return True

@@ -23,6 +23,11 @@ MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
 
 
+def variables_of(data: RunData) -> tuple[str, ...]:
+    """What a stage may depend on: the published variables, and the log's further columns."""
+    return (*MIN_RANGE, *(name for name in data.variables if name not in MIN_RANGE))
+
+
 class StageTable(NamedTuple):
     """The smooth extension of one stage: the channel that shows it, and the effect whose column it multiplies."""
 
@@ -52,7 +57,7 @@ def span(data: RunData, variable: str) -> Span | None:
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    if not high - low >= MIN_RANGE[variable]:
+    if not high - low >= MIN_RANGE.get(variable, np.finfo(float).tiny):
         return None
     return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
 

@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 from control.machine.machine import Machine
 
-from .log import HEADS, MOVING_MPS, Clean
+from .log import HEADS, MIN_ROWS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
@@ -20,6 +20,9 @@ EVERY_ROW = 20              # of the recorded variables between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
+FINE_LOG_S = 0.15           # rows closer than this hold every command that control gave
+SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
+SHAFT_ANSWERS_S, GATE_ANSWERS_S = 1.0, 1.0      # after a command, the drive has answered it
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
@@ -127,7 +130,8 @@ class _Rows(NamedTuple):
     opening_mm: Array
     supply_v: Array             # smoothed, as the pitch
     pitch_deg: Array
-    working: Array              # 1 while the shaft turns, else 0
+    working: Array              # 1 or 0: as the log says, else whether the shaft turns
+    lost: npt.NDArray[np.bool_]         # rows before which commands may be missing from the log
 
 
 def _rows(log: Clean, machine: Machine) -> _Rows:
@@ -135,10 +139,20 @@ def _rows(log: Clean, machine: Machine) -> _Rows:
     command_rpm, command_mm = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
     shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm)
     supply_v = _bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
-    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], command_mm),
+    opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
+    turning = np.nan_to_num(shaft_rpm) > WORKING_RPM
+    working = np.where(np.isfinite(log.working), log.working, turning)
+    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], opening_mm),
                  _smooth(supply_v, log.step_s),
                  _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
-                 (np.nan_to_num(shaft_rpm) > WORKING_RPM).astype(np.float64))
+                 working.astype(np.float64), _lost(time, log.step_s))
+
+
+def _lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
+    """Rows before which commands may have been given that no row holds: (n,)."""
+    if step_s > FINE_LOG_S:
+        return np.ones(len(time), bool)
+    return np.diff(time, prepend=time[0]) > 1.5 * step_s
 
 
 def run_data(log: Clean, machine: Machine) -> RunData:
@@ -148,6 +162,7 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     variables = _variables(log, every)
     hopper = speed = heads = None
     driven = _drives(log, every, whole=False)
+    further = {name: _smooth(_bridged(time, series, series), log.step_s) for name, series in log.further.items()}
     if "flow" in log.stages:
         hopper = _hopper(every, c["hopper_kg"], _written(time, log.events))
     if "speed" in log.stages:
@@ -156,6 +171,7 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     if "heads" in log.stages:
         heads = _heads(time, np.array([c[name] for name in HEADS]))
     rows = known_rows(len(time))
+    variables |= further
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
                    every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads)
 
@@ -231,16 +247,35 @@ def _drives(log: Clean, every: _Rows, whole: bool) -> dict[str, Drive]:
         since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm > 0.0, every.time_s, -np.inf))
         still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
         read = np.where(still, 0.0, c["shaft_rpm"])
-        found["shaft"] = _drive("shaft", every, every.command_rpm, read, whole)
+        sure = _sure(every, every.command_rpm, SAME_RPM, SHAFT_ANSWERS_S)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, np.where(sure, read, np.nan), whole)
     if "gate" in log.stages:
-        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], whole)
-    return found
+        sure = _sure(every, every.command_mm, SAME_MM, GATE_ANSWERS_S)
+        found["gate"] = _drive("gate", every, every.command_mm, np.where(sure, c["opening_mm"], np.nan), whole)
+    return {name: drive for name, drive in found.items() if drive is not None}
 
 
-def _drive(name: str, every: _Rows, command: Array, measured: Array, whole: bool) -> Drive:
+def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.NDArray[np.bool_]:
+    """Rows whose drive has answered every command that can have been given since the row before: (n,).
+
+    Where commands may be missing from the log, a row is sure when its command and those of all rows within the time of
+    an answer are the same, the row before them included: any command between two equal ones had no reason.
+    """
+    if not every.lost.any():
+        return np.ones(len(command), bool)
+    changed = np.abs(np.diff(command, prepend=command[0])) > same
+    unsure_from = np.where(changed & every.lost, every.time_s, -np.inf)      # given at some time before this row
+    last = np.maximum.accumulate(unsure_from)
+    return np.asarray(every.time_s - last >= answers_s)
+
+
+def _drive(name: str, every: _Rows, command: Array, measured: Array, whole: bool) -> Drive | None:
+    """None where hardly a row can be judged."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
     known = np.isfinite(measured[pick]) & (since >= SETTLE_S)
+    if known.sum() < MIN_ROWS:
+        return None
     grid = _grid(time[pick], known, every.step_s, clock)
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
                  grid)
