@@ -28,12 +28,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from thread_host import ThreadHost
+
 from console.link import Link, start_worker
 from console.worker.assemble import assemble
 from console.worker.host import Host
 from console.worker.program import Options
 from console.worker.system import take_priority
-from console.worker.thread_host import ThreadHost
 from control.orders import Do, Order
 
 PLACES = ("bare", "thread", "worker")

@@ -13,6 +13,7 @@ from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
 from control.safety import Allowances, BenchRun
+from drivers.device_status import DeviceStatus
 
 
 class DeviceDo(StrEnum):
@@ -62,23 +63,9 @@ class Tally(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class DeviceView:
+class DeviceView(DeviceStatus):
     """One device as the Devices screen lists it."""
 
-    name: str                 # "gnss", "heads", "board"
-    port: str
-    protocol: str
-    connected: bool
-    age_s: float | None       # since the last accepted message
-    rate_hz: float
-    accepted: int
-    rejected: int
-    last_raw: str = ""
-    connects: int = 0         # times the line was opened
-    bytes_in: int = 0
-    bytes_out: int = 0
-    last_error: str = ""
-    rejected_kinds: tuple[tuple[str, int], ...] = ()
     plugged: bool = True      # False: disconnected by order
     capture_path: str = ""    # the file that is being written; empty: no capture
     test: DeviceTest | None = None

@@ -21,6 +21,7 @@ from typing import Any, NoReturn
 
 from console.frame import DeviceDo, Frame, from_json
 from control.orders import Answer, Order
+from drivers.files.lock import take_lock
 
 HOST = "127.0.0.1"
 GREETING = "topdress-worker/1"
@@ -49,6 +50,7 @@ class Where:
     pid: int
     started: str = ""         # UTC, ISO 8601
     log_path: str = ""
+    parent: int = 0           # the process that started it
 
     def looking_only(self) -> Where:
         return replace(self, token=None)
@@ -63,29 +65,45 @@ def default_run_file() -> Path:
 
 
 def find_running(run_file: Path | None = None) -> Where | None:
-    """The worker that runs for this user, or None. A file that a dead worker left is removed.
+    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at most.
 
-    Takes 0.5 s at most. Raises WorkerFailed where something listens there that does not greet as a worker in time.
+    A run file is removed only where no worker holds the lock beside it. Raises WorkerFailed where one holds it and does
+    not greet in time.
     """
     path = run_file or default_run_file()
     try:
         if path.stat().st_uid != getattr(os, "getuid", int)():        # Windows: 0 on both sides
             raise WorkerFailed(f"{path}: belongs to another user; remove it")
-        said = json.loads(path.read_bytes())
-        where = Where(int(said["port"]), str(said["token"]), int(said["pid"]), str(said.get("started", "")),
-                      str(said.get("log_path", "")))
+        if _nobody_holds(path):
+            return None
+        where = _read(path)
     except FileNotFoundError:
-        return None
-    except (ValueError, KeyError, TypeError):
-        path.unlink(missing_ok=True)
         return None
     greeting = _knock(where.port)
     if greeting is None:
-        raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it, then remove {path}")
-    if greeting.get("hello") == GREETING and greeting.get("pid") == where.pid:
-        return where
-    path.unlink(missing_ok=True)
-    return None
+        raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it")
+    if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
+        raise WorkerFailed(f"the control worker (process {where.pid}) does not listen on its port {where.port}: end it")
+    return where
+
+
+def _nobody_holds(path: Path) -> bool:
+    """Whether no worker runs; the file that one left is then removed, while none can start."""
+    lock = take_lock(path.with_suffix(".lock"))
+    if lock is None:
+        return False
+    with lock:
+        path.unlink(missing_ok=True)
+    return True
+
+
+def _read(path: Path) -> Where:
+    try:
+        said = json.loads(path.read_bytes())
+        return Where(int(said["port"]), str(said["token"]), int(said["pid"]), str(said.get("started", "")),
+                     str(said.get("log_path", "")), int(said.get("parent", 0)))
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise WorkerFailed(f"{path}: does not say where the control worker that runs listens: end that one") from None
 
 
 def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Path | None = None,
@@ -112,7 +130,7 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
             last = _last_line(Path(trouble_path), heard_before) or f"ended at once, code {child.returncode}"
             raise WorkerFailed(f"the control worker did not start: {last}")
         where = find_running(path)
-        if where:
+        if where and child.pid in (where.pid, where.parent):       # Windows: the environment's own program starts it
             return where
         time.sleep(0.02)
     child.terminate()
@@ -139,6 +157,7 @@ class Link:
         except OSError as error:
             self._gone.set()
             raise WorkerGone(f"the control worker (process {self.where.pid}) is gone") from error
+        self._send(next(self._numbers), {"ask": "look"})
         alive = asyncio.create_task(self._keep_alive())
         try:
             while line := await reader.readline():

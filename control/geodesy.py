@@ -1,12 +1,10 @@
-"""Degrees to metres and back on WGS84, and the small geometry of driving: headings, offsets, polylines.
+"""Degrees to metres and back on WGS84, and the small geometry of driving: headings and offsets.
 
 A place is (east_m, north_m) on a tangent plane; a heading is degrees clockwise from north.
 """
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -132,14 +130,6 @@ def turn_deg(from_deg: float, to_deg: float) -> float:
     return 180.0 if turn == -180.0 else turn
 
 
-def heading_deg(start: Place, end: Place) -> float | None:
-    """Heading from one place to another, 0 to 360 (excluded); None when they are the same place."""
-    east, north = end[0] - start[0], end[1] - start[1]
-    if east == 0.0 and north == 0.0:
-        return None
-    return math.degrees(math.atan2(east, north)) % 360.0
-
-
 def direction(heading: float) -> Place:
     """Unit vector (east, north) of a heading in degrees."""
     angle = math.radians(heading)
@@ -155,53 +145,6 @@ def offset(place: Place, heading: float, forward_m: float, right_m: float = 0.0)
 def apart_m(one: Place, other: Place) -> float:
     """Distance of two places on the plane, m."""
     return math.hypot(other[0] - one[0], other[1] - one[1])
-
-
-def lengths_m(line: Sequence[Place]) -> Floats:
-    """Distance along a polyline of n places to each of them, (n,) m, beginning with 0."""
-    points = np.asarray(line, dtype=np.float64).reshape(-1, 2)
-    steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.zeros(0)
-    return np.concatenate(([0.0], np.cumsum(steps)))
-
-
-def along(line: Sequence[Place], distance: float) -> Place:
-    """The place at a distance along a polyline, m; before its start or past its end: that end.
-
-    Raises ValueError for an empty polyline.
-    """
-    if not len(line):
-        raise ValueError("a polyline without places has none along it")
-    left = distance
-    for start, end in itertools.pairwise(line):
-        length = apart_m(start, end)
-        if left <= length and length > 0.0:
-            share = max(left, 0.0) / length
-            return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
-        left -= length
-    return line[-1]
-
-
-def project(line: Sequence[Place], place: Place) -> tuple[float, float]:
-    """Nearest point of a polyline: (distance along it, distance beside it; right of its direction positive), m.
-
-    Raises ValueError for fewer than two places.
-    """
-    if len(line) < 2:
-        raise ValueError("a polyline to project on needs two places")
-    best, best_gap, behind = (0.0, 0.0), math.inf, 0.0
-    for start, end in itertools.pairwise(line):
-        length = apart_m(start, end)
-        if length == 0.0:
-            continue
-        east, north = (end[0] - start[0]) / length, (end[1] - start[1]) / length
-        de, dn = place[0] - start[0], place[1] - start[1]
-        ahead = min(max(de * east + dn * north, 0.0), length)
-        gap = math.hypot(de - ahead * east, dn - ahead * north)
-        if gap < best_gap:
-            right = de * north - dn * east
-            best, best_gap = (behind + ahead, math.copysign(gap, right)), gap
-        behind += length
-    return best
 
 
 def _earth_centred(lat_deg: float, lon_deg: float) -> tuple[float, float, float]:

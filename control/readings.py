@@ -3,6 +3,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+AHEAD_S = 0.1           # a reading may be this much newer than the tick that looks at it
+
 
 class Reading(NamedTuple):
     """One accepted value. `None` in place of a Reading: never received."""
@@ -64,3 +66,9 @@ class DriveCommand(NamedTuple):
     shaft_rpm: float
     opening_mm: float
     dose: DoseOrder | None = None       # begins in this tick
+
+
+def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
+    """Whether what was sampled at `time_s` still holds at `now_s`: not too old, and not from the future, which is a
+    clock gone wrong. False where a time is no number."""
+    return -AHEAD_S <= now_s - time_s <= holds_s

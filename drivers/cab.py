@@ -6,8 +6,9 @@ from typing import Any, Protocol
 
 from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
-from drivers.cab_line import DatagramLine, DeviceLine, DeviceStatus
+from drivers.cab_line import DatagramLine, DeviceLine
 from drivers.datagrams import Datagrams, open_datagrams, open_line
+from drivers.device_status import DeviceStatus
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import HeadDecoder
 from drivers.devices.gnss import GnssDecoder

@@ -3,10 +3,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Literal
 
 from drivers.datagrams import Datagrams
+from drivers.device_status import DeviceStatus
 from drivers.devices.lines import Counts
 from drivers.ports import Port
 
@@ -14,26 +14,6 @@ RATE_OVER_S = 2.0           # a device silent for this long has rate 0
 
 Direction = Literal["<", ">"]                           # received, sent
 Tap = Callable[[float, Direction, bytes], None]         # must return at once: the control loop calls it
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceStatus:
-    """One device as the Devices screen lists it; the fields of `console.frame.DeviceView`."""
-
-    name: str
-    port: str
-    protocol: str
-    connected: bool
-    age_s: float | None       # since the last accepted message
-    rate_hz: float
-    accepted: int
-    rejected: int
-    last_raw: str = ""
-    connects: int = 0         # times the line was opened
-    bytes_in: int = 0
-    bytes_out: int = 0
-    last_error: str = ""
-    rejected_kinds: tuple[tuple[str, int], ...] = ()
 
 
 class DeviceLine:

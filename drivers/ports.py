@@ -185,10 +185,11 @@ def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[Memor
 
 
 class SerialStream:
-    """A pyserial port (serial line, rfc2217, loop)."""
+    """A pyserial port (serial line, rfc2217, loop), for this process alone: a second one would take bytes from it."""
 
     def __init__(self, url: str, baud: int) -> None:
-        self._serial = serial.serial_for_url(url, baudrate=baud, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S)
+        self._serial = serial.serial_for_url(url, baudrate=baud, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S,
+                                             exclusive=True)
 
     def read(self) -> bytes:
         data: bytes = self._serial.read(1)

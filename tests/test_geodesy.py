@@ -10,16 +10,12 @@ from hypothesis import strategies as st
 
 from control.geodesy import (
     TangentPlane,
-    along,
     apart_m,
     direction,
     distance_m,
-    heading_deg,
-    lengths_m,
     offset,
     paper_distance_corrected_m,
     paper_distance_m,
-    project,
     turn_deg,
 )
 
@@ -154,11 +150,7 @@ def test_what_the_papers_radius_costs():
     assert 100.0 * short == pytest.approx(0.47, abs=0.005)
 
 
-def test_headings():
-    assert heading_deg((0, 0), (0, 5)) == 0.0
-    assert heading_deg((0, 0), (5, 0)) == 90.0
-    assert heading_deg((0, 0), (-1, -1)) == 225.0
-    assert heading_deg((3, 4), (3, 4)) is None
+def test_turns():
     assert turn_deg(350.0, 10.0) == pytest.approx(20.0)
     assert turn_deg(10.0, 350.0) == pytest.approx(-20.0)
     assert turn_deg(0.0, 180.0) == turn_deg(180.0, 0.0) == 180.0
@@ -173,17 +165,5 @@ def test_offset_is_a_rotation(heading, forward, right):
     assert (east - 7.0) * side[0] + (north + 3.0) * side[1] == pytest.approx(right, abs=1e-6)
 
 
-def test_polylines():
-    line = [(0.0, 0.0), (0.0, 10.0), (0.0, 10.0), (5.0, 10.0)]
-    assert list(lengths_m(line)) == [0.0, 10.0, 10.0, 15.0]
-    assert list(lengths_m([(1.0, 1.0)])) == [0.0]
-    assert along(line, 4.0) == (0.0, 4.0)
-    assert along(line, 12.0) == (2.0, 10.0)
-    assert along(line, -1.0) == (0.0, 0.0) and along(line, 99.0) == (5.0, 10.0)
-    assert project(line, (1.0, 4.0)) == (4.0, 1.0)             # right of a line going north: east
-    assert project(line, (3.0, 12.0)) == (13.0, -2.0)
+def test_distance_on_the_plane():
     assert apart_m((0, 0), (3, 4)) == 5.0
-    with pytest.raises(ValueError, match="two places"):
-        project(line[:1], (0.0, 0.0))
-    with pytest.raises(ValueError, match="without places"):
-        along([], 1.0)

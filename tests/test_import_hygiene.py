@@ -26,7 +26,7 @@ def is_there(name: str) -> bool:
 
 
 @pytest.mark.parametrize("start", [
-    "console.worker.__main__", "console.worker.thread_host", "console.link", "console.frame",
+    "console.worker.__main__", "console.link", "console.frame",
     "control.loop", "drivers", "drivers.cab", "drivers.virtual", "drivers.files.run_log",
 ])
 def test_starts_light(start: str) -> None:

@@ -110,6 +110,9 @@ def _results(tasks: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
 
 
 def main() -> None:
+    from hidden.cases import CATEGORIES
+    from hidden.classes import CLASSES
+
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--cases", type=int, default=1200)
     a.add_argument("--start", type=int, default=0, help="number of the first case")
@@ -117,7 +120,7 @@ def main() -> None:
     a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="all")
     a.add_argument("--plan", choices=PLANS, default=PLANS[0],
                    help="timetable: the effects of the catalogue in runs and tables, or all classes of runs")
-    a.add_argument("--category", action="append", help="only these, of either timetable")
+    a.add_argument("--category", action="append", choices=(*CATEGORIES, *CLASSES), help="only these (repeatable)")
     a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
     a.add_argument("--data", choices=("all", "run", "table"), default="all", help="of the timetable, only these")
     a.add_argument("--jobs", type=int, default=2)

@@ -1,7 +1,10 @@
-"""One action: its key, its words, and the screen that it belongs to."""
+"""One action: its key, its words, what it does, and the screen that it belongs to."""
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from textual.binding import Binding, BindingType
 
 ANYWHERE = "anywhere"
 RUN, MAP, TRENDS, DEVICES, CALIBRATE = "run", "map", "trends", "devices", "calibrate"
@@ -9,14 +12,22 @@ REPLAY, DIAGNOSIS, JOB, SETTINGS = "replay", "diagnosis", "job", "settings"
 
 
 class Action(NamedTuple):
-    """id: also the key for a keymap. bar: place in the key bar, 0 = not there. locked: still works in lock mode."""
+    """id: also the key for a keymap. do: is given the page; that of an action of every screen is given the app. bar:
+    place in the key bar, 0 = not there. locked: still works in lock mode."""
 
     id: str
     keys: str
     shown: str
     label: str
     help: str
+    do: Callable[[Any], None]
     where: str = ANYWHERE
     bar: int = 0
     locked: bool = False
     priority: bool = False
+
+
+def bindings(actions: Iterable[Action]) -> list[BindingType]:
+    """As Textual bindings, with their ids for a keymap."""
+    return [Binding(action.keys, f"app.do('{action.id}')", action.label, id=action.id, priority=action.priority,
+                    show=False) for action in actions]

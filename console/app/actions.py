@@ -3,10 +3,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from textual.binding import Binding
-
+from console.app import keys as common
 from console.app.action import ANYWHERE, Action
-from console.app.keys import calibrate, common, devices, diagnosis, job, map, replay, run, settings, trends
+from console.app.pages.calibrate import keys as calibrate
+from console.app.pages.devices import keys as devices
+from console.app.pages.diagnosis import keys as diagnosis
+from console.app.pages.job import keys as job
+from console.app.pages.map import keys as map
+from console.app.pages.replay import keys as replay
+from console.app.pages.run import keys as run
+from console.app.pages.settings import keys as settings
+from console.app.pages.trends import keys as trends
 
 ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTIONS, *replay.ACTIONS, *diagnosis.ACTIONS,
                                *map.ACTIONS, *trends.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)
@@ -15,12 +22,6 @@ _NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comm
           "exclamation_mark": "!"}
 _shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one
 BY_ID = {action.id: action for action in ACTIONS}
-
-
-def bindings(where: str = ANYWHERE) -> list[Binding]:
-    """The actions of every screen, or only those of one, as Textual bindings with their ids for a keymap."""
-    return [Binding(action.keys, f"app.do('{action.id}')", action.label, id=action.id, priority=action.priority,
-                    show=False) for action in ACTIONS if action.where == where]
 
 
 def remap(keymap: Mapping[str, str]) -> None:
@@ -41,6 +42,16 @@ def at(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
     found = (action for action in ACTIONS if action.where in (ANYWHERE, where))
     return tuple(action._replace(shown=_shown[action.id]) if action.id in _shown else action for action in found)
+
+
+def bound_at(where: str, keymap: Mapping[str, str]) -> frozenset[str]:
+    """Every key that has an action on this screen, the user's in place of the built-in ones."""
+    return frozenset(key for action in at(where) for key in keys_of(action, keymap))
+
+
+def keys_of(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
+    """The keys of an action, the user's in place of the built-in ones."""
+    return tuple(key.strip() for key in keymap.get(action.id, action.keys).split(","))
 
 
 def pages() -> tuple[Action, ...]:

@@ -10,40 +10,38 @@ from typing import ClassVar
 
 from textual import events
 from textual.app import App, SystemCommand
-from textual.command import CommandPalette
 from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
 
-from console.app import actions, themes, words
-from console.app.action import ANYWHERE, JOB, REPLAY, RUN
-from console.app.alarms import Bell, entries
-from console.app.allowing import allow_choices
+from console.app import actions, pressed, themes, words
+from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action, bindings
+from console.app.alarms import Bell
 from console.app.arrival import Arrival
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
+from console.app.dialogs import Choice, ChoiceDialog
 from console.app.fields import FieldPictures
 from console.app.history import History
-from console.app.job_desk import JobDesk
+from console.app.keys import ACTIONS
 from console.app.pace import NUMBERS_S
-from console.app.pages import all_pages
+from console.app.pages.all import all_pages
+from console.app.pages.job.desk import JobDesk
+from console.app.pages.job.page import JobScreen
+from console.app.pages.page import Page
+from console.app.pages.replay.page import ReplayScreen
 from console.app.replay_job import ReplayJob
-from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
-from console.app.screens.help import HelpScreen
-from console.app.screens.job import JobScreen
-from console.app.screens.page import Page
-from console.app.screens.replay import ReplayScreen
 from console.app.services import Services
 from console.app.settings import apply, theme_of
 from console.app.source import FrameSource
 from console.app.tour import Tour
-from console.app.units import METRIC, UNITS, Units
+from console.app.units import METRIC, Units
 from console.app.view import wall_clock
+from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
 from console.link import WorkerGone
-from console.locale import _, in_use, languages, use
-from console.worker.resume_alarms import AlarmBook, AlarmRecord
-from control.orders import Answer, Do, Order, Severity, Strategy, TargetSource
+from console.locale import _, use
+from console.worker.resume_alarms import AlarmBook
+from control.orders import Answer, Do, Order
 
 NOTICE_S = 4.0
 _HERE = Path(__file__).parent
@@ -65,10 +63,10 @@ class TopdressApp(App[None], inherit_bindings=False):
     nothing moves but by `tick`. tour: begin with the guided tour.
     """
 
-    CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "screens").glob("*.tcss"))]
+    CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
     TITLE = "topdress"
     ENABLE_COMMAND_PALETTE = False         # Textual's own key for it would pass by the lock
-    BINDINGS: ClassVar = actions.bindings()
+    BINDINGS: ClassVar = bindings(ACTIONS)
 
     def __init__(self, source: FrameSource | None, clock: Callable[[], float] = time.monotonic, *,
                  start: Connect | None = None, attach: Connect | None = None, replay: ReplayJob | None = None,
@@ -93,6 +91,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
         self.pages = all_pages(replay, self.services)
+        self.page_actions = actions.pages()
         self._supervisor: Worker[None] | None = None
         self._restarting = False
         self._earlier_of = ""
@@ -114,7 +113,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap(keys)
-        self._hold_keys = frozenset(keys.get("hold", actions.BY_ID["hold"].keys).split(","))
+        self._bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
+        self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
+        self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
     def use_settings(self) -> None:
         """Make the user's settings take effect; what of them cannot be used is told."""
@@ -153,12 +154,34 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
-        """Hold comes first even where a text field has the focus, which would take the key for itself."""
-        if (isinstance(event, events.Key) and not event.is_forwarded and event.key in self._hold_keys
-                and isinstance(self.focused, Input)):
-            await self.action_do("hold")
-            return
+        """A key as it is meant. Hold and F12 come first even where a text field has the focus, which would take the key
+        for itself; a click on the hold and STOP that are in sight works also while a dialog is open."""
+        if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
+            key = pressed.meant(event.key, self._bound_keys[self.page.where], self._urgent_keys)
+            typing = isinstance(self.focused, Input)
+            if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys):
+                await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
+                return
+            if key != event.key and not typing:
+                event = events.Key(key, key if len(key) == 1 else None)
+        elif isinstance(event, events.MouseDown | events.MouseUp) and not event.is_forwarded and self.screen_stack:
+            name = self._urgent_under(event)
+            if name:
+                if isinstance(event, events.MouseDown):
+                    await self.action_do(name)
+                return
         await super().on_event(event)
+
+    def _urgent_under(self, event: events.MouseEvent) -> str:
+        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a dialog."""
+        if self.screen is self.page or not self.page.is_mounted:
+            return ""
+        x, y = int(event.screen_x), int(event.screen_y)
+        bar = self.page.query_one("#keys", KeyBar)
+        if not bar.region.contains(x, y) or self.screen.get_widget_at(x, y)[0] is not self.screen:
+            return ""
+        name = bar.action_at(x - bar.content_region.x)
+        return name if name in URGENT else ""
 
     # --- frames -------------------------------------------------------------------------------------------------
 
@@ -205,6 +228,14 @@ class TopdressApp(App[None], inherit_bindings=False):
     def marks(self) -> tuple[str, ...]:
         """Words about this console itself for the status line."""
         return ()
+
+    def offered(self, where: str) -> tuple[Action, ...]:
+        """The actions that key bar, help and palette of a screen show."""
+        return actions.at(where)
+
+    def why_no_stop(self) -> str:
+        """One line for the key bar where hold and STOP are not offered."""
+        return ""
 
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
@@ -352,142 +383,10 @@ class TopdressApp(App[None], inherit_bindings=False):
             return
         if action.where not in (ANYWHERE, self.page.where):
             return
-        where = name.removesuffix("_screen")
-        if where in self.pages:
-            self.turn_to(where)
-        elif action.where in (ANYWHERE, RUN):
-            getattr(self, f"_do_{name}")()
+        if action.where == ANYWHERE:
+            action.do(self)
         else:
-            self.page.command(name)
-
-    def _do_hold(self) -> None:
-        if self.source is None and self.replay_page.job is not None:
-            self.replay_page.command("play")
-        else:
-            self.give(Do.HOLD)
-
-    def _do_stop(self) -> None:
-        self.give(Do.STOP)
-
-    def _do_start(self) -> None:
-        self.give(Do.START)
-
-    def _do_ready(self) -> None:
-        self.give(Do.READY)
-
-    def _do_nudge_up(self) -> None:
-        self._ask_nudge(1)
-
-    def _do_nudge_down(self) -> None:
-        self._ask_nudge(-1)
-
-    def _ask_nudge(self, first: int) -> None:
-        frame = self.arrival.frame
-        now = (frame.row.nudge_percent if frame else None) or 0.0
-
-        def answer(percent: float | None) -> None:
-            if percent is not None and percent != now:
-                self.give(Do.NUDGE, percent)
-
-        self.push_screen(NudgeDialog(now, first), answer)
-
-    def _do_strategy(self) -> None:
-        frame = self.arrival.frame
-        choices = [Choice(strategy.value, words.strategy_word(strategy.value)) for strategy in Strategy]
-        self._ask_choice(_("Strategy"), choices, (frame.row.strategy if frame else None) or "", Do.STRATEGY)
-
-    def _do_source(self) -> None:
-        frame = self.arrival.frame
-        choices = [Choice(source.value, words.source_word(source.value)) for source in TargetSource
-                   if source is not TargetSource.NONE]
-        self._ask_choice(_("Target from"), choices, (frame.row.target_source if frame else None) or "", Do.SOURCE)
-
-    def _ask_choice(self, title: str, choices: list[Choice], now: str, do: Do) -> None:
-        def answer(value: str | None) -> None:
-            if value is not None and value != now:
-                self.give(do, value)
-
-        self.push_screen(ChoiceDialog(title, choices, now), answer)
-
-    def _do_manual_rate(self) -> None:
-        unit = self.units.rate
-        low, high = (round(limit * unit.per_si) for limit in self.limits_kg_ha)
-        frame = self.arrival.frame
-
-        def answer(rate_kg_ha: float | None) -> None:
-            if rate_kg_ha is None:
-                return
-            self.give(Do.MANUAL_RATE, rate_kg_ha)
-            if frame is None or frame.row.target_source != TargetSource.MANUAL:
-                self._ask(_("Use the manual rate now?"), _("It takes the place of canopy or map, everywhere."),
-                          Do.SOURCE, TargetSource.MANUAL.value)
-
-        self.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
-
-    def _do_refill(self) -> None:
-        unit = self.units.mass
-        most = round(self.hopper_kg * unit.per_si)
-
-        def answer(filled_kg: float | None) -> None:
-            if filled_kg is not None:
-                self.give(Do.REFILL, round(filled_kg, 1))
-                self.job_page.refill.done()
-
-        seen_kg = self.job_page.refill.seen_kg
-        typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
-        self.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, to_si=unit.to_si, typed=typed), answer)
-
-    def _do_mark(self) -> None:
-        self.give(Do.MARK, "mark")
-
-    def _do_allow(self) -> None:
-        def answer(value: str | None) -> None:
-            if value is not None:
-                do, _colon, yes = value.partition(":")
-                self.give(Do(do), yes == "True")
-
-        self.push_screen(ChoiceDialog(_("Allow"), allow_choices(self.arrival.frame), "", _(
-            "All but the second dose end with STOP.")), answer)
-
-    def _do_look_ahead(self) -> None:
-        frame = self.arrival.frame
-        on = frame.look_ahead if frame else True
-        title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
-        self._ask(title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, not on)
-
-    def _do_flow_trim(self) -> None:
-        frame = self.arrival.frame
-        on = frame.flow_trim_on if frame else True
-        title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
-        self._ask(title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
-                  not on)
-
-    def _ask(self, title: str, text: str, do: Do, value: str | bool) -> None:
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self.give(do, value)
-
-        self.push_screen(Confirm(title, text), answer)
-
-    def _do_acknowledge(self) -> None:
-        """All alarms that stand on the screen; none of those that came since."""
-        frame = self.arrival.frame
-        for alarm in frame.alarms if frame else ():
-            if alarm.severity is Severity.RED and not alarm.acknowledged:
-                self.give(Do.ACKNOWLEDGE, alarm.id)
-
-    def _do_alarm_list(self) -> None:
-        """Of the run, or of the log that is played."""
-        if isinstance(self.screen, AlarmList):
-            return
-        replayed = self.page.where == REPLAY and self.replay_page.job is not None
-        records: tuple[AlarmRecord, ...] = self.replay_page.alarm_records() if replayed else self.alarm_book.records
-        title = _("Alarms of this log") if replayed else _("Alarms of this run")
-        self.push_screen(AlarmList(title, entries(records, self.units, self.utc_offset_s)))
-
-    def _do_help(self) -> None:
-        if not isinstance(self.screen, HelpScreen):
-            self.push_screen(HelpScreen(self.page.where))
+            self.page.perform(action)
 
     def turn_to(self, where: str) -> None:
         """One page is the app's first screen, another lies over it while it is looked at."""
@@ -508,39 +407,17 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.replay_page.open(job)
         self.turn_to(REPLAY)
 
-    def _do_lock(self) -> None:
-        if not self.locked:
-            self._set_locked(True)
-            return
-
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self._set_locked(False)
-
-        self.push_screen(Confirm(_("Unlock the keys?")), answer)
-
-    def _set_locked(self, locked: bool) -> None:
+    def lock_keys(self, locked: bool) -> None:
         self.locked = locked
+        self.look()
+
+    def look(self) -> None:
+        """Show at once what has changed."""
         self.page.hurry()
         self.tick()
 
-    def _do_theme(self) -> None:
-        self.theme = themes.after(self.theme)
-        self.page.redraw()
-
-    def _do_units(self) -> None:
-        names = list(UNITS)
-        self.units = UNITS[names[(names.index(self.units.id) + 1) % len(names)]]
-        self.page.hurry()
-        self.tick()
-
-    def _do_language(self) -> None:
-        codes = languages()
-        use(codes[(codes.index(in_use()) + 1) % len(codes)])
-        self.page.redraw()
-        self.tick()
-
-    def _do_connect(self) -> None:
+    def ask_connection(self) -> None:
+        """Where the worker is gone: ask what to do."""
         if self.gone:
             self._show_gone(self.gone)
         elif self.source is None and (self.start or self.attach):
@@ -548,44 +425,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         else:
             self.notice(_("the control worker is connected"))
 
-    def _do_tour(self) -> None:
-        frame = self.arrival.frame
-        if frame is None or not frame.simulated or self.gone:
-            self.notice(_("the tour needs the simulated machine: topdress run without a configuration"))
-            return
-        self.tour = Tour()
-        self.page.hurry()
-        self.tick()
-
-    def _do_tour_next(self) -> None:
-        if self.tour is not None:
-            self.tour.next()
-            self.page.hurry()
-            self.tick()
-
-    def _do_tour_end(self) -> None:
-        self.tour = None
-        self.page.hurry()
-        self.tick()
-
-    def _do_palette(self) -> None:
-        self.push_screen(CommandPalette(placeholder=_("find an action"), id="--command-palette"))
-
-    def _do_quit(self) -> None:
-        frame = self.arrival.frame
-        if self.gone or self.source is None or (frame is not None and frame.row.state != "working"):
-            self.exit()
-            return
-
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self.exit()
-
-        text = _("The machine works: it is held after 2 s without console.")
-        self.push_screen(Confirm(_("Leave the console?"), text), answer)
-
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        for action in actions.at(self.page.where):
+        for action in self.offered(self.page.where):
             if action.id != "palette":
                 yield SystemCommand(_(action.label), f"{action.shown}  {_(action.help)}", self._command(action.id))
 

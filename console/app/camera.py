@@ -33,8 +33,8 @@ class Pixels(NamedTuple):
 
     def middles(self) -> tuple[Floats, Floats]:
         """East of every column and north of every row, m."""
-        return (self.west_m + (np.arange(self.columns) + 0.5) * self.metres,
-                self.north_m - (np.arange(self.rows) + 0.5) * self.metres)
+        columns, rows = np.arange(self.columns, dtype=np.float64), np.arange(self.rows, dtype=np.float64)
+        return self.west_m + (columns + 0.5) * self.metres, self.north_m - (rows + 0.5) * self.metres
 
 
 class Camera(NamedTuple):

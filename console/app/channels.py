@@ -108,6 +108,6 @@ def value_of(row: LogRow, channel: str) -> float:
 
 def values_of(row: LogRow) -> list[float]:
     """All channels of a row, in the order of CHANNELS."""
-    values = [NAN if at < 0 or (value := row[at]) is None else value for at in _AT]
+    values = [NAN if at < 0 or (value := row[at]) is None else float(value) for at in _AT]
     values[COLUMN[ERROR]] = value_of(row, ERROR)
     return values

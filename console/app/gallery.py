@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
-from console.app.calibration.poses import pose
+from console.app.pages.calibrate.poses import pose
+from console.app.pages.job.sample import CUT_OFF, SampleDesk
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
-from console.app.sample_job import CUT_OFF, SampleDesk
 from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use
@@ -182,6 +182,21 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     if where in (DEVICES, CALIBRATE) and isinstance(app.source, StillSource) and app.source.newest is not None:
         app.source.newest = pose(app, picture.screen, app.source.newest)
         app.tick()
+    await _lay_over(app, picture)
+    await wait()
+    await wait()
+    for worker in [worker for worker in app.workers if worker.group in ("field", "job-look")]:
+        await worker.wait()
+    app.page.hurry()
+    app.tick()
+    for action in DONE_ON.get(picture.screen, ()):
+        await app.action_do(action)
+        await wait()
+    await wait()
+
+
+async def _lay_over(app: TopdressApp, picture: Picture) -> None:
+    """What lies over the page in some pictures."""
     if picture.screen == "alarm-list":
         app.alarm_book = AlarmBook()
         for frame in _frames()[-200:]:
@@ -196,16 +211,6 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
         from console.link import WorkerGone
         app.start = app.attach = _never
         app.source.end.set_exception(WorkerGone("the control worker (process 4711) is gone"))
-    await wait()
-    await wait()
-    for worker in [worker for worker in app.workers if worker.group in ("field", "job-look")]:
-        await worker.wait()
-    app.page.hurry()
-    app.tick()
-    for action in DONE_ON.get(picture.screen, ()):
-        await app.action_do(action)
-        await wait()
-    await wait()
 
 
 async def prepare_diagnosis(app: TopdressApp, screen: str, wait: Callable[[], Awaitable[None]]) -> None:

@@ -75,16 +75,16 @@ def _under(worked: Worked, pixels: Pixels) -> Window:
     south = pixels.north_m - pixels.rows * pixels.metres
     columns = _Axis.of(pixels.west_m, pixels.metres, pixels.columns, cell)
     rows = _Axis.of(south, pixels.metres, pixels.rows, cell)
-    planes = worked.window(cell, columns.first, rows.first, columns.count, rows.count)
+    planes = worked.window(cell, columns.first, rows.first, columns.cells, rows.cells)
     return columns.gathered(rows.gathered(planes, 1), 2)[:, ::-1, :]
 
 
 class _Axis(NamedTuple):
-    """The cells (first, count) under a row of pixels; starts: the first cell of each pixel, or, where pixels are
+    """The cells (first, how many) under a row of pixels; starts: the first cell of each pixel, or, where pixels are
     smaller than cells, the one cell that a pixel lies in."""
 
     first: int
-    count: int
+    cells: int
     starts: npt.NDArray[np.int64]
     summed: bool
 

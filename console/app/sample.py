@@ -7,10 +7,10 @@ from random import Random
 
 import numpy as np
 
-from console.app.calibration.sample import sample_calibrate_job
 from console.app.field_picture import FieldPicture, Planned
-from console.app.sample_diagnosis import MadeUpDiagnosis
-from console.app.sample_job import SampleDesk
+from console.app.pages.calibrate.sample import sample_calibrate_job
+from console.app.pages.diagnosis.sample import MadeUpDiagnosis
+from console.app.pages.job.sample import SampleDesk
 from console.app.services import Services
 from console.app.settings import SettingsStore
 from console.frame import DeviceView, Frame, Tally

@@ -17,14 +17,14 @@ KEPT = 2_048                                 # buckets of each level: 7 min, 34 
 
 
 class Stretch(NamedTuple):
-    """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where nothing was known; count:
+    """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where nothing was known; counts:
     of known values."""
 
     time_s: Floats
     low: Floats
     high: Floats
     mean: Floats
-    count: Floats
+    counts: Floats
 
 
 class Sums(NamedTuple):
@@ -51,10 +51,10 @@ class Series(Protocol):
 
 def sums(stretch: Stretch) -> Sums:
     """Lowest, mean and highest of a stretch; the mean is of all rows, not of the buckets."""
-    known = stretch.count > 0
+    known = stretch.counts > 0
     if not known.any():
         return Sums(np.nan, np.nan, np.nan)
-    weight = stretch.count[known]
+    weight = stretch.counts[known]
     return Sums(float(stretch.low[known].min()), float((stretch.mean[known] * weight).sum() / weight.sum()),
                 float(stretch.high[known].max()))
 

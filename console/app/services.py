@@ -4,11 +4,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from console.app.calibration.job import CalibrateJob
-from console.app.diagnosis_data import DiagnosisService
 from console.app.field_picture import FieldPicture
-from console.app.job_desk import JobDesk
-from console.app.log_files import LogFiles
+from console.app.pages.calibrate.job import CalibrateJob
+from console.app.pages.diagnosis.data import DiagnosisService
+from console.app.pages.job.desk import JobDesk
+from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
 from console.frame import Frame
 

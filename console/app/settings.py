@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from textual.theme import Theme
 
 from console.app import actions, themes
-from console.app.action import ANYWHERE, Action
+from console.app.action import ANYWHERE
+from console.app.pressed import ALWAYS_STOP
 from console.app.units import UNITS
 from console.locale import _, preferred, use
 from drivers.files.settings import Settings
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
 TAKEN = frozenset({"escape", "enter", "tab", "shift+tab"})      # dialogs need them
-_KEY = re.compile(r"[a-z0-9_]+(\+[a-z0-9_]+)*")
+_KEY = re.compile(r"[A-Z]|[a-z0-9_]+(\+[a-z0-9_]+)*")
 
 _VARIABLES = {"red": "alarm-red", "on-red": "on-alarm-red", "amber": "alarm-amber", "on-amber": "on-alarm-amber",
               "keybar": "keybar", "on-keybar": "on-keybar", "keybar-key": "keybar-key", "stale": "stale",
@@ -45,7 +46,9 @@ def keymap_problem(keymap: Mapping[str, str]) -> str:
         action = actions.BY_ID.get(name)
         if action is None:
             return _("key keymap.{name}: no such action").format(name=name)
-        for key in _split(keys):
+        for key in (key.strip() for key in keys.split(",")):
+            if key.rpartition("+")[2] == ALWAYS_STOP and name != "stop":
+                return _("key keymap.{name}: value {key}: F12 is STOP on every screen").format(name=name, key=key)
             if key in TAKEN or not _KEY.fullmatch(key):
                 return _("key keymap.{name}: value {key}: not a key that can be used").format(name=name, key=key)
     return clash(keymap)
@@ -55,15 +58,11 @@ def clash(keymap: Mapping[str, str]) -> str:
     """Two actions of one screen on one key, named in one line; empty where there are none."""
     for one, other in combinations(actions.ACTIONS, 2):
         if one.where == other.where or ANYWHERE in (one.where, other.where):
-            both = set(_split(keys_of(one, keymap))) & set(_split(keys_of(other, keymap)))
+            both = set(actions.keys_of(one, keymap)) & set(actions.keys_of(other, keymap))
             if both and (one.id in keymap or other.id in keymap):
                 return _("key {key}: both {one} and {other}").format(key=min(both), one=_(one.label),
                                                                      other=_(other.label))
     return ""
-
-
-def keys_of(action: Action, keymap: Mapping[str, str]) -> str:
-    return keymap.get(action.id, action.keys)
 
 
 def theme_of(data: ThemeData) -> Theme:
@@ -104,7 +103,3 @@ def apply(app: TopdressApp, settings: Settings) -> str:
         page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
         page.maps.every_s = 1.0 / rates.maps_hz
     return trouble
-
-
-def _split(keys: str) -> list[str]:
-    return [key.strip() for key in keys.split(",")]

@@ -19,6 +19,7 @@ from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, MAP, REPLAY, SETT
 from console.app.app import TopdressApp
 from console.app.name_dialog import NameDialog
 from console.app.source import FrameSource
+from console.app.widgets.key_bar import URGENT
 from console.locale import N_, _
 
 CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})    # pages that write files, closed while the tab only looks
@@ -88,10 +89,20 @@ class TabletApp(TopdressApp):
         return (_("LOOKS ONLY"),) if self.looking else (_("TABLET"),)
 
     async def action_do(self, name: str) -> None:
-        if self.looking and not self.may(actions.BY_ID[name]):
+        if self.looking and name in URGENT:
+            self.notice(self.why_no_stop())         # no question while the machine runs
+        elif self.looking and not self.may(actions.BY_ID[name]):
             self.refuse()
         else:
             await super().action_do(name)
+
+    def offered(self, where: str) -> tuple[Action, ...]:
+        """A tab that only looks shows nothing that it would refuse, STOP above all."""
+        shown = super().offered(where)
+        return tuple(action for action in shown if self.may(action)) if self.looking else shown
+
+    def why_no_stop(self) -> str:
+        return _("looks only: hold and STOP are at the machine's console") if self.looking else ""
 
     def may(self, action: Action) -> bool:
         """Whether a tab that only looks may do this."""

@@ -74,7 +74,7 @@ class Worked:
 
     def clear(self) -> None:
         self.version = 0
-        self.cells_m = CELLS_M
+        self.cells_m: tuple[float, ...] = CELLS_M
         self.box: Box | None = None
         self.rate_ends: tuple[float, float] | None = None       # of applied and target, kg/ha
         self.ndvi_ends: tuple[float, float] | None = None

@@ -5,7 +5,19 @@ from typing import Annotated
 
 import typer
 
-from console.cli import calibrate, check, decode, devices, diagnose, effects, replay, run, serve_machine, simulate
+from console.cli import (
+    calibrate,
+    check,
+    decode,
+    devices,
+    diagnose,
+    effects,
+    import_log,
+    replay,
+    run,
+    serve_machine,
+    simulate,
+)
 from console.cli import map as map_command
 from console.cli import reproduce as reproduce_command
 from console.cli import serve as serve_command
@@ -35,6 +47,7 @@ app.command("diagnose")(guarded(diagnose.diagnose))
 app.command("calibrate")(guarded(calibrate.calibrate))
 app.command("effects")(guarded(effects.effects))
 app.command("decode")(guarded(decode.decode))
+app.command("import")(guarded(import_log.import_log))
 app.command("map")(guarded(map_command.map_files))
 app.command("reproduce")(guarded(reproduce_command.reproduce))
 app.command("check")(guarded(check.check))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.outputs import Force, Output, log_files, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -48,11 +49,15 @@ def calibrate(
     opening_mm: Annotated[float | None, typer.Option(help="--rig: opening of the gate; default: as it stands.")] = None,
     no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
                                          "hard-wired stop.")] = False,
+    force: Force = False,
 ) -> None:
     """Fit flow or lag to a bench table, or wheel or heads to a run log, with intervals and range.
 
     With lag --rig URL --board URL: measure a lag bench table.
     """
+    from drivers.files.kinds import MACHINE
+    reads = () if data is None else log_files(data)
+    refuse_collisions((*reads, named(machine, MACHINE.folder)), [Output((out,))], force)
     if rig is not None and what is What.LAG and data is None:
         from console.cli.lag_rig import measure_lag
         measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
@@ -63,9 +68,6 @@ def calibrate(
     from control.calibration.lag_fit import fit_lag
     from drivers.files.bench_table import read_bench_table
     from drivers.files.config import load, save
-    from drivers.files.kinds import MACHINE
-    if out.exists():
-        raise CommandError(f"{out}: exists already: nothing is overwritten")
     loaded = load(machine, MACHINE).model
     today = dt.date.today().isoformat()
     if what in (What.WHEEL, What.HEADS):
@@ -97,11 +99,8 @@ def _from_log(what: What, data: Path, machine: Machine, today: str) -> Machine:
     from control.calibration.heads_check import check_heads
     from control.calibration.wheel_fit import fit_wheel
     from drivers.files.calibration_log import counted_by, heads_columns, wheel_columns
-    from drivers.files.read_log import LogError, read_log
-    try:
-        log = read_log(data)
-    except LogError as error:
-        raise CommandError(str(error)) from None
+    from drivers.files.read_log import read_rows
+    log = read_rows(data)
     if what is What.WHEEL:
         fitted, wheel = fit_wheel(wheel_columns(log), machine, counted_by(log, machine), str(data), date=today)
         _tell_wheel(wheel)

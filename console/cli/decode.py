@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -17,15 +18,17 @@ def decode(protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="gns
     for record in records:
         known = {name: value for name, value in record.items() if value is not None}
         typer.echo(json.dumps(known) if as_json else "  ".join(f"{k}={_text(v)}" for k, v in known.items()))
-    told = {"read": counts.read, "accepted": counts.accepted, "rejected": dict(counts.rejected),
-            "ignored": dict(counts.ignored)}
     if as_json:
-        typer.echo(json.dumps({"counts": told}))
+        typer.echo(json.dumps({"counts": {"read": counts.read, "accepted": counts.accepted,
+                                          "rejected": dict(counts.rejected), "ignored": dict(counts.ignored)}}))
         return
-    for word in ("rejected", "ignored"):
-        kinds = ", ".join(f"{kind} {count}" for kind, count in sorted(told[word].items()))
-        told[word] = f"{sum(told[word].values())} ({kinds})" if kinds else 0
-    typer.echo(", ".join(f"{word} {value}" for word, value in told.items()))
+    typer.echo(f"read {counts.read}, accepted {counts.accepted}, rejected {_kinds(counts.rejected)}, "
+               f"ignored {_kinds(counts.ignored)}")
+
+
+def _kinds(counted: Mapping[str, int]) -> str:
+    kinds = ", ".join(f"{kind} {count}" for kind, count in sorted(counted.items()))
+    return f"{sum(counted.values())} ({kinds})" if kinds else "0"
 
 
 def _text(value: float | int | str) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def diagnose(
     job: Annotated[str | None, typer.Option(help="Of --closed-loop: job file, or name of a shipped one; default "
                                             "demo.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
+    force: Force = False,
 ) -> None:
     """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do.
 
@@ -44,16 +46,12 @@ def diagnose(
     """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
-    if adopt is not None and adopt.exists():
-        raise CommandError(f"{adopt}: exists already: nothing is overwritten")
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
-    ours = {path.resolve() for source in data for path in (source, source.with_suffix(".yaml"))}
-    for out in (report, as_json):
-        if out is not None and out.resolve() in ours:
-            raise CommandError(f"{out}: is the data itself")
     loaded = load(machine, MACHINE).model
     setup = None if closed_loop is None else _setup(machine, job or "demo")
+    reads = [*(file for path in data for file in log_files(path)), named(machine, MACHINE.folder)]
+    refuse_collisions([*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force)
     if kind == "run" or (kind is None and _is_run(data)):
         found, tools = _run(data, loaded, seed)
     else:
@@ -68,6 +66,18 @@ def diagnose(
         raise typer.Exit(NOT_JUDGED)
 
 
+def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
+    from console.reports.html import GENERATOR
+    outputs = []
+    if as_json is not None and str(as_json) != "-":
+        outputs.append(marked(as_json, b'"format": "topdress-diagnosis/1"'))
+    if report is not None:
+        outputs.append(marked(report, GENERATOR.encode()))
+    if adopt is not None:
+        outputs.append(Output((adopt,)))
+    return outputs
+
+
 def _is_run(data: list[Path]) -> bool:
     with data[0].open(encoding="utf-8-sig", errors="replace") as file:
         return "time_s" in file.readline().replace(";", ",").strip().split(",")
@@ -75,13 +85,10 @@ def _is_run(data: list[Path]) -> bool:
 
 def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.runs.diagnose import diagnose_run
-    from drivers.files.read_log import LogError, read_log
+    from drivers.files.read_log import read_rows
     if len(data) > 1:
         raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
-    try:
-        log = read_log(data[0])
-    except LogError as error:
-        raise CommandError(str(error)) from None
+    log = read_rows(data[0])
     for finding in log.findings:
         typer.echo(f"note: {finding}", err=True)
     columns = dict(log.columns)
@@ -111,14 +118,12 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
     import dataclasses
 
     from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
-    from control.diagnosis.tables.sentences import held_in_part
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     if not adoptable(found):
         raise CommandError(f"{out}: no effect was found that a machine file could take up, so nothing is written")
-    in_part = held_in_part(found.findings)
     for cause in found.causes:
-        refuse_to_adopt(cause.id, in_part.get(cause.id))
+        refuse_to_adopt(cause)
         if cause.rivals:
             typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
                        f"{', '.join(rival.id for rival in cause.rivals)}", err=True)

@@ -7,30 +7,34 @@ from typing import Annotated
 
 import typer
 
+from console.cli.outputs import Force, marked, refuse_collisions
+
 
 def effects(
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
     as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
                                                  "Markdown.")] = None,
+    force: Force = False,
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
     from control.machine.machine import CATALOGUE
     if as_page is not None:
         from console.reports.effects_page import markdown
         from drivers.files.atomic import write_atomically
+        refuse_collisions((), [marked(as_page, b"topdress effects --markdown")], force)
         write_atomically(as_page, markdown(CATALOGUE))
         if not as_json:
             return
-    entries = [{
-        "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
-        "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
-        "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()]
     if as_json:
-        typer.echo(json.dumps(entries, indent=1))
+        typer.echo(json.dumps([{
+            "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
+            "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
+            "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()], indent=1))
         return
-    for entry in entries:
-        typer.echo(f"{entry['id']}  ({entry['unit']}; {entry['low']:g} to {entry['high']:g})")
-        typer.echo(f"    {entry['title']}. {entry['physics']}")
-        typer.echo(f"    seen in: {', '.join(entry['seen_in'])}. source: {entry['source']}")
-        typer.echo(f"    do: {entry['advice']}")
-        typer.echo(f"    tell apart: {entry['separate']}")
+    for e in CATALOGUE.values():
+        effect = e.effect
+        typer.echo(f"{effect.id}  ({effect.unit}; {e.low:g} to {e.high:g})")
+        typer.echo(f"    {effect.title}. {effect.physics}")
+        typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
+        typer.echo(f"    do: {effect.advice}")
+        typer.echo(f"    tell apart: {effect.separate}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from console.app.calibration.hold import HeldKey
+from console.app.pages.calibrate.hold import HeldKey
 from console.app.words import alarm_words, answer_words
 from console.cli.keys import Keys, keys
 from console.cli.plain_errors import CommandError
@@ -47,8 +47,6 @@ def measure_lag(rig: str, board: str | None, gnss: str | None, machine: str, out
 
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
-    if out.exists():
-        raise CommandError(f"{out}: exists already: nothing is overwritten")
     if board is None:
         from console.cli.drop_by_hand import measure_drop
         measure_drop(rig, out, repeats)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -43,21 +44,45 @@ def map_files(
     every: Annotated[float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")] = 1.0,
     polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="What is told, as JSON.")] = False,
+    force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
-    from drivers.files.exports.as_applied import ExportError
-    from drivers.files.prescriptions.words import Choice, PrescriptionError
-    from drivers.files.read_log import LogError
+    from drivers.files.prescriptions.words import Choice
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    try:
-        if source.suffix.lower() == ".csv":
-            _export(source, out, machine, product, nitrogen, every, polygons, as_json)
-            return
-        choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
-        _convert(source, out, choice, as_json)
-    except (PrescriptionError, ExportError, LogError) as error:
-        raise CommandError(str(error)) from None
+    is_log = source.suffix.lower() == ".csv"
+    if out is not None:
+        refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
+    if is_log:
+        _export(source, out, machine, product, nitrogen, every, polygons, as_json)
+        return
+    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
+    _convert(source, out, choice, as_json)
+
+
+def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
+    from drivers.files.kinds import MACHINE
+    from drivers.files.prescriptions.read import files_of
+    if not is_log:
+        return files_of(source)
+    return (*log_files(source), *(() if machine is None else (named(machine, MACHINE.folder),)))
+
+
+def _output(out: Path) -> Output:
+    """What is written at `out`, by its ending; an earlier export in a format that has room for its maker is known."""
+    from console.reports.html import GENERATOR
+    match out.suffix.lower():
+        case ".shp":
+            return Output(tuple(out.with_suffix(ending) for ending in (".shp", ".shx", ".dbf", ".prj", ".cpg")))
+        case ".html":
+            return marked(out, GENERATOR.encode())
+        case ".geojson" | ".json":
+            return marked(out, b'"topdress": {"format": "topdress-')
+        case ".xml" | "":
+            folder = out.parent if out.suffix else out
+            return marked(folder / "TASKDATA.XML", b'Manufacturer="topdress"',
+                          [folder / name for name in ("GRD00001.bin", "TLG00001.xml", "TLG00001.bin")])
+    return Output((out,))
 
 
 def _source(text: str | None) -> Literal["ddi", "presentation"] | None:

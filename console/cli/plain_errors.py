@@ -1,4 +1,7 @@
-"""Errors of a command in plain lines on stderr and a non-zero exit; never a trace for what the user can put right."""
+"""Errors of a command in plain lines on stderr and a non-zero exit; never a trace for what the user can put right.
+
+Whatever says what is wrong with a file or a value is a ValueError, or a ConfigError where it may be several lines.
+"""
 from __future__ import annotations
 
 import functools

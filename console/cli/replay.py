@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.outputs import Force, log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
+from console.cli.whole_log import log_output, whole_log
 from control.orders import Strategy
 
 if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
+    from drivers.files.setup import Setup
 
 
 def replay(
@@ -23,13 +26,12 @@ def replay(
     machine: Annotated[str | None, typer.Option(help="Instead of the log's.")] = None,
     job: Annotated[str | None, typer.Option(help="Instead of the log's.")] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the log's.")] = None,
+    force: Force = False,
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
-    from drivers.files.read_log import LogError, read_log
-    try:
-        recorded = read_log(log)
-    except LogError as error:
-        raise CommandError(str(error)) from None
+    from console.services.rerun import setup_of
+    from drivers.files.read_log import read_rows
+    recorded = read_rows(log)
     if not headless:
         if out is not None:
             raise CommandError("--out goes with --headless")
@@ -38,32 +40,23 @@ def replay(
         return
     if out is None:
         raise CommandError("--headless needs --out NEW.csv")
-    _again(recorded, out, machine, job, strategy)
+    setup = setup_of(recorded, machine, job, strategy)
+    refuse_collisions((*log_files(log), *setup.files), [log_output(out)], force)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    _again(recorded, out, setup)
 
 
-def _again(recorded: RunLog, out: Path, machine: str | None, job: str | None, strategy: Strategy | None) -> None:
-    from console.cli.rerun import rerun, setup_of
-    from drivers.files.run_log import PlainLogWriter
+def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
+    from console.services.rerun import rerun
     from drivers.files.run_meta import run_meta
     for finding in recorded.findings:
         typer.echo(f"note: {finding}", err=True)
-    setup = setup_of(recorded, machine, job, strategy)
     begun = time.perf_counter()
-    part = out.with_name(f".{out.stem}.part.csv")
     meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256,
                     extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)})
-    writer = PlainLogWriter(part, meta, overwrite=True)
-    try:
+    with whole_log(out, meta) as new:
         for tick in progress(rerun(recorded, setup), len(recorded), "replaying"):
-            writer.append(tick.row)
-        writer.close()
-    except BaseException:
-        writer.close()
-        part.unlink(missing_ok=True)
-        part.with_suffix(".yaml").unlink(missing_ok=True)
-        raise
-    part.with_suffix(".yaml").replace(out.with_suffix(".yaml"))
-    part.replace(out)
+            new.append(tick.row)
     took = time.perf_counter() - begun
     typer.echo(f"{len(recorded)} rows, {recorded.duration_s:.0f} s replayed in {took:.1f} s "
                f"({recorded.duration_s / max(took, 1e-9):.0f} times real time): {out}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -23,13 +24,17 @@ def reproduce(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
                    ] = Path("reproduce"),
     seed: Annotated[int, typer.Option(min=0, help="Of the simulated canopies and noise.")] = 1,
+    force: Force = False,
 ) -> None:
     """Run the three papers and lay what they print beside what comes out here."""
     from console.reports.figure import need_matplotlib
+    from console.reports.html import GENERATOR
     from console.reports.paper_page import paper_page
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
     need_matplotlib()
+    before = [*out.glob("[0-9]-[0-9]*.csv")]
+    refuse_collisions((), [marked(out / PAGE, GENERATOR.encode(), before)], force)
     sections = run_papers(seed)
     out.mkdir(parents=True, exist_ok=True)
     for number, section in enumerate(sections, start=1):

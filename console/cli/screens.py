@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None) -> None:
     """The console on the worker that runs, or on one started for it."""
     from console.app.app import TopdressApp
-    from console.cli.job_services import JobFiles, Launcher
-    from console.cli.settings_services import settings_store
     from console.link import Link, WorkerFailed, find_running
+    from console.services.job import JobFiles, Launcher
+    from console.services.settings import settings_store
     from drivers.files.setup import by_kind, setup_of
     found = by_kind(config)
     setup = setup_of(found, dt.date.today())
@@ -61,10 +61,10 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     found: the configuration files by kind. effects: of the simulated machine.
     """
     from console.app.services import Services
-    from console.cli.calibrate_services import calibrate_job
-    from console.cli.diagnosis_services import diagnosis_files
-    from console.cli.map_services import field_picture
-    from console.cli.replay_services import RunLogs
+    from console.services.calibrate import calibrate_job
+    from console.services.diagnosis import diagnosis_files
+    from console.services.field import field_picture
+    from console.services.logs import RunLogs
     from drivers.files.kinds import CAB
     cab = found.get(CAB.format)
     board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
@@ -91,10 +91,10 @@ def show_replay(recorded: RunLog) -> None:
     """The console on a log."""
     from console.app.app import TopdressApp
     from console.app.services import Services
-    from console.cli.map_services import field_picture
-    from console.cli.replay_frames import replay_job
-    from console.cli.replay_services import RunLogs
-    from console.cli.settings_services import settings_store
+    from console.services.field import field_picture
+    from console.services.logs import RunLogs
+    from console.services.replay_frames import replay_job
+    from console.services.settings import settings_store
     TopdressApp(None, replay=replay_job(recorded),
                 services=Services(field=field_picture, logs=RunLogs(), settings=settings_store())).run()
 

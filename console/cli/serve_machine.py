@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.outputs import Force, Output, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def serve_machine(
     lag_rig: Annotated[bool, typer.Option("--lag-rig", help="The machine stands, for calibrating, with "
                                           "the lag rig under its outlets.")] = False,
     seconds: Annotated[float, typer.Option(min=0.0, help="End after this long; 0: when interrupted.")] = 0.0,
+    force: Force = False,
 ) -> None:
     """The simulated machine behind every protocol, in real time. `topdress run --config virtual` connects to it."""
     from control.machine.planting import parse_planted
@@ -51,6 +53,9 @@ def serve_machine(
                   rate_module=(host, MODULE_PORT) if rate_module else None,
                   agopengps=("127.0.0.1", 17777) if agopengps else None)
     serve = plain.with_faults([parse_fault(text, plain.devices) for text in fault or ()])
+    if pty is not None:
+        names = [pty / device for device in plain.devices]
+        refuse_collisions(setup.files, [Output((name,), name.is_symlink) for name in names], force)
     try:
         served = ServedMachine(plant, serve, time.monotonic)
     except OSError as error:

@@ -5,13 +5,16 @@ import datetime as dt
 import json
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from console.cli.outputs import Force, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
+from console.cli.whole_log import log_output, whole_log
 from control.orders import Strategy
 
 if TYPE_CHECKING:
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     from control.simulation.dose_watch import DoseWatch
     from control.targets.point import Threshold
     from drivers.files.prescriptions.for_job import Placed
+    from drivers.files.run_log import PlainLogWriter
+    from drivers.files.run_meta import RunMeta
     from drivers.files.setup import Setup
 
 DT_S = 0.05
@@ -44,10 +49,12 @@ def simulate(
                                                   "Instead of the job's.")] = None,
     summary: Annotated[bool, typer.Option("--summary", help="Rate error, place error, kg, ha.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The summary as JSON.")] = False,
+    force: Force = False,
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
     from control.machine.planting import parse_planted
     from control.simulation.assembly import with_simulated_field
+    from drivers.files.atomic import write_atomically
     from drivers.files.prescriptions.for_job import placed_of_job
     from drivers.files.setup import load_setup
 
@@ -59,18 +66,16 @@ def simulate(
         changes["look_ahead"] = _switch("--look-ahead", look_ahead)
     if flow_trim is not None:
         changes["flow_trim"] = _switch("--flow-trim", flow_trim)
+    if out is not None:
+        refuse_collisions(setup.files, [log_output(out, truth_path(out))], force)
+        out.parent.mkdir(parents=True, exist_ok=True)
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     planted = [parse_planted(text) for text in effect or ()]
     placed = placed_of_job(resolved, setup.folder)
-    writer = _Log(out, setup, resolved, seed, effect or ()) if out is not None else None
-    try:
-        run = _run(setup, resolved, seed, planted, seconds, placed, writer)
-        if writer is not None:
-            writer.keep(run.record, setup.machine.geometry.working_width_m)
-    except BaseException:
-        if writer is not None:
-            writer.discard()
-        raise
+    with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
+        run = _run(setup, resolved, seed, planted, seconds, placed, log)
+        if out is not None:
+            write_atomically(truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m))
     if not (summary or as_json or out is None):
         return
     if run.doses is None:
@@ -91,7 +96,7 @@ class _Ran(NamedTuple):
 
 
 def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], seconds: float, placed: Placed,
-         writer: _Log | None) -> _Ran:
+         log: PlainLogWriter | None) -> _Ran:
     from control.orders import TargetSource
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run
@@ -110,8 +115,8 @@ def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], seconds: flo
         for name in (step.tick.row.alarms or "").split(";"):
             if name:
                 alarms[name] = alarms.get(name, 0) + 1
-        if writer is not None:
-            writer.rows.append(step.tick.row)
+        if log is not None:
+            log.append(step.tick.row)
     return _Ran(record, alarms, doses, loop.threshold, time.perf_counter() - begun)
 
 
@@ -121,34 +126,10 @@ def _switch(option: str, text: str) -> bool:
     return text == "on"
 
 
-class _Log:
-    """Run log and truth under temporary names until both are whole."""
-
-    def __init__(self, path: Path, setup: Setup, job: Job, seed: int, effects: list[str] | tuple[()]) -> None:
-        from drivers.files.run_log import PlainLogWriter
-        from drivers.files.run_meta import run_meta
-        if path.suffix != ".csv":
-            raise CommandError(f"--out {path}: allowed is a name that ends in .csv")
-        self.path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
-        meta = run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256,
-                        extra={"job_folder": str(setup.folder)})
-        self.rows = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta, overwrite=True)
-
-    def keep(self, record: Record, width_m: float) -> None:
-        """Finish both files and give them their names."""
-        from drivers.files.atomic import write_atomically
-        self.rows.close()
-        write_atomically(truth_path(self.path), _truth_text(record, width_m))
-        part = self.rows.path
-        part.with_suffix(".yaml").replace(self.path.with_suffix(".yaml"))
-        part.replace(self.path)
-
-    def discard(self) -> None:
-        self.rows.close()
-        part = self.rows.path
-        for file in (part, part.with_suffix(".yaml")):
-            file.unlink(missing_ok=True)
+def _meta(setup: Setup, job: Job, seed: int) -> RunMeta:
+    from drivers.files.run_meta import run_meta
+    return run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256,
+                    extra={"job_folder": str(setup.folder)})
 
 
 def truth_path(log: Path) -> Path:

@@ -53,8 +53,8 @@ def options_of(where: Where | None) -> dict[str, Any]:
 
 def tab_app(where: Where | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
-    from console.cli.diagnosis_services import DiagnosisFiles
-    from console.cli.map_services import field_picture
+    from console.services.diagnosis import DiagnosisFiles
+    from console.services.field import field_picture
     source = None if where is None else TabLink(where.looking_only())
     return TabletApp(source, link_to, Key(token, time.monotonic), **options_of(where),
                      services=Services(field=field_picture, diagnosis=DiagnosisFiles()))

@@ -8,7 +8,7 @@ from typing import Any
 
 from console.reports.bars import interval_bar, share_bar
 from console.reports.figure import need_matplotlib
-from console.reports.html import escape, facts, figure, items, paragraph, section, table
+from console.reports.html import GENERATOR, escape, facts, figure, items, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.pictures import Pictures, pictures_of
@@ -47,7 +47,7 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     body = "\n".join(part for part in parts if part)
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>Diagnosis of {name}</title>\n"
+            f"{GENERATOR}<title>Diagnosis of {name}</title>\n"
             f"<style>{STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
 
 

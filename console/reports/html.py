@@ -6,6 +6,8 @@ from html import escape as _escape
 
 from console.reports.picture import Picture
 
+GENERATOR = '<meta name="generator" content="topdress">'       # in the head of every page: whose it is
+
 
 def escape(text: object) -> str:
     return _escape(str(text), quote=True)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
-from console.reports.html import escape, facts, figure, section
+from console.reports.html import GENERATOR, escape, facts, figure, section
 from console.reports.numbers import fixed, number, span_of
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
@@ -23,8 +23,9 @@ def job_page(applied: AsApplied, software: str) -> str:
     said = f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(t.area_ha, 3)} ha"
     sums = facts([
         ("area worked", f"{fixed(t.area_ha, 4)} ha, overlaps included"),
-        ("ground covered", f"{fixed(t.covered_ha, 4)} ha, each place once; {fixed(t.overlap_ha, 4)} ha passed over "
-                           "again"),
+        *(() if t.covered_ha is None or t.overlap_ha is None else ((
+            "ground covered", f"{fixed(t.covered_ha, 4)} ha, each place once; {fixed(t.overlap_ha, 4)} ha passed over "
+                              "again"),)),
         *(() if t.doses is None else (("doses", f"{t.doses}, plants missed: {t.doses_missed or 0}"),)),
         ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(t.mean_rate_kg_ha, 4)} kg/ha"),
         ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"
@@ -37,7 +38,8 @@ def job_page(applied: AsApplied, software: str) -> str:
     begun = applied.utc(float(applied.stretches.time_s[0]))
     when = "" if begun is None else f", {begun:%Y-%m-%d %H:%M} UTC"
     return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-            f'content="width=device-width"><title>{escape(applied.title)}</title><style>{STYLE}</style></head>\n'
+            f'content="width=device-width">{GENERATOR}<title>{escape(applied.title)}</title>'
+            f'<style>{STYLE}</style></head>\n'
             f'<body><h1>{escape(applied.title + when)}</h1><p class="verdict">{escape(said)}</p>\n'
             f'{section("Sums", sums)}\n{section("Where", figure(applied_map(applied)))}\n'
             f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'

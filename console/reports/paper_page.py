@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
-from console.reports.html import escape, figure, paragraph, section, table
+from console.reports.html import GENERATOR, escape, figure, paragraph, section, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture as Drawn
@@ -21,7 +21,8 @@ def paper_page(sections: Sequence[Section], software: str) -> str:
                              *(figure(draw(one, f"p{k}{j}")) for j, one in enumerate(part.pictures)))
                      for k, part in enumerate(sections))
     return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-            f'content="width=device-width"><title>Papers, published beside obtained</title><style>{STYLE}</style>'
+            f'content="width=device-width">{GENERATOR}<title>Papers, published beside obtained</title>'
+            f'<style>{STYLE}</style>'
             f"</head>\n<body><h1>{escape(software)}</h1>"
             f"<p class=\"verdict\">The papers, published beside obtained</p>\n{body}\n</body></html>\n")
 

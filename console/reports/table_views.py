@@ -9,14 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from control.calibration.bench_table import BenchTable, usable
+from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
-from control.diagnosis.tables.diagnose import BUILDERS
-from control.diagnosis.tables.piece import Choice, Piece, Sized, with_more
+from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, with_effects
+from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
 
-IN_STEPS = "lag.coarse_clock"   # shows in how the times heap, not in what the machine does
+IN_STEPS = LAG_COARSE_CLOCK.id  # shows in how the times heap, not in what the machine does
 CLEARLY_WORSE = 4.0             # in variances of a row: by so much an effect must hurt before it is not held here
 UNSORTED = ("replicate", "area_m2", "duration_s")       # shown against only where nothing else varies
 
@@ -57,17 +58,17 @@ def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence
 
     Raises ValueError with one line for tables that cannot be used.
     """
-    parts = tuple(Sized(Choice(cause.id, cause.member), cause.size.value) for cause in causes
+    parts = tuple(SizedEffect(Candidate(cause.id, cause.member), cause.size.value) for cause in causes
                   if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
     return tuple(_view(piece, machine, parts) for table in map(usable, tables)
-                 for piece in BUILDERS[table.kind](table, machine))
+                 for piece in pieces_of(table, machine))
 
 
-def _view(piece: Piece, machine: Machine, parts: tuple[Sized, ...]) -> TableView:
+def _view(piece: Piece, machine: Machine, parts: tuple[SizedEffect, ...]) -> TableView:
     nominal = piece.predict(machine)
     sets = [held for count in range(len(parts), -1, -1) for held in combinations(parts, count)]
-    rows_of = {held: piece.predict(with_more(machine, held)) if held else nominal for held in sets}
-    felt = [part.choice.id for part in parts if np.any(rows_of[(part,)] != nominal)]
+    rows_of = {held: piece.predict(with_effects(machine, held)) if held else nominal for held in sets}
+    felt = [part.candidate.id for part in parts if np.any(rows_of[(part,)] != nominal)]
     extended = nominal.copy()
     groups = []
     texts = list(dict.fromkeys(piece.group.tolist()))
@@ -75,15 +76,15 @@ def _view(piece: Piece, machine: Machine, parts: tuple[Sized, ...]) -> TableView
         rows = piece.group == text
         held = _held(piece.observed[rows], {k: v[rows] for k, v in rows_of.items()}, sets) if len(texts) > 1 else parts
         extended[rows] = rows_of[held][rows]
-        names = [part.choice.id for part in held]
+        names = [part.candidate.id for part in held]
         groups.append(Group(text, rows, tuple(n for n in names if n in felt), tuple(n for n in felt if n not in names)))
     variables = dict(piece.variables)
     return TableView(piece.name, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
                      _main(variables, extended - nominal, nominal), tuple(groups))
 
 
-def _held(observed: Array, predictions: dict[tuple[Sized, ...], Array],
-          sets: Sequence[tuple[Sized, ...]]) -> tuple[Sized, ...]:
+def _held(observed: Array, predictions: dict[tuple[SizedEffect, ...], Array],
+          sets: Sequence[tuple[SizedEffect, ...]]) -> tuple[SizedEffect, ...]:
     """The largest set of effects that no smaller one beats clearly: an effect may hold in rows of one label only."""
     losses = {held: float(np.sum((observed - predictions[held]) ** 2)) for held in sets}
     least = min(losses.values())

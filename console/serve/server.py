@@ -34,7 +34,7 @@ class TabletServer(Server):
     async def on_startup(self, app: web.Application) -> None:
         """Silent: the command says where it listens."""
 
-    async def handle_index(self, request: web.Request) -> web.Response:      # type: ignore[override]
+    async def handle_index(self, request: web.Request) -> web.Response:
         if not host_allowed(request.host, self.host):
             raise web.HTTPForbidden(text="this name is not mine")
         scheme = "wss" if request.secure else "ws"
@@ -61,7 +61,10 @@ class TabletServer(Server):
         return tab
 
     async def _serve_tab(self, tab: web.WebSocketResponse, width: int, height: int) -> None:
-        service = AppService(self.command, write_bytes=tab.send_bytes, write_str=tab.send_str, close=tab.close,
+        async def close() -> None:
+            await tab.close()
+
+        service = AppService(self.command, write_bytes=tab.send_bytes, write_str=tab.send_str, close=close,
                              download_manager=self.download_manager)
         try:
             await service.start(width, height)

@@ -24,13 +24,13 @@ from console.worker.limits import (
     REQUESTS_WAITING,
     TOTALS_S,
 )
-from console.worker.parts import Assembly, Tick
+from console.worker.parts import TOLD, Assembly, Tick
 from console.worker.period import Punctuality
 from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
 from control.field.totals import Totals
 from control.orders import Answer, Do, Order
-from drivers.cab_line import DeviceStatus
+from drivers.device_status import DeviceStatus
 
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 
@@ -55,7 +55,8 @@ class Host:
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
         self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
-        self._inbox: deque[Waiting] = deque()
+        self._inbox: deque[Waiting] = deque()        # filled by other threads
+        self._waiting: list[Waiting] = []            # taken from there by the loop, and not yet answered
         self._heard_s = clock()
         self._ticks = 0
         self._state: str | None = None               # of the newest tick
@@ -73,8 +74,11 @@ class Host:
     # --- called from other threads -----------------------------------------------------------------------------------
 
     def ask(self, what: What, reply: Reply) -> bool:
-        """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread."""
-        if len(self._inbox) >= REQUESTS_WAITING:
+        """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread.
+
+        What stops the machine is never refused, and never waits: the next tick answers all that came before it.
+        """
+        if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _stops(what):
             return False
         self._inbox.append(Waiting(what, reply))
         return True
@@ -109,8 +113,8 @@ class Host:
 
     def tick(self, now_s: float) -> None:
         """Orders, measurements, decision, drives, log, frame: in this order."""
-        for _ in range(min(len(self._inbox), REQUESTS_A_TICK)):
-            self._answer(self._inbox.popleft(), now_s)
+        for waiting in self._due():
+            self._answer(waiting, now_s)
         if self._stop:
             self._loop.order(Order(Do.STOP))
             self._off = True
@@ -152,6 +156,15 @@ class Host:
         self.period.skipped += missed
         return due_s + missed * period_s
 
+    def _due(self) -> list[Waiting]:
+        """The requests of this tick in the order they came: a bounded number, but always up to the last that stops."""
+        while self._inbox:
+            self._waiting.append(self._inbox.popleft())
+        stop = max((number for number, one in enumerate(self._waiting, start=1) if _stops(one.what)), default=0)
+        count = max(REQUESTS_A_TICK, stop)
+        due, self._waiting = self._waiting[:count], self._waiting[count:]
+        return due
+
     def _answer(self, waiting: Waiting, now_s: float) -> None:
         extra: dict[str, Any] = {}
         if isinstance(waiting.what, Order):
@@ -188,20 +201,18 @@ class Host:
             self._devices = tuple(map(self._view, self._bench.status(now_s)))
         if now_s >= self._totals_due_s:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
+        told: dict[str, Any] = {name: getattr(tick, name) for name in TOLD}
         return Frame(
-            seq=self._ticks, at_s=now_s, row=tick.row, alarms=tick.alarms, dropped_heads=tick.dropped_heads,
-            metres_left_m=tick.metres_left_m, area_ha=tick.area_ha, applied_kg=tick.applied_kg,
-            gnss_age_s=tick.gnss_age_s, gnss_hz=tick.gnss_hz, usable_speed_mps=tick.usable_speed_mps,
-            look_ahead=tick.look_ahead, flow_trim_on=tick.flow_trim_on, job=names.job, machine=names.machine,
-            crop=names.crop, log_path=names.log_path, simulated=names.simulated, place_m=tick.place_m,
-            devices=self._devices, notes=tick.notes,
-            why_no_flow=tick.why_no_flow, why_state=tick.why_state, allow=tick.allow, totals=self._totals,
-            head_ndvi=tick.head_ndvi, bench=tick.bench, lag_test=self.lag.view(),
-            tally=None if self._keeper is None else self._keeper.tally, no_double=tick.no_double,
-            threshold_m=tick.threshold_m)
+            seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
+            simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),
+            tally=None if self._keeper is None else self._keeper.tally, **told)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}
         line = self._bench.line(status.name)
         return DeviceView(**known, plugged=line is None or line.plugged,
                           capture_path=self._desk.capture_path(status.name), test=self._desk.test(status.name))
+
+
+def _stops(what: What) -> bool:
+    return what is Ask.QUIT or (isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE))

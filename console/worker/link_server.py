@@ -2,6 +2,9 @@
 
 Each client gets the newest frame (the host makes up to 20 a second); a client that has not taken the last one yet
 misses frames rather than being waited for. Clients that hold the token may order; the others look.
+
+Everybody on this computer can connect. Places are therefore kept for those who have shown the token; those who only
+look have places of their own, and who says nothing is disconnected.
 """
 from __future__ import annotations
 
@@ -9,13 +12,24 @@ import os
 import selectors
 import socket
 import threading
+import time
 from collections import Counter, deque
+from collections.abc import Callable
+from enum import Enum, auto
 from functools import partial
 from typing import Any
 
 from console.worker import wire
 from console.worker.host import Host
-from console.worker.limits import CLIENTS, LINE_BYTES, SEND_BUFFER_BYTES, UNREAD_BYTES
+from console.worker.limits import (
+    CLIENTS_LOOKING,
+    CLIENTS_NEW,
+    CLIENTS_WITH_KEY,
+    HELLO_S,
+    LINE_BYTES,
+    SEND_BUFFER_BYTES,
+    UNREAD_BYTES,
+)
 from console.worker.requests import Ask, Refusal, parse
 from control.orders import Answer
 
@@ -23,14 +37,25 @@ LOOK_S = 0.01                 # how often a new frame or answer is looked for wh
 IDLE_S = 0.1                  # and while nobody is
 
 
+class Kind(Enum):
+    NEW = auto()              # has said nothing yet
+    LOOKING = auto()
+    WITH_KEY = auto()
+
+
+PLACES = {Kind.LOOKING: CLIENTS_LOOKING, Kind.WITH_KEY: CLIENTS_WITH_KEY}
+
+
 class Client:
     """One connection: bytes not yet a whole line, and bytes not yet taken."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, came_s: float) -> None:
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.connection = connection
+        self.came_s = came_s
+        self.kind = Kind.NEW
         self.received = bytearray()
         self.unsent = bytearray()
         self.gone = False
@@ -70,12 +95,13 @@ class Client:
 class LinkServer(threading.Thread):
     """Serves one host. `close` sends what is still waiting, then disconnects everybody."""
 
-    def __init__(self, host: Host, token: str) -> None:
+    def __init__(self, host: Host, token: str, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name="link", daemon=True)
         self.counts: Counter[str] = Counter()      # malformed, oversized, unauthorised, busy, dropped_frames, ...
         self._host = host
         self._token = token
-        self._listener = socket.create_server(("127.0.0.1", 0), backlog=CLIENTS)
+        self._clock = clock
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=CLIENTS_NEW)
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._clients: list[Client] = []
@@ -95,6 +121,7 @@ class LinkServer(threading.Thread):
                 else:
                     self._hear(key.data)
             self._tell()
+            self._end_the_silent()
             self._forget_the_gone()
         for client in self._clients:
             client.connection.close()
@@ -107,18 +134,34 @@ class LinkServer(threading.Thread):
             self.join(timeout_s)
 
     def _accept(self) -> None:
-        try:
-            connection, _ = self._listener.accept()
-        except OSError:
-            return
-        if len(self._clients) >= CLIENTS:
-            self.counts["clients_refused"] += 1
-            connection.close()
-            return
-        client = Client(connection)
-        self._clients.append(client)
-        self._chooser.register(connection, selectors.EVENT_READ, client)
-        client.send(wire.greeting(os.getpid()))
+        """Those who wait to be let in, a bounded number in one turn."""
+        for _ in range(CLIENTS_NEW):
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            self._make_room()
+            client = Client(connection, self._clock())
+            self._clients.append(client)
+            self._chooser.register(connection, selectors.EVENT_READ, client)
+            client.send(wire.greeting(os.getpid()))
+
+    def _make_room(self) -> None:
+        """No more new clients than allowed: the oldest that still has nothing to say gives its place."""
+        while len(new := [c for c in self._clients if c.kind is Kind.NEW and not c.gone]) >= CLIENTS_NEW:
+            self._hear(new[0])
+            self._drop_silent(new[0])
+
+    def _end_the_silent(self) -> None:
+        late_s = self._clock() - HELLO_S
+        for client in self._clients:
+            if client.came_s < late_s:
+                self._drop_silent(client)
+
+    def _drop_silent(self, client: Client) -> None:
+        if client.kind is Kind.NEW and not client.gone:
+            self.counts["clients_silent"] += 1
+            client.gone = True
 
     def _hear(self, client: Client) -> None:
         lines = client.lines()
@@ -135,10 +178,25 @@ class LinkServer(threading.Thread):
             self.counts[request.kind] += 1
             client.send(wire.answered(request.id, Answer(False, request.why), {}))
             return
+        if not self._has_place(client, Kind.WITH_KEY if request.with_key else Kind.LOOKING):
+            self.counts["clients_refused"] += 1
+            client.gone = True
+            return
+        if request.what is Ask.LOOK:
+            client.send(wire.answered(request.id, Answer(True), {}))
+            return
         self._host.console_heard()
         if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
             self.counts["busy"] += 1
             client.send(wire.answered(request.id, Answer(False, "busy"), {}))
+
+    def _has_place(self, client: Client, kind: Kind) -> bool:
+        if client.kind in (kind, Kind.WITH_KEY):
+            return True
+        if sum(1 for other in self._clients if other.kind is kind) >= PLACES[kind]:
+            return False
+        client.kind = kind
+        return True
 
     def _reply(self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]) -> None:
         """Called by the loop: only queues."""
@@ -160,6 +218,8 @@ class LinkServer(threading.Thread):
             self.counts["frames_not_finite"] += 1
             return
         for client in self._clients:
+            if client.kind is Kind.NEW:
+                continue
             client.flush()
             if client.unsent:
                 self.counts["dropped_frames"] += 1

@@ -4,13 +4,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from console.frame import Tally
+from console.frame import Frame, Tally
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order
 from control.readings import DriveCommand, Measurements
 from control.safety import Allowances, BenchRun
-from drivers.cab_line import DeviceLine, DeviceStatus
+from drivers.cab_line import DeviceLine
+from drivers.device_status import DeviceStatus
 from drivers.devices.lag_rig import RigReadings
 
 
@@ -74,6 +75,9 @@ class Tick(Protocol):
     def no_double(self) -> bool: ...
     @property
     def threshold_m(self) -> float | None: ...
+
+
+TOLD = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over
 
 
 class Loop(Protocol):

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import gc
 import os
 import secrets
@@ -67,32 +68,36 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
     def clock() -> float:
         return time.monotonic() - began
 
-    try:
-        assembly = assemble(options, clock)
-    except (OSError, ValueError) as error:
-        print(f"topdress worker: {error}", file=sys.stderr, flush=True)
-        return 1
-    host = Host(assembly, clock, time.sleep, hz=options.hz, orphan_s=options.orphan_s)
-    take_signals(host.stop)
-    token = secrets.token_hex(16)
-    try:
-        link = LinkServer(host, token)
-        run_file.write(options.run_file, link.port, token, assembly.names.log_path)
-    except OSError as error:
-        host.close("failed")
-        print(f"topdress worker: {error}", file=sys.stderr, flush=True)
-        return 1
-    link.start()
-    gc.collect()
-    gc.freeze()
-    try:
-        host.run()
-    finally:
-        link.close()
-        run_file.remove(options.run_file)
-        if assembly.writer.trouble:
-            print(f"topdress worker: {assembly.writer.trouble}", file=sys.stderr, flush=True)
-    return 0
+    with contextlib.ExitStack() as until_the_end:
+        try:
+            until_the_end.enter_context(run_file.held(options.run_file))      # before any device is opened
+            assembly = assemble(options, clock)
+        except (OSError, ValueError) as error:
+            return _refused(error)
+        host = Host(assembly, clock, time.sleep, hz=options.hz, orphan_s=options.orphan_s)
+        take_signals(host.stop)
+        token = secrets.token_hex(16)
+        try:
+            link = LinkServer(host, token)
+            run_file.write(options.run_file, link.port, token, assembly.names.log_path)
+        except OSError as error:
+            host.close("failed")
+            return _refused(error)
+        link.start()
+        gc.collect()
+        gc.freeze()
+        try:
+            host.run()
+        finally:
+            link.close()
+            if assembly.writer.trouble:
+                print(f"topdress worker: {assembly.writer.trouble}", file=sys.stderr, flush=True)
+        return 0
+
+
+def _refused(error: Exception) -> int:
+    print(f"topdress worker: {error}", file=sys.stderr, flush=True)
+    return 1
 
 
 def _hz(text: str) -> float:

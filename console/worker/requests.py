@@ -3,8 +3,10 @@
     {"id": 7, "token": "...", "do": "hold", "value": null}      an order (`control.orders`)
     {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit" | "lag_test" | "end_lag_test"}
     {"id": 9, "token": "...", "device": "gnss", "act": "connect" | ...}    one device (`console.frame.DeviceDo`)
+    {"id": 1, "token": null, "ask": "look"}                     frames only; the one request that needs no token
 
-Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for.
+Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for. Who says nothing at all is
+soon disconnected.
 """
 from __future__ import annotations
 
@@ -25,6 +27,7 @@ class Ask(StrEnum):
     QUIT = "quit"        # off, close the log, exit
     LAG_TEST = "lag_test"            # begin the lag test: it measures while the state is calibrating
     END_LAG_TEST = "end_lag_test"
+    LOOK = "look"        # this client wants frames; with the token it has a place that is kept for those who have it
 
 
 class DeviceOrder(NamedTuple):
@@ -40,6 +43,7 @@ What = Order | Ask | DeviceOrder
 class Request(NamedTuple):
     id: int
     what: What
+    with_key: bool = True
 
 
 class Refusal(NamedTuple):
@@ -61,35 +65,54 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     number = message.get("id")
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**53:
         return Refusal(None, "malformed", "malformed: id")
-    offered = message.get("token")
-    if not isinstance(offered, str) or not secrets.compare_digest(offered.encode(errors="replace"), token.encode()):
+    with_key = _fits(message.get("token"), token)
+    if message.get("ask") == Ask.LOOK:
+        return Request(number, Ask.LOOK, with_key)
+    if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:
-        try:
-            return Request(number, Ask(message["ask"]))
-        except ValueError:
-            return Refusal(number, "malformed", "malformed: ask")
+        return _ask(number, message["ask"])
     if "device" in message:
-        device = message["device"]
-        try:
-            return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], DeviceDo(str(message.get("act")))))
-        except (TypeError, ValueError):
-            return Refusal(number, "malformed", "malformed: device")
+        return _device(number, message["device"], message.get("act"))
+    return _order(number, message.get("do"), message.get("value"))
+
+
+def _ask(number: int, ask: object) -> Request | Refusal:
     try:
-        do = Do(str(message.get("do")))
+        return Request(number, Ask(str(ask)))
+    except ValueError:
+        return Refusal(number, "malformed", "malformed: ask")
+
+
+def _device(number: int, device: object, act: object) -> Request | Refusal:
+    try:
+        do = DeviceDo(str(act))
+    except ValueError:
+        do = None
+    if do is None or not isinstance(device, str):
+        return Refusal(number, "malformed", "malformed: device")
+    return Request(number, DeviceOrder(device[:TEXT_CHARACTERS], do))
+
+
+def _order(number: int, do: object, value: object) -> Request | Refusal:
+    try:
+        known = Do(str(do))
     except ValueError:
         return Refusal(number, "malformed", "malformed: do")
-    value = message.get("value")
     match value:
         case None | bool():
-            return Request(number, Order(do, value))
+            return Request(number, Order(known, value))
         case str() if len(value) <= TEXT_CHARACTERS:
-            return Request(number, Order(do, value))
+            return Request(number, Order(known, value))
         case int() if abs(value) < 2**53:
-            return Request(number, Order(do, float(value)))
+            return Request(number, Order(known, float(value)))
         case float() if math.isfinite(value):
-            return Request(number, Order(do, value))
+            return Request(number, Order(known, value))
     return Refusal(number, "malformed", "malformed: value")
+
+
+def _fits(offered: object, token: str) -> bool:
+    return isinstance(offered, str) and secrets.compare_digest(offered.encode(errors="replace"), token.encode())
 
 
 def _no_constant(name: str) -> NoReturn:

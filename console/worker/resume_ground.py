@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from control.field.coverage import Coverage, Raster
+from control.field.coverage import MOST_CELLS, Coverage, Raster
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 
@@ -68,7 +68,8 @@ class Done:
 
 
 def joined(one: Raster, other: Raster) -> Raster:
-    """What either has. Both must have the same cells; one with nothing in it gives the other."""
+    """What either has. Both must have the same cells; one with nothing in it gives the other. Where they lie too far
+    apart for one picture, the other, which is the newer."""
     if not one.done.any():
         return other
     if not other.done.any():
@@ -77,7 +78,10 @@ def joined(one: Raster, other: Raster) -> Raster:
     west, south = min(one.west_m, other.west_m), min(one.south_m, other.south_m)
     east = max(r.west_m + r.done.shape[1] * cell for r in (one, other))
     north = max(r.south_m + r.done.shape[0] * cell for r in (one, other))
-    done = np.zeros((round((north - south) / cell), round((east - west) / cell)), dtype=np.bool_)
+    rows, columns = round((north - south) / cell), round((east - west) / cell)
+    if rows * columns > MOST_CELLS:
+        return other
+    done = np.zeros((rows, columns), dtype=np.bool_)
     for r in (one, other):
         row, column = round((r.south_m - south) / cell), round((r.west_m - west) / cell)
         done[row:row + r.done.shape[0], column:column + r.done.shape[1]] |= r.done

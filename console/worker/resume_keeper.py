@@ -101,38 +101,43 @@ class Keeper:
             self.trouble = f"{self._path}: {type(error).__name__}: {error}"
 
     def _absorb(self, handed: _Handed) -> None:
-        seen, row, now = handed.seen, handed.seen.row, self._snapshot
-        came = self._book.see(row.time_s, row.utc, seen.alarms)
-        before, self._last = self._last, row
-        changes: dict[str, object] = {}
-        if came:
+        seen, row = handed.seen, handed.seen.row
+        if self._book.see(row.time_s, row.utc, seen.alarms):
             self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)      # an alarm is kept soon
-        if before is not None and row.state == State.HELD:
-            changes["held_s"] = now.held_s + max(0.0, row.time_s - before.time_s)
-        if before is not None and row.state == State.WORKING and _moved(before, row):
-            changes["moves"] = now.moves + 1
-        for event in (row.events or "").split(";"):
-            word, _space, value = event.partition(" ")
-            if word == "refill":
-                changes["refills"] = (*now.refills, (self._utc_now(), float(value)))
-            elif event == FINISHED:
-                changes["finished"] = True
-                self._saved_s = -inf
+        changes = self._since(self._last, row) | self._told(row.events or "")
+        self._last = row
         if handed.sums is not None:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}
         if handed.plane is not None:
             changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
-        if row.strategy:
-            changes["strategy"] = row.strategy
-        if row.hopper_kg is not None:
-            changes["hopper_kg"] = row.hopper_kg
         self._pass_over(row, seen.place_m)
-        if seen.place_m is not None:
-            changes["place_m"] = seen.place_m
-        if row.heading_deg is not None:
-            changes["heading_deg"] = row.heading_deg
-        self._snapshot = replace(now, time_s=row.time_s, flow_trim=handed.flow_trim, look_ahead=seen.look_ahead,
-                                 flow_trim_on=seen.flow_trim_on, **changes)      # type: ignore[arg-type]
+        known = {"strategy": row.strategy or None, "hopper_kg": row.hopper_kg, "place_m": seen.place_m,
+                 "heading_deg": row.heading_deg}
+        changes |= {name: value for name, value in known.items() if value is not None}
+        self._snapshot = replace(self._snapshot, time_s=row.time_s, flow_trim=handed.flow_trim,
+                                 look_ahead=seen.look_ahead, flow_trim_on=seen.flow_trim_on,
+                                 **changes)      # type: ignore[arg-type]
+
+    def _since(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
+        """What the step from one row to the next adds."""
+        now = self._snapshot
+        if before is not None and row.state == State.HELD:
+            return {"held_s": now.held_s + max(0.0, row.time_s - before.time_s)}
+        if before is not None and row.state == State.WORKING and _moved(before, row):
+            return {"moves": now.moves + 1}
+        return {}
+
+    def _told(self, events: str) -> dict[str, object]:
+        """What the events of a row change; the end of the job is kept at once."""
+        changes: dict[str, object] = {}
+        for event in events.split(";"):
+            word, _space, value = event.partition(" ")
+            if word == "refill":
+                changes["refills"] = (*self._snapshot.refills, (self._utc_now(), float(value)))
+            elif event == FINISHED:
+                changes["finished"] = True
+                self._saved_s = -inf
+        return changes
 
     def _pass_over(self, row: LogRow, place_m: tuple[float, float] | None) -> None:
         if place_m is None or row.heading_deg is None:

@@ -83,13 +83,18 @@ def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
 
 
 def _row(cells: dict[str, str]) -> _Row | None:
+    def known(name: str, otherwise: float = 0.0) -> float:
+        return float(cells.get(name) or otherwise)
+
     try:
-        known = [float(cells[name]) for name in ("time_s", "lat_deg", "lon_deg", "heading_deg")]
-        rest = [float(cells.get(name) or 0.0) for name in (
-            "speed_used_mps", "shaft_rpm", "shaft_rpm_cmd", "applied_rate_kg_ha")]
-        trim, target = float(cells.get("flow_trim") or 1.0), float(cells.get("target_rate_kg_ha") or 0.0)
         refills = [event.partition(" ")[2] for event in (cells.get("events") or "").split(";")
                    if event.startswith("refill ")]
-        return _Row(*known, *rest, trim, target, cells.get("state", ""), sum(map(float, refills)))
+        return _Row(
+            time_s=float(cells["time_s"]), lat_deg=float(cells["lat_deg"]), lon_deg=float(cells["lon_deg"]),
+            heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
+            shaft_rpm=known("shaft_rpm"), shaft_rpm_cmd=known("shaft_rpm_cmd"),
+            applied_rate_kg_ha=known("applied_rate_kg_ha"), flow_trim=known("flow_trim", 1.0),
+            target_rate_kg_ha=known("target_rate_kg_ha"), state=cells.get("state", ""),
+            refill_kg=sum(map(float, refills)))
     except (KeyError, ValueError):
         return None

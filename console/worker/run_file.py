@@ -1,26 +1,67 @@
-"""The run file: where a worker listens and what opens it, for its own user only; `console.link` reads it."""
+"""The run file says where a worker listens and what opens it, for its own user only; `console.link` reads it.
+
+It is information. That one worker runs at a time is kept by the lock beside it (`NAME.lock`), which the system gives
+back when the process ends, however it ends.
+"""
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
+import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
+from console.worker.limits import LOCK_S
 from console.worker.system import private_folder, write_private
+from drivers.files.lock import take_lock
+
+AGAIN_S = 0.02
+
+
+@contextlib.contextmanager
+def held(path: Path) -> Iterator[None]:
+    """The right to be the worker of this run file, until the end of the block; a file left by one that died is removed.
+
+    Raises BlockingIOError in one line where another worker has that right, OSError.
+    """
+    private_folder(path.parent)
+    lock = _lock(path)
+    try:
+        path.unlink(missing_ok=True)
+        yield
+    finally:
+        _remove(path)
+        lock.close()
 
 
 def write(path: Path, port: int, token: str, log_path: str) -> None:
-    """Say where this process listens. A file left by a worker that died is replaced. Raises OSError."""
-    private_folder(path.parent)
+    """Say where this process listens, while the lock is `held`. Raises OSError."""
     started = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    say = {"port": port, "token": token, "pid": os.getpid(), "started": started, "log_path": log_path}
+    say = {"port": port, "token": token, "pid": os.getpid(), "parent": os.getppid(), "started": started,
+           "log_path": log_path}
     write_private(path, json.dumps(say).encode() + b"\n")
 
 
-def remove(path: Path) -> None:
-    """Remove the file if it is still this process's own."""
+def _lock(path: Path) -> io.FileIO:
+    """A console that looks whether a worker runs has the lock for a moment, one that ends a little longer."""
+    until_s = time.monotonic() + LOCK_S
+    while (lock := take_lock(path.with_suffix(".lock"))) is None:
+        if time.monotonic() > until_s:
+            raise BlockingIOError(f"a control worker runs already{_holder(path)}")
+        time.sleep(AGAIN_S)
+    return lock
+
+
+def _holder(path: Path) -> str:
     try:
-        if json.loads(path.read_bytes()).get("pid") == os.getpid():
-            path.unlink()
-    except (OSError, ValueError):
-        pass
+        return f" (process {json.loads(path.read_bytes())['pid']})"
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()

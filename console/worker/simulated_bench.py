@@ -7,7 +7,8 @@ from control.orders import State
 from control.readings import DriveCommand, Measurements
 from control.simulation.plant import Plant
 from drivers.cab import Cab
-from drivers.cab_line import DeviceLine, DeviceStatus
+from drivers.cab_line import DeviceLine
+from drivers.device_status import DeviceStatus
 from drivers.devices.lag_rig import RigReadings
 from drivers.virtual.machine import VirtualMachine
 

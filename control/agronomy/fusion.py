@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple
 
-from control.readings import Reading
+from control.readings import Reading, is_fresh
 
 _MAD_TO_SD = 1.4826     # median absolute deviation to standard deviation, normal distribution
 
@@ -90,7 +90,7 @@ def _heard(head: HeadState, reading: Reading | None, limits: FusionLimits) -> He
 
 
 def _is_silent(head: HeadState, time_s: float, limits: FusionLimits) -> bool:
-    return head.last is None or time_s - head.last.time_s > limits.silent_s
+    return head.last is None or not is_fresh(head.last.time_s, time_s, limits.silent_s)
 
 
 def _not_judged(head: HeadState) -> HeadState:

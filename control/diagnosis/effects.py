@@ -62,6 +62,12 @@ class Row:
     may_begin: bool = True              # whether it may begin in the middle of a run
     loss_begins_as: str = ""            # the effect that a loss of this kind is, where it begins in mid-run
 
+    # -- in bench tables
+    only_adds: bool = False             # something lost or extra: never less of it than the machine file has
+    constant_time: bool = False         # the same time in every row, as the steps of a coarse clock may make it
+    half_looks_like: tuple[str, ...] = ()       # what half of it, all on one of two sides, may pass for
+    scoped_in: tuple[str, ...] = ()     # kinds of tables in which it may hold for one label or one table only
+
     # -- what it costs
     costs: Costs = Costs.DOSE
 
@@ -86,7 +92,8 @@ SHAFT_GAIN = Row("shaft.gain", probe=0.5, form_over="shaft_rpm")
 SHAFT_SLOW = Row("shaft.slow", ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",), moves="time_constant_s",
                  seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
 SHAFT_DEAD_TIME = Row("shaft.dead_time", ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",), moves="dead_time_s",
-                      seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
+                      seen_in_steps=False, move_shaped=True, costs=Costs.PLACE,
+                      only_adds=True, constant_time=True, scoped_in=("lag",))
 SHAFT_DEAD_BAND = Row("shaft.dead_band", ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
 SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", probe=0.5, form_over="supply_v", along="supply_v")
 SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm", needs="opening_mm")
@@ -99,9 +106,9 @@ GATE_LOST_STEPS = Row("gate.lost_steps", probe=0.02, may_begin=False, move_shape
 GATE_SLOW = Row("gate.slow", ladder=(1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True,
                 costs=Costs.PLACE)
 GATE_STUCK = Row("gate.stuck", found_by=FoundBy.STOP)
-FLOW_GAIN = Row("flow.gain", probe=1.0, loss_begins_as="flow.blocked_outlet")
+FLOW_GAIN = Row("flow.gain", probe=1.0, loss_begins_as="flow.blocked_outlet", scoped_in=("catch",))
 FLOW_ZERO_OFFSET = Row("flow.zero_offset", probe=1.0, form_over="opening_mm")
-FLOW_FILL_FALLOFF = Row("flow.fill_falloff", probe=1.0, form_over="shaft_rpm")
+FLOW_FILL_FALLOFF = Row("flow.fill_falloff", probe=1.0, form_over="shaft_rpm", only_adds=True)
 FLOW_HOPPER_HEAD = Row("flow.hopper_head", probe=1.0, form_over="hopper_kg")
 FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift", probe=1.0, form_over="time_s", may_begin=False)
 FLOW_BATCH = Row("flow.batch", probe=1.0, needs_refill=True, may_begin=False)
@@ -114,7 +121,7 @@ FLOW_PULSATION = Row("flow.pulsation", costs=Costs.NEITHER)
 SCALE_GAIN = Row("scale.gain", probe=0.2)
 SCALE_DRIFT = Row("scale.drift", probe=0.5, form_over="time_s", may_begin=False)
 SCALE_TILT = Row("scale.tilt", probe=0.05, form_over="pitch_deg", along="pitch_deg")
-SPEED_WHEEL_SLIP = Row("speed.wheel_slip", probe=0.5, form_over="pitch_deg")
+SPEED_WHEEL_SLIP = Row("speed.wheel_slip", probe=0.5, form_over="pitch_deg", only_adds=True)
 SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", probe=0.5)
 SPEED_MISSED_PULSES = Row("speed.missed_pulses", probe=0.5, found_by=FoundBy.DIPS)
 SPEED_GNSS_LATENCY = Row("speed.gnss_latency", ladder=(0.1, 0.3, 0.8), slope_step=0.05,     # two rows of its stage
@@ -122,14 +129,14 @@ SPEED_GNSS_LATENCY = Row("speed.gnss_latency", ladder=(0.1, 0.3, 0.8), slope_ste
 CANOPY_HEAD_FOULED = Row("canopy.head_fouled", probe=1.0, costs=Costs.CROP)
 CANOPY_WARM_UP = Row("canopy.warm_up", costs=Costs.CROP)
 CANOPY_SATURATION = Row("canopy.saturation", costs=Costs.CROP)
-LAG_OFFSET = Row("lag.offset", costs=Costs.PLACE)
-LAG_REBOUND = Row("lag.rebound", costs=Costs.PLACE)
-LAG_FIRST_FILL = Row("lag.first_fill", costs=Costs.PLACE)
-LAG_ASYMMETRY = Row("lag.asymmetry", costs=Costs.PLACE)
+LAG_OFFSET = Row("lag.offset", costs=Costs.PLACE, constant_time=True, scoped_in=("lag",))
+LAG_REBOUND = Row("lag.rebound", costs=Costs.PLACE, only_adds=True)
+LAG_FIRST_FILL = Row("lag.first_fill", costs=Costs.PLACE, only_adds=True)
+LAG_ASYMMETRY = Row("lag.asymmetry", costs=Costs.PLACE, half_looks_like=("lag.offset", "shaft.dead_time"))
 LAG_COARSE_CLOCK = Row("lag.coarse_clock", costs=Costs.NEITHER)
-LAG_SPEED_SCALE = Row("lag.speed_scale", costs=Costs.PLACE)
-PLACE_LEVER_ARM = Row("place.lever_arm", costs=Costs.PLACE)
-PLACE_LATENCY = Row("place.latency", costs=Costs.PLACE)
+LAG_SPEED_SCALE = Row("lag.speed_scale", costs=Costs.PLACE, scoped_in=("lag",))
+PLACE_LEVER_ARM = Row("place.lever_arm", costs=Costs.PLACE, scoped_in=("place",))
+PLACE_LATENCY = Row("place.latency", costs=Costs.PLACE, scoped_in=("place",))
 
 ROWS: dict[str, Row] = {row.id: row for row in list(globals().values()) if isinstance(row, Row)}
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))

@@ -59,14 +59,11 @@ def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
                  and c.size.value is not None)
 
 
-def refuse_to_adopt(effect_id: str, scope: str | None) -> None:
-    """Raises ValueError where an effect holds for one label or one table only, not for the machine.
-
-    scope : the label or table that the effect was found in; None: it holds for all the data that was given.
-    """
-    if scope is not None:
-        raise ValueError(f"{effect_id}: holds for {scope} only, not for the machine: it is not adopted; diagnose that "
-                         "data by itself to adopt what it shows")
+def refuse_to_adopt(cause: Cause) -> None:
+    """Raises ValueError where an effect holds for one label or one table only (its scope), not for the machine."""
+    if cause.scope is not None:
+        raise ValueError(f"{cause.id}: holds for {cause.scope} only, not for the machine: it is not adopted; diagnose "
+                         "that data by itself to adopt what it shows")
 
 
 def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:

@@ -54,12 +54,6 @@ class Boundary:
         return bool(self.shape.is_empty)
 
     @property
-    def box_m(self) -> tuple[float, float, float, float]:
-        """West, south, east and north end; NaN when empty."""
-        west, south, east, north = self.shape.bounds
-        return float(west), float(south), float(east), float(north)
-
-    @property
     def rings(self) -> tuple[tuple[Place, ...], ...]:
         """Corners of the outline and of the holes, not closed, for drawing."""
         return tuple(tuple((float(east), float(north)) for east, north in ring.coords[:-1])
@@ -94,11 +88,6 @@ class Boundary:
         share = side[start] / (side[start] - side[end])
         ahead = along[start] + share * (along[end] - along[start])
         return sorted(float(distance) for distance in ahead if 0.0 < distance <= farthest_m)
-
-    def ahead_m(self, east_m: float, north_m: float, heading_deg: float) -> float | None:
-        """Distance to the edge straight ahead, m; None when the line does not meet it (paper B, eq 4 and 5)."""
-        crossings = self.crossings_m(east_m, north_m, heading_deg)
-        return crossings[0] if crossings else None
 
     def inset(self, margin_m: float) -> Boundary:
         """The field less a margin along every edge and hole (the headland); may be empty or fall into parts.

@@ -3,10 +3,14 @@
 Resolution: a cell (0.2 m unless told otherwise) counts when its centre was passed over. Over whole passes the area
 is right to about a cell in width, in the mean over headings far better; see the tests. Bitmap tiles come into being
 where work is done: 100 MB hold 100 ha.
+
+Whatever places are told, a call's work is bounded: a stretch longer than `longest_m` is a jump and not swept, places
+without business on a field's plane are left out, and a picture has at most `MOST_CELLS`.
 """
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +22,8 @@ Floats = npt.NDArray[np.float64]
 
 _TILE = 256          # cells on a side
 _EARLIER = -math.inf # stamp of what an earlier run has done
+FARTHEST_M = 100_000.0          # from the plane's origin: no place beyond it is one of the field
+MOST_CELLS = 400_000_000        # of a picture: 4 km by 4 km at 0.2 m, 400 MB
 _EDGE_M = 1e-9       # a cell centre this far outside still counts, so that touching stretches leave no gap
 
 
@@ -49,17 +55,21 @@ class Coverage:
 
     A cell passed over again counts as overlap when the machine has travelled more than `revisit_m` since (three
     widths unless told otherwise), so that a tight turn is not its own overlap.
+    Two calls farther apart than `longest_m` are a jump of the position: no ground is passed over between them.
     Raises ValueError for a width or a cell that is not above 0, or a cell larger than half the width.
     """
 
-    def __init__(self, width_m: float, cell_m: float = 0.2, revisit_m: float | None = None) -> None:
+    def __init__(self, width_m: float, cell_m: float = 0.2, revisit_m: float | None = None,
+                 longest_m: float = 30.0) -> None:
         if not 0.0 < 2.0 * cell_m <= width_m:
             raise ValueError(f"width {width_m:g} m, cell {cell_m:g} m: allowed is a cell above 0, at most half the "
                              "width")
         self.width_m = width_m
         self.cell_m = cell_m
         self.revisit_m = 3.0 * width_m if revisit_m is None else revisit_m
-        self._tiles: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        self.longest_m = longest_m
+        self._tiles: dict[tuple[int, int], npt.NDArray[np.float32]] = {}       # by row and column
+        self._newest = (0, 0)                      # tile that was entered last
         self._cells = self._again = 0
         self._travelled_m = 0.0
         self._last: Place | None = None
@@ -87,15 +97,19 @@ class Coverage:
     def lay(self, place: Place, heading_deg: float, flowing: bool) -> None:
         """The middle of the outlets is here; `flowing`: material has been landing since the last call.
 
-        Stretches shorter than half a cell are saved up. A place that is not finite is left out, and breaks the
-        stretch.
+        Stretches shorter than half a cell are saved up. A place that is not finite, or too far away to be one of the
+        field, is left out, and breaks the stretch; so does a jump, after which it begins anew.
         """
-        if not (math.isfinite(place[0]) and math.isfinite(place[1]) and math.isfinite(heading_deg)):
+        if not (abs(place[0]) <= FARTHEST_M and abs(place[1]) <= FARTHEST_M and math.isfinite(heading_deg)):
             self._end_stretch(None)
             self._last = None
             return
         if self._last is not None:
-            self._travelled_m += apart_m(self._last, place)
+            step_m = apart_m(self._last, place)
+            if step_m > self.longest_m:
+                self._end_stretch(None)
+            else:
+                self._travelled_m += step_m
         self._last = place
         half = 0.5 * self.width_m
         bar = _Bar(place, offset(place, heading_deg, 0.0, -half), offset(place, heading_deg, 0.0, half))
@@ -112,12 +126,11 @@ class Coverage:
         cell_ha = self.cell_m * self.cell_m / 10_000.0
         return Covered(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
 
-    def already_applied(self, place: Place) -> bool:
-        """Whether an earlier pass has covered this place; the ground just passed over does not count."""
-        return bool(self.applied([place])[0])
-
     def applied(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """`already_applied` for places (n, 2) -> (n,). Some 20 us for a few hundred places near each other."""
+        """Whether an earlier pass has covered each place (n, 2) -> (n,); the ground just passed over does not count.
+
+        Some 20 us for a few hundred places near each other.
+        """
         return self._travelled_m - self._stamps(places) > self.revisit_m
 
     def applied_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -128,31 +141,39 @@ class Coverage:
         """How far the machine had travelled when each place (n, 2) was covered last; NaN: never."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         found = np.full(len(points), np.nan)
-        known = np.flatnonzero(np.isfinite(points[:, 0] + points[:, 1]))
+        known = np.flatnonzero(np.maximum(np.abs(points[:, 0]), np.abs(points[:, 1])) <= FARTHEST_M)
         if not self._tiles or not len(known):
             return found
         cells = np.floor(points[known] / self.cell_m).astype(np.int64)
         tiles = cells // _TILE
-        low, high = tiles.min(axis=0), tiles.max(axis=0)
-        for column in range(low[0], high[0] + 1):
-            for row in range(low[1], high[1] + 1):
-                tile = self._tiles.get((row, column))
-                if tile is None:
-                    continue
-                here = (tiles[:, 0] == column) & (tiles[:, 1] == row)
-                found[known[here]] = tile[cells[here, 1] % _TILE, cells[here, 0] % _TILE]
+        west, south = tiles.min(axis=0).tolist()
+        rows = int(tiles[:, 1].max()) - south + 1
+        codes = (tiles[:, 0] - west) * rows + tiles[:, 1] - south
+        for code in set(codes.tolist()):
+            tile = self._tiles.get((south + code % rows, west + code // rows))
+            if tile is None:
+                continue
+            here = codes == code
+            found[known[here]] = tile[cells[here, 1] % _TILE, cells[here, 0] % _TILE]
         return found
 
     def raster(self) -> Raster:
-        """All that is covered, for drawing; one cell of nothing when nothing is."""
+        """All that is covered, for drawing; one cell of nothing when nothing is.
+
+        Ground too far apart for one picture of `MOST_CELLS`: what lies around the place entered last.
+        """
         if not self._tiles:
             return Raster(0.0, 0.0, self.cell_m, np.zeros((1, 1), dtype=np.bool_))
-        rows, columns = ([key[k] for key in self._tiles] for k in (0, 1))
-        south, west = min(rows), min(columns)
-        done = np.zeros(((max(rows) - south + 1) * _TILE, (max(columns) - west + 1) * _TILE), dtype=np.bool_)
-        for (row, column), tile in self._tiles.items():
+        keys: Collection[tuple[int, int]] = self._tiles.keys()
+        south, north, west, east = _box(keys)
+        if (north - south + 1) * (east - west + 1) * _TILE * _TILE > MOST_CELLS:
+            reach = (math.isqrt(MOST_CELLS) // _TILE - 1) // 2
+            keys = {key for key in keys if all(abs(k - new) <= reach for k, new in zip(key, self._newest, strict=True))}
+            south, north, west, east = _box(keys)
+        done = np.zeros(((north - south + 1) * _TILE, (east - west + 1) * _TILE), dtype=np.bool_)
+        for row, column in keys:
             r, c = (row - south) * _TILE, (column - west) * _TILE
-            done[r:r + _TILE, c:c + _TILE] = ~np.isnan(tile)
+            done[r:r + _TILE, c:c + _TILE] = ~np.isnan(self._tiles[row, column])
         return Raster(west * _TILE * self.cell_m, south * _TILE * self.cell_m, self.cell_m, done)
 
     def _end_stretch(self, bar: _Bar | None) -> None:
@@ -183,6 +204,7 @@ class Coverage:
         here = passed[r.start - south:r.stop - south, c.start - west:c.stop - west]
         if not here.any():
             return
+        self._newest = row, column
         tile = self._tiles.get((row, column))
         if tile is None:
             tile = self._tiles[row, column] = np.full((_TILE, _TILE), np.nan, dtype=np.float32)
@@ -191,6 +213,12 @@ class Coverage:
         self._cells += int(np.count_nonzero(np.isnan(stamps)))
         self._again += int(np.count_nonzero(self._travelled_m - stamps > self.revisit_m))
         view[here] = stamp
+
+
+def _box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
+    """First and last row, first and last column."""
+    rows, columns = [row for row, _ in tiles], [column for _, column in tiles]
+    return min(rows), max(rows), min(columns), max(columns)
 
 
 def _in_triangle(east: Floats, north: Floats, a: Place, b: Place, c: Place) -> npt.NDArray[np.bool_]:

@@ -59,6 +59,9 @@ _KINDS = (
               N_("Watch it; slow down if the machine is at its limit."), N_("metering")),
     AlarmKind("gnss_silent", _AMBER, N_("GNSS is silent or has no fix."),
               N_("Check the antenna and the receiver. The wheel gives the speed."), N_("GNSS")),
+    AlarmKind("position_jumped", _AMBER, N_("GNSS tells a place {off_m} m from where the machine can be; it is not "
+                                            "used."),
+              N_("Look at the map. A place that GNSS goes on telling is taken after a second."), N_("GNSS")),
     AlarmKind("ndvi_silent", _AMBER, N_("The canopy heads are silent; the fallback rate is used."),
               N_("Check the heads and their cable."), N_("canopy heads")),
     AlarmKind("heads_few", _AMBER, N_("Only {valid_heads} canopy heads agree; at least {limit} are wanted."),

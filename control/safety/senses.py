@@ -4,7 +4,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from control.readings import Reading
+from control.readings import AHEAD_S, Reading, is_fresh
 from control.safety.limits import SafetyLimits
 from control.safety.words import Situation
 
@@ -33,13 +33,13 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
         epoch = fix.time_s
         period_s = min(s.gnss_period_s, limits.gnss_period_max_s)
         silent_s = max(limits.gnss_silent_s, limits.gnss_silent_periods * period_s)
-        gnss_ok = now_s - epoch <= silent_s and fix.fix_quality > 0
+        gnss_ok = is_fresh(epoch, now_s, silent_s) and fix.fix_quality > 0
         if gnss_ok:
             gnss_speed, course = _number(fix.speed_mps), _number(fix.heading_deg)
     wheel = m.wheel_speed_mps
     wheel_speed = 0.0 if s.wheel_standstill else _fresh(wheel, now_s, limits.wheel_silent_s)
     heard = [t for t in (epoch if fix is not None and _number(fix.speed_mps) is not None else None,
-                         None if wheel is None else wheel.time_s) if t is not None]
+                         None if wheel is None else wheel.time_s) if t is not None and t <= now_s + AHEAD_S]
     return Senses(
         gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), max(heard, default=None),
         _fresh(m.hopper_kg, now_s, limits.scale_silent_s),
@@ -52,7 +52,7 @@ def _number(value: float | None) -> float | None:
 
 
 def _fresh(reading: Reading | None, now_s: float, silent_s: float) -> float | None:
-    if reading is None or not now_s - reading.time_s <= silent_s:
+    if reading is None or not is_fresh(reading.time_s, now_s, silent_s):
         return None
     return _number(reading.value)
 

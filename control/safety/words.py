@@ -35,6 +35,7 @@ class Situation(NamedTuple):
     usable_speed_mps: float | None      # highest speed whose lead the heads still cover; None: not short
     console_age_s: float | None         # since the operating console was heard; None: none needed (headless)
     log_ok: bool
+    position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
 
 
 class Verdict(NamedTuple):

@@ -13,6 +13,7 @@ LOOK_M = 16.0           # changes are looked for at most this far ahead (4 s at 
 STEP_M = 0.25
 SHARE = 0.8             # of the outlets over done ground: from here on the whole machine counts as over it
 SHORTEST_M = 0.5        # shorter stretches, done or not, are cut corners
+LONGEST_M = 5.0         # way of a tick; longer is a jump of the position
 SAME_DEG = 1.0          # a heading this near to that of the last look is the same
 SAME_M = 2.0            # an edge seen this near to where its change was made is that change
 
@@ -55,6 +56,10 @@ class Overlap:
     def earlier(self, place: Place) -> bool:
         """Whether an earlier part of the job has spread here."""
         return bool(self._coverage.applied_earlier([place])[0])
+
+    def moved(self) -> None:
+        """The position has jumped: what was seen ahead lay elsewhere."""
+        self.places_m, self._looked = [], None
 
     def started(self) -> None:
         """The operator wants flow from here on: the ground that it stands on, done in this run, gets it."""

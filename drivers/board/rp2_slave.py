@@ -7,6 +7,7 @@ import time
 import machine  # type: ignore[import-not-found]
 
 from drivers.board.parts import Scale, Tilt
+from drivers.board.rp2 import Board
 from drivers.board.slave import Pins, Settings, Slave
 
 ROUND_US = 1000
@@ -17,9 +18,9 @@ TILT_US = 50000
 VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
 
 
-class Rp2Pins(Pins):
+class Rp2Pins(Board, Pins):
     def __init__(self) -> None:
-        self._uart = machine.UART(0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=512, txbuf=1024)
+        Board.__init__(self, rxbuf=512, txbuf=1024)
         self._enable = machine.Pin(2, machine.Pin.OUT, value=0)
         self._fault = machine.Pin(3, machine.Pin.IN, machine.Pin.PULL_UP)
         self._pwm = machine.PWM(machine.Pin(4), freq=20000, duty_u16=0)
@@ -42,15 +43,6 @@ class Rp2Pins(Pins):
         bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
         self._tilt = Tilt(bus) if TILT_FITTED else None
         self._tilt_us = 0
-        self._now_us = 0
-        self._ticks = time.ticks_us()   # type: ignore[attr-defined]
-
-    def now_us(self) -> int:
-        """A clock that never runs over, out of one that does; to be asked more often than that."""
-        ticks = time.ticks_us()         # type: ignore[attr-defined]
-        self._now_us += time.ticks_diff(ticks, self._ticks)     # type: ignore[attr-defined]
-        self._ticks = ticks
-        return self._now_us
 
     def _on_shaft(self, pin: object) -> None:
         self._counts += 1 if self._shaft_a.value() != self._shaft_b.value() else -1
@@ -58,12 +50,6 @@ class Rp2Pins(Pins):
     def _on_wheel(self, pin: object) -> None:
         self._pulses += 1
         self._pulse_us = time.ticks_us()        # type: ignore[attr-defined]
-
-    def read(self) -> bytes:
-        return self._uart.read() or b""
-
-    def write(self, data: bytes) -> None:
-        self._uart.write(data)
 
     def enable(self, on: bool) -> None:
         self._enable.value(on)
@@ -92,10 +78,9 @@ class Rp2Pins(Pins):
 
     def wheel(self) -> "tuple[int, int]":
         """The newest pulse's time is turned into this clock's when it is new: later its own clock has run over."""
-        now_us, pulses = self.now_us(), self._pulses
+        pulses = self._pulses
         if pulses != self._told[0]:
-            ago_us = time.ticks_diff(self._ticks, self._pulse_us)       # type: ignore[attr-defined]
-            self._told = pulses, now_us - max(0, ago_us)
+            self._told = pulses, self.at_us(self._pulse_us)
         return self._told
 
     def supply_v(self) -> "float | None":
@@ -140,9 +125,7 @@ def main() -> None:
         pins.look(begun_us)
         slave.tick(begun_us)
         watchdog.feed()
-        rest_us = ROUND_US - (pins.now_us() - begun_us)
-        if rest_us > 0:
-            time.sleep_us(rest_us)      # type: ignore[attr-defined]
+        pins.rest(begun_us, ROUND_US)
 
 
 if __name__ == "__main__":

@@ -71,17 +71,12 @@ class HeadDecoder:
         self._map = fields
         self._head = head
         self._heads = heads
-        self._cutter = LineCutter(longest=200)
-        self._overlong = 0
+        self._cutter = LineCutter(self.counts, longest=200)
         self._first = True
 
     def feed(self, data: bytes, time_s: float) -> list[HeadSample]:
         """Samples completed by `data`, which arrived at `time_s`; oldest first."""
-        samples = self._read(self._cutter.feed(data), time_s)
-        if self._cutter.overlong != self._overlong:
-            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
-            self._overlong = self._cutter.overlong
-        return samples
+        return self._read(self._cutter.feed(data), time_s)
 
     def flush(self, time_s: float) -> list[HeadSample]:
         """At the end of a recording: the last line, where it has no line end."""

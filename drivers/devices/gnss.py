@@ -55,8 +55,7 @@ class GnssDecoder:
     def __init__(self, live: bool = True) -> None:
         self.counts = Counts()
         self._live = live
-        self._cutter = LineCutter()
-        self._overlong = 0
+        self._cutter = LineCutter(self.counts)
         self._epoch: _Epoch | None = None
         self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
         self._dated: tuple[date, int] | None = None         # newest date, and the time of day it came with
@@ -64,11 +63,7 @@ class GnssDecoder:
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Fixes completed by `data`, which arrived at `time_s`; oldest first, mostly none or one."""
-        fixes = self._read(self._cutter.feed(data), time_s)
-        if self._cutter.overlong != self._overlong:
-            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
-            self._overlong = self._cutter.overlong
-        return fixes
+        return self._read(self._cutter.feed(data), time_s)
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """At the end of a recording: the last line and the last epoch."""
@@ -93,19 +88,7 @@ class GnssDecoder:
         return fixes
 
     def _take(self, sentence: Sentence, time_s: float) -> list[GnssFix]:
-        closed: list[GnssFix] = []
-        epoch = self._epoch
-        if sentence.time_of_day_ms is None:
-            if epoch is None:
-                raise Ignored("no_epoch")
-            if self._behind is not None:
-                raise Rejected("time_backwards")
-        elif epoch is None or sentence.time_of_day_ms != epoch.time_of_day_ms:
-            if epoch is not None and _ahead_ms(sentence.time_of_day_ms, epoch.time_of_day_ms) < 0:
-                self._check_new_clock(sentence.time_of_day_ms, time_s)
-            self._behind = None
-            closed = self._close_epoch()
-            epoch = self._epoch = _Epoch(sentence.time_of_day_ms, time_s)
+        epoch, closed = self._epoch_of(sentence, time_s)
         said = epoch.sentences.get(sentence.type)
         if said is not None:
             if said.talker == sentence.talker:
@@ -122,6 +105,24 @@ class GnssDecoder:
             closed.append(self._fix(epoch))
             epoch.handed_over = True
         return closed
+
+    def _epoch_of(self, sentence: Sentence, time_s: float) -> tuple[_Epoch, list[GnssFix]]:
+        """The epoch that a sentence belongs to, a new one where it begins one; the fix of the one that it closes."""
+        epoch = self._epoch
+        if sentence.time_of_day_ms is None:
+            if epoch is None:
+                raise Ignored("no_epoch")
+            if self._behind is not None:
+                raise Rejected("time_backwards")
+            return epoch, []
+        if epoch is not None and sentence.time_of_day_ms == epoch.time_of_day_ms:
+            return epoch, []
+        if epoch is not None and _ahead_ms(sentence.time_of_day_ms, epoch.time_of_day_ms) < 0:
+            self._check_new_clock(sentence.time_of_day_ms, time_s)
+        self._behind = None
+        closed = self._close_epoch()
+        self._epoch = _Epoch(sentence.time_of_day_ms, time_s)
+        return self._epoch, closed
 
     def _check_new_clock(self, time_of_day_ms: int, time_s: float) -> None:
         """Return where a backward time is the receiver's new clock, else reject."""

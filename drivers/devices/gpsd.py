@@ -26,8 +26,7 @@ class GpsdDecoder:
 
     def __init__(self) -> None:
         self.counts = Counts()
-        self._cutter = LineCutter(longest=16384)
-        self._overlong = 0
+        self._cutter = LineCutter(self.counts, longest=16384)
         self._device: str | None = None
         self._utc = ""
         self._behind_since_s: float | None = None
@@ -36,11 +35,7 @@ class GpsdDecoder:
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Fixes completed by `data`, which arrived at `time_s`; oldest first."""
-        fixes = self._read(self._cutter.feed(data), time_s)
-        if self._cutter.overlong != self._overlong:
-            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
-            self._overlong = self._cutter.overlong
-        return fixes
+        return self._read(self._cutter.feed(data), time_s)
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """At the end of a recording: the last line, where it has no line end."""

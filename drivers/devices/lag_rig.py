@@ -61,7 +61,7 @@ class LagRig:
 
     def __init__(self) -> None:
         self.counts = Counts()
-        self._cutter = LineCutter(longest=200)
+        self._cutter = LineCutter(self.counts, longest=200)
         self._last_seq: int | None = None
         self._next_order = 0
         self._micros: int | None = None     # the rig's clock, run on over its wraps

@@ -9,13 +9,13 @@ _LINE_END = re.compile(rb"[\r\n]+")
 
 
 class LineCutter:
-    """Cuts a byte stream at CR and LF. A line longer than `longest` is given up and counted in `overlong`."""
+    """Cuts a byte stream at CR and LF. A line longer than `longest` is given up, in `counts` rejected as `overlong`."""
 
-    def __init__(self, longest: int = 512) -> None:
+    def __init__(self, counts: Counts, longest: int = 512) -> None:
+        self._counts = counts
         self._longest = longest
         self._rest = b""
         self._skipping = False
-        self.overlong = 0
 
     def feed(self, data: bytes) -> list[bytes]:
         """The lines completed by `data`, without their ends, empty ones left out."""
@@ -25,11 +25,13 @@ class LineCutter:
             pieces.pop(0)
             self._skipping = False
         lines = [piece for piece in pieces if piece and len(piece) <= self._longest]
-        self.overlong += sum(len(piece) > self._longest for piece in pieces)
+        overlong = sum(len(piece) > self._longest for piece in pieces)
         if len(self._rest) > self._longest:
-            self.overlong += not self._skipping
+            overlong += not self._skipping
             self._skipping = True
             self._rest = b""
+        if overlong:
+            self._counts.reject("overlong", overlong)
         return lines
 
     def flush(self) -> list[bytes]:

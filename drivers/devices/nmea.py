@@ -66,20 +66,7 @@ def parse(sentence: bytes) -> Sentence:
     Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the receiver says that it
         has no position or no speed.
     """
-    payload, star, given = sentence.partition(b"*")
-    given = given.strip()
-    if not star or not given:
-        raise Rejected("missing_checksum")
-    if not _HEX_PAIR.fullmatch(given):
-        raise Rejected("malformed")
-    if int(given, 16) != checksum(payload):
-        raise Rejected("bad_checksum")
-    try:
-        text = payload.decode("ascii")
-    except UnicodeDecodeError:
-        raise Rejected("malformed") from None
-    if not text.isprintable():
-        raise Rejected("malformed")
+    text = _checked(sentence)
     address, _, rest = text.partition(",")
     if not _ADDRESS.fullmatch(address):
         raise Rejected("malformed")
@@ -95,6 +82,25 @@ def parse(sentence: bytes) -> Sentence:
     except pynmea2.ParseError:
         raise Rejected("malformed") from None
     return _READERS[kind](talker, fields)
+
+
+def _checked(sentence: bytes) -> str:
+    """The text before `*`, where the checksum behind it fits."""
+    payload, star, given = sentence.partition(b"*")
+    given = given.strip()
+    if not star or not given:
+        raise Rejected("missing_checksum")
+    if not _HEX_PAIR.fullmatch(given):
+        raise Rejected("malformed")
+    if int(given, 16) != checksum(payload):
+        raise Rejected("bad_checksum")
+    try:
+        text = payload.decode("ascii")
+    except UnicodeDecodeError:
+        raise Rejected("malformed") from None
+    if not text.isprintable():
+        raise Rejected("malformed")
+    return text
 
 
 def _gga(talker: str, fields: Any) -> Sentence:

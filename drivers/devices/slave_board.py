@@ -67,8 +67,7 @@ class SlaveBoard:
         self.missed = 0
         self._limits = limits or DriveLimits()
         self._wheel = WheelSpeed(wheel or WheelGeometry())
-        self._cutter = LineCutter(longest=200)
-        self._overlong = 0
+        self._cutter = LineCutter(self.counts, longest=200)
         self._last_seq: int | None = None
         self._next_command = 0
         self._sent_opening_mm = 0.0
@@ -76,11 +75,7 @@ class SlaveBoard:
 
     def feed(self, data: bytes, time_s: float) -> list[BoardReadings]:
         """Readings completed by `data`, which arrived at `time_s`; oldest first."""
-        readings = self._read(self._cutter.feed(data), time_s)
-        if self._cutter.overlong != self._overlong:
-            self.counts.reject("overlong", self._cutter.overlong - self._overlong)
-            self._overlong = self._cutter.overlong
-        return readings
+        return self._read(self._cutter.feed(data), time_s)
 
     def flush(self, time_s: float) -> list[BoardReadings]:
         """At the end of a recording: the last line, where it has no line end."""

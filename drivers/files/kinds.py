@@ -6,6 +6,7 @@ from control.field.job import Job
 from control.machine.machine import Machine
 from drivers.cab_config import CabConfig
 from drivers.files.config import Kind, Kinds
+from drivers.files.imports.mapping import IMPORT
 from drivers.files.settings import SETTINGS
 from drivers.files.settings_theme import THEME
 
@@ -14,4 +15,4 @@ CROP = Kind("topdress-crop/1", "crops", Crop)
 JOB = Kind("topdress-job/1", "jobs", Job)
 CAB = Kind("topdress-cab/1", "cabs", CabConfig)
 
-KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP, JOB, CAB, SETTINGS, THEME)}
+KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP, JOB, CAB, SETTINGS, THEME, IMPORT)}

@@ -20,7 +20,7 @@ _MIXED_SHARE = 0.05          # more uneven steps than this are a mixed sample ti
 _MOST = 0.5                  # where more rows than this share would go, the log is refused
 
 
-class UnusableLog(Exception):
+class UnusableLog(ValueError):
     """One line, without the file's name."""
 
 

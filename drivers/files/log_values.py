@@ -13,7 +13,7 @@ SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
 _HEADS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndvi")
 
 # What the quantity can be on any machine of this kind; wide on purpose.
-_PLAUSIBLE = {
+PLAUSIBLE = {
     "lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 180.0), "fix_quality": (0, 9), "satellites": (0, 100),
     "hdop": (0, 100), "heading_deg": (-180.0, 360.0), "pitch_deg": (-60.0, 60.0), "roll_deg": (-60.0, 60.0),
     **dict.fromkeys(SPEEDS, (-15.0, 30.0)), **dict.fromkeys(_HEADS, (-1.0, 1.0)),
@@ -26,9 +26,9 @@ _PLAUSIBLE = {
 _EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS})
 
 # Numbers by which programs say "not known".
-_SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,
-              32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
-_SENTINEL_APART = 3.0        # inside the plausible range: that many times larger than any other value
+SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,
+             32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
+SENTINEL_APART = 3.0        # inside the plausible range: that many times larger than any other value
 
 _M_PER_DEG = 111_200.0       # one percent is enough to tell units apart
 _CHORD_S = 5.0
@@ -42,13 +42,13 @@ def with_good_values(columns: Columns) -> tuple[Columns, list[Finding]]:
     """The columns put right, and what was found. Arrays that change are copied."""
     columns = dict(columns)
     findings: list[Finding] = []
-    for name, limits in _PLAUSIBLE.items():
+    for name, limits in PLAUSIBLE.items():
         if name in columns:
             columns[name] = _without_sentinels(name, columns[name], limits, findings)
     _positions(columns, findings)
     for name in _HEADS:
         _percent(name, columns, findings)
-    for name, limits in _PLAUSIBLE.items():
+    for name, limits in PLAUSIBLE.items():
         if name in columns:
             columns[name] = _inside(name, columns[name], limits, findings)
     _speed_units(columns, findings)
@@ -58,9 +58,9 @@ def with_good_values(columns: Columns) -> tuple[Columns, list[Finding]]:
 def _without_sentinels(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]) -> Floats:
     if not values.size or not _reaches_a_sentinel(values, limits):
         return values
-    suspect = np.isin(values, _SENTINELS)
+    suspect = np.isin(values, SENTINELS)
     others = np.abs(values[~suspect & np.isfinite(values)])
-    apart = np.abs(values) > _SENTINEL_APART * others.max() if others.size else np.zeros(values.shape, bool)
+    apart = np.abs(values) > SENTINEL_APART * others.max() if others.size else np.zeros(values.shape, bool)
     sentinel = suspect & ((values < limits[0]) | (values > limits[1]) | apart)
     count = int(sentinel.sum())
     if count == 0:
@@ -168,7 +168,7 @@ def _speed_units(columns: Columns, findings: list[Finding]) -> None:
     for name in SPEEDS:
         if name not in columns:
             continue
-        ratio = _speed_over_track(columns, name)
+        ratio = speed_over_track(columns, name)
         unit = _unit_of(ratio)
         if unit is not None:
             findings.append(Finding("speed_unit", f"column {name} is in {unit} (it is {ratio:.2f} times the speed "
@@ -187,7 +187,7 @@ def _unit_of(ratio: float | None) -> str | None:
     return next((unit for unit, factor in _UNITS.items() if abs(ratio / factor - 1.0) < _UNIT_TOLERANCE), None)
 
 
-def _speed_over_track(columns: Columns, name: str) -> float | None:
+def speed_over_track(columns: Columns, name: str) -> float | None:
     """Median of a speed column over the speed between places; None where there is not enough to say."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return None

@@ -21,7 +21,7 @@ from drivers.files.table import Columns, TableError, read_table
 _NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS
 
 
-class LogError(Exception):
+class LogError(ValueError):
     """The log cannot be used; one line, naming the file."""
 
 
@@ -114,6 +114,14 @@ def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
     if only is not None:
         columns = {name: array for name, array in columns.items() if name in only or name == "time_s"}
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
+
+
+def read_rows(path: str | Path) -> RunLog:
+    """A run log of which there is something to work on. Raises LogError also where it has no whole row."""
+    log = read_log(path)
+    if len(log) == 0:
+        raise LogError(f"{log.path}: no whole row below the header")
+    return log
 
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:

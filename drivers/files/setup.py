@@ -15,6 +15,7 @@ from control.machine.machine import Machine
 from drivers.cab_config import CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
+from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
 
 SAME_SHARE = 1e-4           # two figures for one wheel that differ by less are the same
@@ -28,6 +29,13 @@ class Setup:
     job: Job
     sha256: dict[str, str]      # configuration file -> checksum; the job's map and plant list too
     folder: Path                # of the job file: what the job names lies beside it
+    weather: Path | None        # from which the growing days were counted
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that were read for it, or will be when its job is worked."""
+        return (*map(Path, self.sha256), *files_of_job(self.job, self.folder),
+                *(() if self.weather is None else (self.weather,)))
 
 
 def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
@@ -68,7 +76,9 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop)}
-    return Setup(got_machine.model, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder)
+    weather = None if crop.days.weather is None else got_crop.path.parent / crop.days.weather
+    return Setup(got_machine.model, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder,
+                 weather)
 
 
 def wheel_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:

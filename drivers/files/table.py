@@ -29,7 +29,7 @@ _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _CHUNK_ROWS = 50_000
 
 
-class TableError(Exception):
+class TableError(ValueError):
     """The table cannot be used; one line, naming the file."""
 
 
@@ -126,6 +126,24 @@ def _decodes(data: bytes, encoding: str) -> bool:
 
 
 def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:
+    line, separator, lines, start = _header_line(path, data)
+    if lines > 1:
+        findings.append(Finding("preamble", f"{many(lines - 1, 'line')} before the header skipped"))
+    separator = separator or max(_SEPARATORS, key=line.count)
+    names = _names(path, line, separator)
+    if separator in _SEPARATOR_NAMES:
+        findings.append(Finding("separator", f"columns are separated by {_SEPARATOR_NAMES[separator]}, read as such"))
+    body = min(start, len(data))
+    comma = separator != "," and _has_decimal_comma(data[body:body + 20_000], separator)
+    if comma:
+        findings.append(Finding("decimal_comma", "numbers are written with a decimal comma, read as such"))
+    if data.find(b"\r\n", 0, body + 1) >= 0:
+        findings.append(Finding("crlf", "lines end as on Windows, read as such"))
+    return _Layout(names, separator, comma, lines, body)
+
+
+def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
+    """The header line, the separator that a line before it names ("": none does), its number, the byte behind it."""
     start = lines = 0
     separator = ""
     while True:
@@ -137,27 +155,22 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:
         if line.lower().startswith("sep=") and len(line) == 5 and line[4] in _SEPARATORS:
             separator = line[4]
         elif line.strip() and not line.startswith("#"):
-            break
+            return line, separator, lines, start
         elif before >= len(data):
             raise TableError(f"{path}: no header row: the file holds comments only")
-    if lines > 1:
-        findings.append(Finding("preamble", f"{many(lines - 1, 'line')} before the header skipped"))
-    separator = separator or max(_SEPARATORS, key=line.count)
-    names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
+
+
+def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
+    try:
+        names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
+    except csv.Error as error:
+        raise TableError(f"{path}: no header row: {error}") from None
     if all(_number(name, False) is not None for name in names):
         raise TableError(f"{path}: no header row: the first line is {line[:40].strip()}; the first line must name the "
                          "columns")
     while names and not names[-1]:
         names = names[:-1]
-    if separator in _SEPARATOR_NAMES:
-        findings.append(Finding("separator", f"columns are separated by {_SEPARATOR_NAMES[separator]}, read as such"))
-    body = min(start, len(data))
-    comma = separator != "," and _has_decimal_comma(data[body:body + 20_000], separator)
-    if comma:
-        findings.append(Finding("decimal_comma", "numbers are written with a decimal comma, read as such"))
-    if data.find(b"\r\n", 0, body + 1) >= 0:
-        findings.append(Finding("crlf", "lines end as on Windows, read as such"))
-    return _Layout(names, separator, comma, lines, body)
+    return names
 
 
 def _refuse_twins(path: Path, names: tuple[str, ...]) -> None:

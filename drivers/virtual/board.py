@@ -34,7 +34,7 @@ class VirtualBoard:
     def __init__(self, opening_mm: float = 0.0) -> None:
         self.counts = Counts()
         self.driver_fault = False           # set by tests and by fault injection
-        self._cutter = LineCutter(longest=120)
+        self._cutter = LineCutter(self.counts, longest=120)
         self._command = CommandFrame(0, 0.0, opening_mm, False)
         self._opening_mm = opening_mm
         self._heard_s: float | None = None

@@ -11,7 +11,7 @@ from textual.events import Click, MouseDown, MouseUp
 from textual.widgets import OptionList
 
 from console.app import actions, themes, words
-from console.app.action import RUN
+from console.app.action import ANYWHERE, RUN, Action
 from console.app.app import TopdressApp
 from console.app.dialogs import TextDialog
 from console.app.gallery import StillSource
@@ -260,3 +260,11 @@ async def test_locked_no_click_on_any_page_orders_or_asks(full, source):
             await pilot.pause()
             assert full.page.where == where and full.screen is full.page
         assert source.orders == [] and source.device_orders == [] and source.lag_tests == [] and full.locked
+
+
+def test_what_a_key_does_stands_beside_it():
+    for action in actions.ACTIONS:
+        home = "console.app.keys" if action.where == ANYWHERE else f"console.app.pages.{action.where}.keys"
+        assert action.do.__module__ == home, action.id
+    with pytest.raises(TypeError, match="do"):
+        Action("id", "f1", "F1", "label", "help")

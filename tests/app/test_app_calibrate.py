@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.calibration.sample import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
 from console.app.dialogs import ChoiceDialog, NumberDialog
 from console.app.name_dialog import NameDialog
+from console.app.pages.calibrate.guide import Guide
+from console.app.pages.calibrate.sample import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
+from console.app.pages.calibrate.sheet import Bar, Sheet
 from console.app.services import Services
 from console.app.widgets.chips import Chips, placed
-from console.app.widgets.guide import Guide
-from console.app.widgets.sheet import Bar, Sheet
 from console.link import WorkerGone
 from control.orders import Answer, Do, Order
 from control.safety import BenchRun

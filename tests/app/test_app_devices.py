@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from console.app import device_view
-from console.app.calibration.sample import many_devices
 from console.app.dialogs import Confirm
+from console.app.pages.calibrate.sample import many_devices
+from console.app.pages.devices import device_view
+from console.app.pages.devices.device_table import DeviceTable
 from console.app.widgets.chips import Chips, placed
-from console.app.widgets.device_table import DeviceTable
 from console.frame import DeviceDo, DeviceTest
 from control.orders import Answer, Do, Order
 

@@ -6,18 +6,20 @@ import time
 
 import pytest
 
-from console.app import actions, diagnosis_shown, diagnosis_words
+from console.app import actions
 from console.app.action import DIAGNOSIS
 from console.app.app import TopdressApp
-from console.app.diagnosis_data import Curve, Stopped, found_from, to_plain
 from console.app.dialogs import Confirm, TextDialog
 from console.app.name_dialog import NameDialog
-from console.app.sample_diagnosis import SOURCES, MadeUpDiagnosis, sample_found
+from console.app.pages.diagnosis import shown as diagnosis_shown
+from console.app.pages.diagnosis import words as diagnosis_words
+from console.app.pages.diagnosis.causes import Causes, interval_bar
+from console.app.pages.diagnosis.data import Curve, Stopped, found_from, to_plain
+from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
+from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
+from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
-from console.app.widgets.causes import Causes, interval_bar
-from console.app.widgets.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
-from console.app.widgets.source_list import SourceList, SourcesView
 from console.locale import catalogue, use
 from control.machine.machine import CATALOGUE
 from control.orders import Do

@@ -10,14 +10,14 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
 from console.app.gallery import StillSource
-from console.app.job_day import LOOK, OK, STOP, checks, totals, worst
-from console.app.job_desk import Earlier, Offer
-from console.app.nrich import StripRun
-from console.app.refill import RefillWatch
-from console.app.sample_job import FACTS, SampleDesk
+from console.app.pages.job.check_list import CheckList
+from console.app.pages.job.day import LOOK, OK, STOP, checks, totals, worst
+from console.app.pages.job.desk import Earlier, Offer
+from console.app.pages.job.nrich import StripRun
+from console.app.pages.job.refill import RefillWatch
+from console.app.pages.job.sample import FACTS, SampleDesk
 from console.app.services import Services
 from console.app.units import METRIC
-from console.app.widgets.check_list import CheckList
 from console.frame import Tally
 from console.link import WorkerGone
 from console.worker.resume_alarms import AlarmRecord

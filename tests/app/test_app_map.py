@@ -10,13 +10,13 @@ from console.app.app import TopdressApp
 from console.app.field_picture import FieldPicture, Planned
 from console.app.gallery import Picture, StillSource, settle, still_app
 from console.app.layers import Layer
+from console.app.pages.map.map_pane import MapPane
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_field, sample_services
 from console.app.services import Services
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.map_legend import MapLegend
-from console.app.widgets.map_pane import MapPane
 from console.app.widgets.panel import Panel
 
 SIZE = (120, 40)

@@ -6,7 +6,7 @@ import asyncio
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.log_files import LogFile
+from console.app.pages.replay.log_files import LogFile
 from console.app.replay_job import ReplayJob
 from console.app.services import Services
 from console.app.widgets.field_map import FieldMap

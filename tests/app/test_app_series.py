@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from console.app.axis import round_ends
 from console.app.channels import CHANNELS, ERROR, value_of, values_of
+from console.app.pages.trends.axis import round_ends
 from console.app.sample import run_frames
 from console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
 from console.frame import Frame
@@ -57,7 +57,7 @@ def test_a_spike_of_one_row_is_seen_in_eight_hours():
     assert sums(whole).high == 99.0
     at = whole.time_s[whole.high == 99.0]
     assert len(at) == 1 and at[0] <= 4322.0 < at[0] + 64
-    assert whole.count.sum() == 4 * 3600
+    assert whole.counts.sum() == 4 * 3600
 
 
 def test_eight_hours_and_more_are_held_in_the_same_memory():

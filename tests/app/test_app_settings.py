@@ -8,9 +8,9 @@ import pytest
 
 from console.app import actions
 from console.app.app import TopdressApp
+from console.app.pages.settings.settings_list import SettingsList
 from console.app.services import Services
 from console.app.settings import SettingsStore, clash, keymap_problem, theme_of
-from console.app.widgets.settings_list import SettingsList
 from console.locale import in_use, languages
 from control.orders import Do, Order
 from drivers.files.settings import Settings, read_settings, write_settings

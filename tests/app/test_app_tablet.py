@@ -6,7 +6,7 @@ import pytest
 from console.app import actions
 from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, RUN, SETTINGS
 from console.app.gallery import StillSource
-from console.app.sample_diagnosis import MadeUpDiagnosis
+from console.app.pages.diagnosis.sample import MadeUpDiagnosis
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
 from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp

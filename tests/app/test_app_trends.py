@@ -7,12 +7,12 @@ from datetime import datetime, timedelta
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.channel_dialog import ChannelDialog
 from console.app.gallery import Picture, StillClock, StillSource, settle, still_app
+from console.app.pages.trends.channel_dialog import ChannelDialog
+from console.app.pages.trends.plots import Piece, Plots, traced
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames
-from console.app.widgets.plots import Piece, Plots, traced
 
 SIZE = (100, 30)
 ON_TRENDS = Picture("trends", SIZE, screen="trends")

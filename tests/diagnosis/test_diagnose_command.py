@@ -1,6 +1,7 @@
 """`topdress diagnose`: what it refuses to adopt, and the job that its closed loop simulates."""
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from control.diagnosis.tables.sentences import held_in_part
+from console.cli.diagnose import _adopt
+from console.services.diagnosis_view import sorted_out
+from control.diagnosis.tables import diagnose_tables
+from control.machine.machine import Machine
+from drivers.files.bench_table import read_bench_table
 
 
 def lag_table(path: Path, later_s: float, label: str = "", more_s: float = 0.0) -> Path:
@@ -40,9 +45,18 @@ def test_an_effect_of_all_rows_is_adopted_and_its_rivals_are_said(tmp_path: Path
     assert "is adopted, though this data cannot tell it from" in asked.output
 
 
-def test_which_part_an_effect_holds_in_is_read_off_the_findings() -> None:
-    said = ("row 3: no number", "lag.offset +0.3 holds in the rows of two.csv blue only")
-    assert held_in_part(said) == {"lag.offset": "two.csv blue"}
+def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path: Path) -> None:
+    found = diagnose_tables([read_bench_table(lag_table(tmp_path / "two.csv", 0.0, "blue", 0.3))], Machine())
+    cause, = found.causes
+    assert cause.scope == "two.csv blue" and any("two.csv blue only" in text for text in found.findings)
+    reworded = replace(found, findings=("only the blue tractor's rows have it",))
+    with pytest.raises(ValueError, match=r"holds for two\.csv blue only, not for the machine"):
+        _adopt(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
+    assert not (tmp_path / "new.yaml").exists()
+    assert sorted_out(reworded) == ((), ("lag.offset: holds in the rows of two.csv blue only",))
+    _adopt(replace(found, causes=(replace(cause, scope=None),)), Machine(), [tmp_path / "two.csv"],
+           tmp_path / "new.yaml")                         # though a sentence still says where it holds
+    assert (tmp_path / "new.yaml").exists()
 
 
 @pytest.mark.parametrize(("more", "line"), [

@@ -100,6 +100,25 @@ def test_a_term_is_as_strong_as_the_truth_says_and_stays_in_its_stage(hidden: An
     assert moved == stage_of.get(stage, {"shaft", "scale"})
 
 
+def test_a_begin_is_told_as_sharply_as_the_data_hold_it(hidden: Any, plant: Any) -> None:
+    """Least squares over size and begin in noisy readings: its spread is the one that the truth tells."""
+    eye, t = _eye(hidden, plant), plant.drive.time_s
+    course = hidden.courses.Course("growth", 120.0, float(t[-1]) - 120.0)
+    e, _ = hidden.run_cases.sized(eye, hidden.nominal.Effect("shaft.gain", 0.3, course=course), 40.0, 50.0)
+    told = hidden.classes.onset_sd(eye, e)
+    assert 3.0 < told < 60.0
+    by_size = eye.trace([e]) / e.size
+    by_begin = (eye.trace([hidden.classes.begun_at(e, 125.0)]) - eye.trace([hidden.classes.begun_at(e, 115.0)])) / 10.0
+    found, rng = [], np.random.default_rng(1)
+    for _ in range(60):
+        noisy = {k: np.asarray(v).copy() for k, v in eye.base.items()}
+        noisy["shaft"] = hidden.noise.readings(eye.base["shaft"], 0.05, eye.noises["shaft"], rng)
+        seen = eye._whitened(noisy)
+        gram = [[eye.inner(a, b) for b in (by_size, by_begin)] for a in (by_size, by_begin)]
+        found.append(np.linalg.solve(gram, [eye.inner(a, seen) for a in (by_size, by_begin)])[1])
+    assert np.std(found) == pytest.approx(told, rel=0.35)
+
+
 def test_every_class_of_terms_can_be_dealt_in_many_forms(hidden: Any, plant: Any) -> None:
     assert {"shaft_angle"} <= {v for _, vs in hidden.terms._choices("periodic") for v in vs}
     for kind in hidden.terms.CLASSES[:-1]:
@@ -137,6 +156,16 @@ def test_an_effect_from_the_first_row_is_the_same_with_and_without_a_course(hidd
         for reading in ("shaft", "gate", "scale", "wheel", "gnss", "heads"):
             near = 0.02 if name.endswith("drift") else 1e-6                 # which counts its hours from the begin
             assert np.allclose(plain[reading], course[reading], rtol=0, atol=near * max(1.0, e.size)), (name, reading)
+
+
+def test_an_effect_that_never_begins_is_not_there(hidden: Any, plant: Any) -> None:
+    never = hidden.courses.Course("onset", 1e6, 0.0)
+    without = plant.run(hidden.nominal.Physics())
+    for name in hidden.classes.WITH_ONSET:
+        e = hidden.nominal.Effect(name, hidden.nominal.IDS[name].guess, 2, 0.5, None, 1, 0, never)
+        with_it = plant.run(hidden.nominal.Physics(), [e])
+        for reading in ("shaft", "gate", "scale", "wheel", "gnss", "heads"):
+            assert np.allclose(without[reading], with_it[reading], rtol=0, atol=1e-4), (name, reading)
 
 
 def test_coarse_rows_are_rows_of_the_fine_log_and_lose_no_event(hidden: Any, plant: Any) -> None:
@@ -238,6 +267,7 @@ def test_nothing_is_hidden_in_a_healthy_case_and_every_class_says_what_it_is(hid
                for n in case.columns)
     cause = case.truth["causes"][0]
     assert cause["onset_s"] == cause["course"]["from_s"] and 1.9 < cause["z"] < 101.0
+    assert 0.0 < cause["onset_sd_s"] < 2000.0
     said = {"id": cause["id"], "size": {"value": cause["size"]}, "onset_s": cause["onset_s"], "member": cause["member"]}
     assert case.gain_share([said]) == pytest.approx(1.0, abs=1e-6)
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from control.diagnosis.extend import extend, refuse_to_adopt
+from control.diagnosis.extend import extend
 from control.diagnosis.result import STRUCTURE_P
 from control.diagnosis.runs import evidence, log, noise, onset, search, stages, unexplained
 from control.diagnosis.runs.channels import channels
@@ -434,9 +434,3 @@ def test_evidence_of_one_block_falls_with_it():
     score = np.zeros((64, 1))
     score[10] = 32.0
     assert even > 15.0 and evidence.without_best_block(evidence.Scores(score, energy), 0) == 0.0
-
-
-def test_what_holds_for_one_label_is_not_adopted():
-    refuse_to_adopt("flow.gain", None)
-    with pytest.raises(ValueError, match=r"flow\.gain: holds for table bench\.csv only"):
-        refuse_to_adopt("flow.gain", "table bench.csv")

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from drivers.datagrams import UdpPort
-from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, ThreadedPort, memory_pair, open_port
+from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, SerialStream, ThreadedPort, memory_pair, open_port
 from drivers.virtual.listen import listen_port
 
 
@@ -288,3 +288,18 @@ def test_a_udp_port_can_be_let_go_and_taken_again(clock):
     wait_for(lambda: port.read_each() == [b"heard"])
     port.close()
     other.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+def test_a_serial_line_belongs_to_one_program() -> None:
+    """A second one would take bytes from the first."""
+    master, slave = os.openpty()
+    try:
+        first = SerialStream(os.ttyname(slave), 115200)
+        with pytest.raises(OSError, match="exclusively lock"):
+            SerialStream(os.ttyname(slave), 115200)
+        first.close()
+        SerialStream(os.ttyname(slave), 115200).close()
+    finally:
+        os.close(slave)
+        os.close(master)

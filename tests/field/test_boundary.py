@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 from shapely.geometry import Point
 
 from control.field.boundary import Boundary
-from control.field.field import Field
 from control.geodesy import offset
 
 SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)]
@@ -27,7 +25,6 @@ def test_inside_outside_edge_and_hole():
     assert field.contains(40, 25)
     assert not field.contains(math.nan, 10) and not field.contains(math.inf, 10)
     assert field.area_ha == pytest.approx((5000 - 200) / 10_000)
-    assert field.box_m == (0.0, 0.0, 100.0, 50.0)
     assert list(field.many_inside([(10, 10), (50, 25), (-5, 0)])) == [True, False, False]
     assert {len(ring) for ring in field.rings} == {4} and len(field.rings) == 2
 
@@ -35,7 +32,7 @@ def test_inside_outside_edge_and_hole():
 @pytest.mark.parametrize(("heading", "metres"), [(0, 40.0), (90, 90.0), (180, 10.0), (270, 10.0),
                                                  (45, 40 * math.sqrt(2)), (360, 40.0), (-90, 10.0)])
 def test_way_to_the_edge_in_every_direction_north_included(heading, metres):
-    assert Boundary(SQUARE).ahead_m(10, 10, heading) == pytest.approx(metres)
+    assert Boundary(SQUARE).crossings_m(10, 10, heading) == pytest.approx([metres])
 
 
 def test_crossings_go_through_holes_and_arms():
@@ -43,7 +40,7 @@ def test_crossings_go_through_holes_and_arms():
     assert field.crossings_m(10, 25, 90.0) == pytest.approx([30, 50, 90])
     assert field.crossings_m(10, 25, 90.0, farthest_m=49.0) == pytest.approx([30])
     assert field.crossings_m(-10, 25, 270.0) == []
-    assert field.ahead_m(-10, 25, 270.0) is None
+    assert field.crossings_m(-10, 25, 270.0) == []
     assert field.crossings_m(math.nan, 25, 90.0) == [] == field.crossings_m(0, 25, math.nan)
     assert Boundary(L_SHAPE).crossings_m(-5, 10, 90.0) == pytest.approx([5, 65])
 
@@ -100,29 +97,3 @@ def test_quick_enough_for_every_tick():
     ahead = min(timeit.repeat(lambda: field.crossings_m(50.0, 40.0, 30.0), number=200, repeat=5)) / 200
     assert inside < 20e-6
     assert ahead < 100e-6
-
-
-def test_field_in_degrees_is_the_field_in_metres():
-    by_metres = Field(origin={"lat_deg": 34.28, "lon_deg": 119.88}, boundary_m=SQUARE, holes_m=[HOLE])
-    degrees = [by_metres.plane.to_deg(*corner) for corner in SQUARE]
-    holes = [[by_metres.plane.to_deg(*corner) for corner in HOLE]]
-    by_degrees = Field(boundary_deg=degrees, holes_deg=holes)
-    assert by_degrees.boundary.area_ha == pytest.approx(by_metres.boundary.area_ha, rel=1e-6)
-    assert by_degrees.boundary.contains(10, 10) and not by_degrees.boundary.contains(50, 25)
-    assert by_degrees.plane.to_m(*degrees[0]) == (0.0, 0.0)
-    assert Field.model_validate(by_degrees.model_dump(mode="json")) == by_degrees
-
-
-@pytest.mark.parametrize(("data", "part"), [
-    ({}, "one of boundary_m"),
-    ({"boundary_m": SQUARE}, "origin missing"),
-    ({"boundary_m": SQUARE, "boundary_deg": [(34, 119)]}, "one of boundary_m"),
-    ({"boundary_deg": [(119.88, 34.28), (119.89, 34.28), (119.89, 34.29)]}, "less than or equal to 90"),
-    ({"boundary_deg": [(34.28, 119.88), (34.98, 119.88), (34.98, 119.89)]}, "allowed is 20 km"),
-    ({"origin": {"lat_deg": 34, "lon_deg": 119}, "boundary_m": SQUARE, "headland_m": 30}, "leaves nothing"),
-    ({"origin": {"lat_deg": 34, "lon_deg": 119}, "boundary_m": [(0, 0), (1, 1), (1, 0), (0, 1)]}, "Self-intersection"),
-    ({"origin": {"lat_deg": 34, "lon_deg": 119}, "boundary_m": SQUARE, "width": 3}, "Extra inputs"),
-])
-def test_a_field_file_is_checked(data, part):
-    with pytest.raises(ValidationError, match=part):
-        Field.model_validate(data)

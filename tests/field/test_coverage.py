@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -83,14 +84,14 @@ def test_only_what_flowed_counts_to_the_last_tick():
 def test_already_applied_is_about_earlier_passes():
     coverage = Coverage(2.4)
     straight(coverage, (1.2, 0.0), 0.0, 40.0)
-    assert coverage.already_applied((1.2, 10.0))
-    assert not coverage.already_applied((1.2, 39.0))          # just passed over: this pass's own ground
-    assert not coverage.already_applied((1.2, 41.0))
-    assert not coverage.already_applied((3.6, 10.0))
-    assert not coverage.already_applied((-500.0, 900.0))
-    assert not coverage.already_applied((math.nan, 0.0))
+    assert coverage.applied([(1.2, 10.0)])[0]
+    assert not coverage.applied([(1.2, 39.0)])[0]          # just passed over: this pass's own ground
+    assert not coverage.applied([(1.2, 41.0)])[0]
+    assert not coverage.applied([(3.6, 10.0)])[0]
+    assert not coverage.applied([(-500.0, 900.0)])[0]
+    assert not coverage.applied([(math.nan, 0.0)])[0]
     straight(coverage, (3.6, 40.0), 180.0, 20.0)
-    assert coverage.already_applied((1.2, 39.0))
+    assert coverage.applied([(1.2, 39.0)])[0]
 
 
 def test_a_lost_position_breaks_the_stretch():
@@ -145,3 +146,29 @@ def test_what_an_earlier_run_has_done_is_done_and_done_again_is_overlap(cell_m):
     assert coverage.covered.overlap_ha * 1e4 == pytest.approx(24.0, rel=0.06)
     assert coverage.applied_earlier(along).tolist() == [True] * 9
     assert not coverage.applied_earlier([offset((-31.3, 7.1), 20.0, 25.0)])[0], "now this run has done it"
+
+
+@pytest.mark.parametrize("far_m", [40.0, 1e3, 5e4, 5e6, 1e300, math.inf])
+def test_a_jump_is_not_swept_and_costs_next_to_nothing(far_m):
+    coverage = Coverage(2.4)
+    straight(coverage, (0.0, 0.0), 0.0, 20.0)
+    done = coverage.covered
+    for _ in range(3):
+        coverage.lay((far_m, far_m), 0.0, True)
+        coverage.lay((0.0, 20.0), 0.0, True)
+    assert coverage.covered == done, "nothing between, and no way made"
+    tracemalloc.start()
+    straight(coverage, (far_m, 0.0), 90.0, 20.0)
+    coverage.applied([(0.0, 10.0), (far_m, 10.0), (-far_m, far_m)])
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+    assert not coverage.applied([(0.5 * far_m, 0.5 * far_m)])[0]
+
+
+def test_ground_far_apart_makes_a_picture_of_bounded_size():
+    coverage = Coverage(2.4)
+    straight(coverage, (0.0, 0.0), 0.0, 20.0)
+    straight(coverage, (60_000.0, 60_000.0), 0.0, 20.0)
+    west, south, _, done = coverage.raster()
+    assert done.size < 1e6 and 59_000.0 < west and 59_000.0 < south
+    assert done.sum() * 0.04 == pytest.approx(48.0, rel=0.1)

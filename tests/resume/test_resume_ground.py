@@ -85,3 +85,8 @@ def test_a_long_day_is_thinned_not_forgotten():
 def test_an_empty_raster_joins_with_anything():
     some = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=np.bool_))
     assert joined(NOTHING_DONE, some) is some and joined(some, NOTHING_DONE) is some
+
+
+def test_parts_too_far_apart_for_one_picture_give_the_newer_one():
+    here = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=bool))
+    assert joined(here, here._replace(west_m=80_000.0, south_m=80_000.0)).west_m == 80_000.0

@@ -36,6 +36,8 @@ RAISED = [
     ("gnss_silent", {"gnss_age_s": 0.55}, 0.0, 0.05, State.WORKING),
     ("gnss_silent", {"gnss_age_s": 2.6, "gnss_period_s": 1.0}, 0.0, 0.05, State.WORKING),
     ("gnss_silent", {"fix_quality": 0}, 0.0, 0.05, State.WORKING),
+    ("position_jumped", {"position_refused_m": 1000.0}, 0.0, 0.05, State.WORKING),
+    ("position_jumped", {"position_refused_m": inf}, 0.0, 0.05, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": 2.1}, 0.0, 0.05, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": None}, 1.3, 1.6, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": nan}, 0.0, 0.05, State.WORKING),

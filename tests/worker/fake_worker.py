@@ -18,7 +18,8 @@ from control.log_row import LogRow
 from control.orders import Alarm, Answer, Do, Order, Severity
 from control.readings import DriveCommand, Measurements, Reading
 from control.safety import Allowances, BenchRun
-from drivers.cab_line import DeviceLine, DeviceStatus
+from drivers.cab_line import DeviceLine
+from drivers.device_status import DeviceStatus
 from drivers.devices.lag_rig import RigReadings
 
 HELD_AFTER_S = 2.0

@@ -170,6 +170,22 @@ def test_requests_cannot_make_a_tick_long(rig):
     assert len(said) == limits.REQUESTS_A_TICK
 
 
+@pytest.mark.parametrize("stop", [Order(Do.STOP), Order(Do.HOLD), Order(Do.RELEASE), Ask.QUIT])
+def test_what_stops_the_machine_waits_behind_nothing(rig, stop):
+    r = rig()
+    ask(r, Order(Do.START))
+    r.host.tick(0.0)
+    others = [ask(r, Order(Do.NUDGE, 1.0)) for _ in range(limits.REQUESTS_WAITING)]
+    stopped = ask(r, stop)                                           # `ask` sees to it that it is not refused
+    after = [r.host.ask(Ask.ALIVE, lambda *_: None) for _ in range(3)]
+    r.host.tick(0.05)
+    assert after == [False] * 3
+    assert stopped == [(Answer(True), {})]
+    assert all(len(one) == 1 for one in others)                      # in the order they came: none overtakes the stop
+    if stop is not Ask.QUIT:
+        assert r.loop.orders[-1] == stop
+
+
 @pytest.mark.parametrize(("hz", "ticks_a_frame"), [(20.0, 1), (50.0, 3), (100.0, 5), (10.0, 1)])
 def test_frames_are_made_no_oftener_than_they_are_sent(rig, hz, ticks_a_frame):
     r = rig(hz=hz)

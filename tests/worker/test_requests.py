@@ -71,6 +71,7 @@ def test_what_is_wrong_is_refused_and_said(sent, id_, why):
 def test_without_the_token_nothing_is_taken(token):
     assert parse(line(token=token, do="start"), TOKEN) == Refusal(7, "unauthorised", "unauthorised")
     assert parse(line(token=token, ask="quit"), TOKEN) == Refusal(7, "unauthorised", "unauthorised")
+    assert parse(line(token=token, ask="look"), TOKEN) == Request(7, Ask.LOOK, with_key=False)
 
 
 @relaxed

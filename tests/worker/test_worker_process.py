@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import signal
@@ -10,13 +11,14 @@ import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from console.link import Link, Where, WorkerFailed, WorkerGone, find_running, start_worker
-from console.worker.limits import CLIENTS, LINE_BYTES
+from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES
 from control.orders import Answer, Do, Order
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
@@ -253,18 +255,88 @@ async def test_a_client_that_never_reads_stalls_nobody(running, attach):
     lazy.close()
 
 
-async def test_no_more_clients_than_allowed(running, attach):
+def look(where: Where) -> socket.socket:
+    client = raw(where)
+    client.sendall(b'{"id": 1, "token": null, "ask": "look"}\n')
+    return client
+
+
+def closed(client: socket.socket) -> bool:
+    """Whether the worker ended this connection; what it had sent is read."""
+    try:
+        while client.recv(65536):
+            pass
+    except TimeoutError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path):
+    """As many as a worker has places, all idle: it stays found, no second one starts, its console gets in."""
     where = running()
-    crowd = [raw(where) for _ in range(CLIENTS)]
+    crowd = [raw(where) for _ in range(CLIENTS_NEW)]
     assert all(c.recv(100).startswith(b'{"hello"') for c in crowd)
-    extra = raw(where)
-    assert extra.recv(100) == b""
-    crowd.pop().close()
-    await asyncio.sleep(0.3)
+    run_file = tmp_path / "run" / "worker.json"
+    assert find_running(run_file) == where and run_file.exists()
+    with pytest.raises(WorkerFailed, match=f"runs already .process {where.pid}"):
+        running()
     link = await attach(where)
-    assert (await link.stats())["clients_refused"] == 1
+    assert await link.order(Order(Do.START)) == Answer(True)
+    await until(lambda: link.newest.row.state == "working")
+    assert await asyncio.to_thread(closed, crowd[-1])           # none of them is kept
+    stats = await link.stats()
+    assert stats["clients_silent"] >= CLIENTS_NEW and stats["clients"] == 1
     for client in crowd:
         client.close()
+
+
+async def test_who_only_looks_never_takes_the_place_of_a_console(running, attach):
+    where = running()
+    crowd = [look(where) for _ in range(CLIENTS_LOOKING)]
+    assert all(answers(c, 1)[0]["accepted"] for c in crowd)
+    assert closed(look(where))
+    consoles = [await attach(where) for _ in range(CLIENTS_WITH_KEY)]
+    assert (await consoles[-1].stats())["clients_refused"] == 1
+    crowd.pop().close()
+    await asyncio.sleep(0.3)
+    assert (await attach(where.looking_only())).newest is not None
+    for client in crowd:
+        client.close()
+
+
+async def test_looking_with_the_key_does_not_keep_the_machine_working(running, attach, log_of):
+    where = running("--orphan-s", "1.0")
+    client = raw(where)
+    for number in range(15):
+        with contextlib.suppress(OSError):
+            client.sendall(json.dumps({"id": number, "token": where.token, "ask": "look"}).encode() + b"\n")
+        await asyncio.sleep(0.1)
+    assert log_of(where)[-1] == {"end": True}
+    client.close()
+
+
+def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
+    def start(_: int) -> Where | str:
+        try:
+            return running()
+        except WorkerFailed as error:
+            return str(error)
+
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(start, range(3)))
+    started = [one for one in found if isinstance(one, Where)]
+    assert len(started) == 1
+    assert all("runs already" in one for one in found if isinstance(one, str))
+    assert find_running(tmp_path / "run" / "worker.json") == started[0]
+
+
+def test_without_its_run_file_a_worker_still_is_the_only_one(running, tmp_path):
+    running()
+    (tmp_path / "run" / "worker.json").unlink()
+    with pytest.raises(WorkerFailed, match="did not start: topdress worker: a control worker runs already"):
+        running()
 
 
 @posix
@@ -295,8 +367,7 @@ def test_a_port_taken_over_by_another_program_is_not_a_worker(tmp_path):
     run_file = tmp_path / "worker.json"
     with socket.create_server(("127.0.0.1", 0)) as other:
         run_file.write_text(json.dumps({"port": other.getsockname()[1], "token": "x", "pid": 1}))
-        with pytest.raises(WorkerFailed, match="remove"):
-            find_running(run_file)
+        assert find_running(run_file) is None and not run_file.exists()
 
 
 def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
@@ -304,6 +375,18 @@ def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
     run_file = tmp_path / "old.json"
     run_file.write_text(json.dumps({"port": where.port, "token": "x", "pid": where.pid + 1}))
     assert find_running(run_file) is None and not run_file.exists()
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', '{"port": 1, "token": "x", "pid": 1}'])
+def test_a_run_file_is_never_removed_while_a_worker_holds_its_lock(running, tmp_path, text):
+    where = running()
+    run_file = tmp_path / "run" / "worker.json"
+    run_file.write_text(text)
+    with pytest.raises(WorkerFailed, match="end"):
+        find_running(run_file)
+    assert run_file.read_text() == text
+    run_file.write_text(json.dumps({"port": where.port, "token": where.token, "pid": where.pid}))
+    assert find_running(run_file).pid == where.pid
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', "\x00"])

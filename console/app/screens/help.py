@@ -11,7 +11,7 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from console.app import actions
+from console.app.action import Action
 from console.app.widgets.panel import Part, fit
 from console.locale import _
 
@@ -20,9 +20,9 @@ class HelpScreen(ModalScreen[None]):
     AUTO_FOCUS = "#help-scroll"
     BINDINGS: ClassVar = [Binding("escape,f1,enter", "close", show=False)]
 
-    def __init__(self, where: str) -> None:
+    def __init__(self, shown: tuple[Action, ...]) -> None:
         super().__init__()
-        self.where = where
+        self.shown = shown
 
     def compose(self) -> ComposeResult:
         with VerticalScroll(id="help-scroll", classes="dialog wide"):
@@ -37,7 +37,7 @@ class HelpScreen(ModalScreen[None]):
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
     def _keys(self) -> Content:
-        shown = actions.at(self.where)
+        shown = self.shown
         width = max(cell_len(_(action.label)) for action in shown) + 3
         parts: list[Part] = []
         for action in shown:

@@ -142,15 +142,14 @@ class FieldMap(Canvas[MapView]):
         self._segments.clear()
         self._codes = None
         base = self.rich_style
-        ground: Rgb = tuple(base.bgcolor.get_truecolor()) if base.bgcolor is not None else (0, 0, 0)
+        ground = _rgb_of(base.bgcolor, (0, 0, 0))
         steps = [self.view.scale.colour(step / (STEPS - 1)) for step in range(STEPS)]
         outline = self._rgb("map--outline")
         self._palette: list[Rgb] = [ground, self._rgb("map--passage"), outline, *steps,
                                     *(_mixed(step, ground) for step in steps), outline]
 
     def _rgb(self, name: str) -> Rgb:
-        colour = self.style(name).color
-        return tuple(colour.get_truecolor()) if colour is not None else (128, 128, 128)
+        return _rgb_of(self.style(name).color, (128, 128, 128))
 
     def _segment(self, code: int) -> Segment:
         base = self.rich_style
@@ -196,3 +195,10 @@ def _mixed(rgb: Rgb, ground: Rgb) -> Rgb:
 
 def _style(fore: Rgb, back: Rgb | None) -> Style:
     return Style(color=Color.from_rgb(*fore), bgcolor=Color.from_rgb(*back) if back is not None else None)
+
+
+def _rgb_of(colour: Color | None, otherwise: Rgb) -> Rgb:
+    if colour is None:
+        return otherwise
+    red, green, blue = colour.get_truecolor()
+    return red, green, blue

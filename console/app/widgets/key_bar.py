@@ -17,9 +17,11 @@ class KeysView(NamedTuple):
     locked: bool
     notice: str
     language: str
+    why_none: str = ""         # why hold and STOP are not among the actions
 
 
-ALWAYS = ("hold", "stop", "palette")       # with the last one everything else can be reached by mouse at any width
+URGENT = ("hold", "stop")                  # in their places also beside a notice and under a dialog
+ALWAYS = (*URGENT, "palette")              # with the last one everything else can be reached by mouse at any width
 
 
 def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
@@ -39,23 +41,45 @@ def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int
     return tuple(placed)
 
 
+def _why(view: KeysView) -> str:
+    return f" {view.why_none}  " if view.why_none else ""
+
+
 class KeyBar(Panel[KeysView]):
     def lines(self, view: KeysView, width: int, height: int) -> list[Content]:
-        if view.notice:
-            return [line((fit(f" {view.notice}", width), "bold reverse"))]
+        placed = self._placed(view, width)
         parts: list[Part] = []
-        for action, _start, _cells in laid_out(view.actions, width):
+        if placed and placed[0][1]:
+            parts.append((fit(_why(view), placed[0][1]), "bold $on-keybar on $keybar"))
+        for action, _start, _cells in placed:
             off = view.locked and not action.locked
             key = "$stale on $keybar" if off else "bold $keybar-key on $keybar"
             word = "$stale on $keybar" if off else "$on-keybar on $keybar"
             if action.id == "stop":
                 key = word = "bold $on-alarm-red on $alarm-red"
             parts += [(f" {action.shown} ", key), (f"{_(action.label)} ", word)]
-        used = sum(cells for _a, _s, cells in laid_out(view.actions, width))
-        return [line(*parts, (" " * max(0, width - used), "on $keybar"))]
+        left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
+        rest = (fit(f" {view.notice}", left), "bold reverse") if view.notice else (" " * left, "on $keybar")
+        return [line(*parts, rest)]
+
+    @staticmethod
+    def _placed(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
+        """Beside a notice only hold and STOP, where they always are: first. Why they are not there comes first too."""
+        if view.notice:
+            return tuple(one for one in laid_out(view.actions, width) if one[0].id in URGENT)
+        kept = laid_out(tuple(action for action in view.actions if action.id in ALWAYS), width)
+        start = min(cell_len(_why(view)), width - sum(cells for _action, _start, cells in kept))
+        return tuple((action, start + at, cells) for action, at, cells in laid_out(view.actions, width - start))
+
+    def action_at(self, x: int) -> str:
+        """The action at a column of the content; "" where there is none."""
+        for action, start, cells in self._placed(self.view, self.content_size.width):
+            if start <= x < start + cells:
+                return action.id
+        return ""
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()
-        for action, start, cells in laid_out(self.view.actions, self.content_size.width):
-            if start <= event.x < start + cells and not self.view.notice:
-                await self.run_action(f"app.do('{action.id}')")
+        name = self.action_at(event.x)
+        if name:
+            await self.run_action(f"app.do('{name}')")

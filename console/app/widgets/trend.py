@@ -86,7 +86,7 @@ class Trend(Canvas[TrendView]):
 
         def line(of: int) -> list[tuple[float, float | None]]:
             return [(1 - (now_s - point.time_s) / view.span_s,
-                     None if point[of] is None else (point[of] * unit.per_si - low) / (high - low))
+                     None if (rate := point[of]) is None else (rate * unit.per_si - low) / (high - low))
                     for point in view.points]
 
         targets = trace(line(1), plot_columns, plot_rows)

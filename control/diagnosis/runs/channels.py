@@ -116,7 +116,8 @@ def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -
     per_bin = max(1.0, h.grid.step_s / 0.05)
     return _channel("scale", "kg", h.grid, h.reading_kg, predict,
                     NoisePrior(noise.scale_kg, noise.scale_correlation_s,
-                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin)))
+                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin),
+                               walk_sd=h.unseen * machine.flow.grams_per_rev_mm / 60_000.0))
 
 
 def _hopper_levels(h: Hopper, table_at: Array) -> Callable[[Schedule], Array]:

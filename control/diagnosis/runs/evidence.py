@@ -45,36 +45,44 @@ def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequ
     base, model = columns.of_hypothesis(parts), columns.model
     before, data = len(base), model.banded_residual(parts)
     p = problem(model.channels, data, [*base, *traces])
-    chosen = np.arange(before)
-    amplitude, covariance = solved(p, chosen, noise)
+    amplitude, covariance = solved(p, np.arange(before), noise)
     normal, _ = weighted(p, noise)
     shares = covariance @ normal[:before, before:]                    # of each base column in each trace
     found: list[tuple[Array, Array]] = []
     for channel in model.channels:
-        name = channel.name
-        strength = noises.spectrum(np.array(noise[name].theta), channel.prior, channel.cut, channel.grid.step_s)
-        scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
-        left = data[name].copy()
-        plain = np.zeros((len(traces), len(left)))
-        for k, trace in enumerate(traces):
-            if name in trace.coefficients:
-                plain[k] = trace.coefficients[name]
+        left, plain = data[channel.name].copy(), _stacked(traces, channel)
         for j, column in enumerate(base):
-            if name in column.coefficients:
-                left -= amplitude[j] * column.coefficients[name]
-                plain -= shares[j][:, None] * column.coefficients[name]
-        residual = series_of(left * scale, channel.cut)
-        edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
-        sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))
-        for k in range(len(traces)):
-            trace_series = series_of(plain[k] * scale, channel.cut)
-            sums[:, k] = np.add.reduceat(residual * trace_series, edges)
-            squares[:, k] = np.add.reduceat(trace_series ** 2, edges)
-        found.append((sums, squares))
+            if channel.name in column.coefficients:
+                left -= amplitude[j] * column.coefficients[channel.name]
+                plain -= shares[j][:, None] * column.coefficients[channel.name]
+        found.append(_block_sums(channel, noise[channel.name], left, plain))
     told = (p.mean[:before] - amplitude) / p.sd[:before]
     tolerated = -shares / p.sd[:before, None]
     found.append(((told @ tolerated)[None], (tolerated ** 2).sum(axis=0)[None]))
     return Scores(np.concatenate([s for s, _ in found]), np.concatenate([e for _, e in found]))
+
+
+def _stacked(traces: Sequence[Column], channel: ChannelSeries) -> Array:
+    """Banded coefficients of the traces in one channel (k, m), zero where one does not touch it."""
+    stack = np.zeros((len(traces), len(channel.cut.order)))
+    for k, trace in enumerate(traces):
+        if channel.name in trace.coefficients:
+            stack[k] = trace.coefficients[channel.name]
+    return stack
+
+
+def _block_sums(channel: ChannelSeries, noise: Noise, left: Array, traces: Array) -> tuple[Array, Array]:
+    """Sums over BLOCKS blocks, (blocks, k) each: whitened residual times whitened traces, and these squared."""
+    strength = noises.spectrum(np.array(noise.theta), channel.prior, channel.cut, channel.grid.step_s)
+    scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
+    residual = series_of(left * scale, channel.cut)
+    edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
+    sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))
+    for k, banded in enumerate(traces):
+        trace = series_of(banded * scale, channel.cut)
+        sums[:, k] = np.add.reduceat(residual * trace, edges)
+        squares[:, k] = np.add.reduceat(trace ** 2, edges)
+    return sums, squares
 
 
 def slow_share(banded: Array, channel: ChannelSeries, noise: Noise) -> float:

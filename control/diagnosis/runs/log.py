@@ -14,6 +14,12 @@ Array = npt.NDArray[np.float64]
 
 SENTINELS = (-9999.0, -999.0, -99.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0)
 FASTEST_MPS = 9.0           # ground speeds above this, most of the time, are not m/s
+KMH_IN_MPS = 3.6
+KMH_RATIO = (3.2, 4.0)      # of two speeds, of which one is in km/h
+SAME_TIME_S = 1e-6          # rows closer than this repeat a time
+GAP_STEPS = 1.5             # of the median: a longer one has rows missing
+MIXED_STEP = 0.25           # off the median by this share, in MIXED_ROWS of the rows: the sample time is mixed
+MIXED_ROWS = 0.2
 HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
 NEEDED = {
     "shaft": ("shaft_rpm_cmd", "shaft_rpm"),
@@ -54,7 +60,7 @@ class Clean(NamedTuple):
 
 
 def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
-    """Examine and clean the columns of a run log (contract of the run log; `time_s` in s, the others optional).
+    """The data gate: examines and cleans the columns of a run log (its contract; `time_s` in s, the others optional).
 
     Raises ValueError with one plain line where there is no usable time column.
     """
@@ -111,7 +117,7 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
     order = finite[np.argsort(time[finite], kind="stable")]
     if np.any(np.diff(time[finite]) < 0):
         findings.append("column time_s: times run backwards in places; rows are taken in order of time")
-    keep = np.concatenate(([True], np.diff(time[order]) > 1e-6))
+    keep = np.concatenate(([True], np.diff(time[order]) > SAME_TIME_S))
     if not keep.all():
         findings.append(f"column time_s: {int((~keep).sum())} rows repeat a time; the first of each is kept")
     order = order[keep]
@@ -119,11 +125,11 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
         raise ValueError(f"column time_s: {len(order)} usable rows: at least {MIN_ROWS} are needed")
     steps = np.diff(time[order])
     step = float(np.median(steps))
-    missing = int(np.round(steps / step - 1.0)[steps > 1.5 * step].sum())
+    missing = int(np.round(steps / step - 1.0)[steps > GAP_STEPS * step].sum())
     if missing:
         share = 100.0 * missing / (len(order) + missing)
         findings.append(f"column time_s: about {missing} rows are missing ({share:.1f} %)")
-    if np.mean(np.abs(steps / step - 1.0) > 0.25) > 0.2:
+    if np.mean(np.abs(steps / step - 1.0) > MIXED_STEP) > MIXED_ROWS:
         findings.append("column time_s: the sample time is mixed; the median is "
                         f"{step:.3g} s, from {steps.min():.3g} to {steps.max():.3g} s")
     return time[order] - time[order[0]], order
@@ -142,13 +148,13 @@ def _without_sentinels(name: str, values: Array, findings: list[str]) -> Array:
 def _units(found: dict[str, Array], findings: list[str]) -> None:
     typical = {}
     for name in ("speed_mps", "wheel_speed_mps"):
-        moving = found[name][found[name] > 0.3]
+        moving = found[name][found[name] > MOVING_MPS]
         typical[name] = float(np.median(moving)) if len(moving) > MIN_ROWS else np.nan
     for name, other in (("speed_mps", "wheel_speed_mps"), ("wheel_speed_mps", "speed_mps")):
         ratio = typical[name] / typical[other] if np.isfinite(typical[other]) else np.nan
-        if 3.2 < ratio < 4.0 or (not np.isfinite(ratio) and typical[name] > FASTEST_MPS):
+        if KMH_RATIO[0] < ratio < KMH_RATIO[1] or (not np.isfinite(ratio) and typical[name] > FASTEST_MPS):
             findings.append(f"column {name}: values look like km/h (median {typical[name]:.1f}); divided by 3.6")
-            found[name] = found[name] / 3.6
+            found[name] = found[name] / KMH_IN_MPS
             return
 
 

@@ -199,6 +199,9 @@ def excited(candidate: Candidate, data: RunData) -> bool:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
     if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
         return False
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(row.stage)
+    if row.move_shaped and drive is not None and not drive.moves_seen:
+        return False
     if row.needs and row.needs not in data.variables:
         return False
     opening = data.variables.get("opening_mm")

@@ -20,7 +20,11 @@ EVERY_ROW = 20              # of the recorded variables between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
+UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
+UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
+UNSEEN_S = 2.0              # ... within so long, or in proportion
 FINE_LOG_S = 0.15           # rows closer than this hold every command that control gave
+MAX_LOST = 0.1              # of the rows, before which commands may be missing: more, and no move is known
 SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
 SHAFT_ANSWERS_S, GATE_ANSWERS_S = 1.0, 1.0      # after a command, the drive has answered it
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
@@ -68,6 +72,7 @@ class Drive(NamedTuple):
     supply_v: Array
     grid: Grid
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written
+    moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves
 
 
 class Hopper(NamedTuple):
@@ -82,7 +87,9 @@ class Hopper(NamedTuple):
     start_kg: float
     jumps: tuple[int, ...]      # bins from which a refill counts
     told: tuple[bool, ...]      # whether the operator wrote down how much a refill was
+    walk_sd: float              # of a bin, relative to a mass of 1 r/min x mm x s: metered between rows, nobody knows how
     grid: Grid                  # over the m bins
+    unseen: float = 0.0         # r/min x mm x s, 1 s.d. of a bin: metered between rows, where no row says how
 
 
 class Speed(NamedTuple):
@@ -248,10 +255,10 @@ def _drives(log: Clean, every: _Rows, whole: bool) -> dict[str, Drive]:
         still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
         read = np.where(still, 0.0, c["shaft_rpm"])
         sure = _sure(every, every.command_rpm, SAME_RPM, SHAFT_ANSWERS_S)
-        found["shaft"] = _drive("shaft", every, every.command_rpm, np.where(sure, read, np.nan), whole)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, SAME_MM, GATE_ANSWERS_S)
-        found["gate"] = _drive("gate", every, every.command_mm, np.where(sure, c["opening_mm"], np.nan), whole)
+        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole)
     return {name: drive for name, drive in found.items() if drive is not None}
 
 
@@ -269,16 +276,17 @@ def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.ND
     return np.asarray(every.time_s - last >= answers_s)
 
 
-def _drive(name: str, every: _Rows, command: Array, measured: Array, whole: bool) -> Drive | None:
+def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
+           whole: bool) -> Drive | None:
     """None where hardly a row can be judged."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
-    known = np.isfinite(measured[pick]) & (since >= SETTLE_S)
+    known = np.isfinite(measured[pick]) & (since >= SETTLE_S) & sure[pick]
     if known.sum() < MIN_ROWS:
         return None
     grid = _grid(time[pick], known, every.step_s, clock)
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
-                 grid)
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST))
 
 
 def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
@@ -331,7 +339,18 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) ->
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
     return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
-                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width))
+                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width), _unseen(every, edges))
+
+
+def _unseen(every: _Rows, edges: Array) -> float:
+    """What may have been metered between rows beside a straight line from one to the next (`Hopper.unseen`)."""
+    if not every.lost.any():
+        return 0.0
+    rate = np.where(every.shaft_rpm < STOPPED_RPM, 0.0, every.shaft_rpm) * every.opening_mm
+    spans = np.diff(every.time_s)
+    steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
+    off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
+    return float(np.sqrt(np.sum(off ** 2) / max(1, len(edges) - 1)))
 
 
 def _binned_inputs(every: _Rows, edges: Array, width: float) -> tuple[Array, Array, Array]:

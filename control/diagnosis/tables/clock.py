@@ -1,7 +1,8 @@
 """Times that come in steps: a detector that looks only every so often (lag.coarse_clock).
 
-A step shows in the values themselves, not in their mean: they heap near its multiples. For each step tried, the mean
-cosine of the values' phase is compared with that of smooth scatter of the same mean and size.
+A step shows in the values themselves, not in their mean: they heap near its multiples. The statistic is the cosine
+quantogram of D. G. Kendall ("Hunting quanta", Phil. Trans. R. Soc. A 276, 1974): for each step tried, the mean cosine
+of the values' phase, compared with that of smooth scatter of the same mean and size.
 """
 from __future__ import annotations
 
@@ -12,24 +13,33 @@ from scipy.stats import t as student
 
 from .piece import Array
 
+# The test of the quantogram's peak, set on the layouts used while building (docs/bench-tables.md).
 LEVEL = 0.002
 DRAWS = 1500                # of smooth scatter
 BATCH = 100
-ENOUGH = 5                  # draws that heap as clearly, after which it is plain
-PLAIN_Z = 3.5               # of the best of hundreds of steps: below it nothing is to be tested
-LIMIT_Z = 4.5               # what a step must reach to be found
-LEAST_SPREAD = 0.3
-PHASES = 6.0                # steps tried for each turn that the phase of the longest time makes
-MOST_STEPS = 3000
-FINEST_DIGITS = 8.0         # steps below this many printed digits are not tried
-LEAST_ROWS = 8
-COARSEST = 4.0              # times the scatter: coarser steps have no phases left
+MAX_REACHED = 5             # draws that heap as clearly, after which it is plain that noise does
+MIN_Z = 3.5                 # of the best of hundreds of steps: below it nothing is to be tested
+DETECTABLE_Z = 4.5          # what a step must reach to be found
+MIN_SD = 0.3                # of the mean cosine, times sqrt(rows): what smooth scatter has at the least
+MIN_ROWS = 8
+
+# The steps that are tried.
+STEPS_PER_TURN = 6.0        # for each turn that the phase of the longest time makes
+MIN_STEPS, MAX_STEPS = 50, 3000
+MIN_DIGITS = 8.0            # printed digits in the finest step
+MAX_SCATTERS = 4.0          # times the scatter, or half the spread of all times: coarser steps have no phases left
+MAX_MULTIPLE = 12           # of the step at the peak that may be meant instead
 AS_CLEAR = 0.95             # of the clearest heaping: a multiple of the step that heaps as well is meant instead
-UNDECIDED = 0.5
-COARSE_DIGIT_S = 0.1        # nobody writes lags so roughly by choice
+
+# Readings so few that no scatter is left to see the steps by: whole steps and nothing between them.
+MAX_VALUES = 3              # different readings
+MIN_ROWS_PER_VALUE = 6
+UNDECIDED = 0.5             # p of one and the same reading throughout: a steady detector, or a step
+MAX_STEPS_PER_VALUE = 39
+COARSE_DIGIT_S = 0.1        # a last digit of so much is itself a step: nobody writes lags so roughly by choice
 PRINTED_S = 0.001
-FEW_VALUES = 3              # different readings among many, far apart: no scatter is left to see the steps by
-DITHERED = 0.35             # of a step: scatter below this does not even the rounding out
+
+DITHERED = 0.35             # of a step: scatter below this does not even its rounding out
 
 
 class Clock(NamedTuple):
@@ -41,6 +51,15 @@ class Clock(NamedTuple):
     p: float
     heaping: float              # mean cosine: 1 all on the multiples
     smallest_s: float | None
+
+    @property
+    def shown(self) -> bool:
+        return self.p < LEVEL
+
+    @property
+    def undecided(self) -> bool:
+        """One and the same reading throughout: a step is neither shown nor excluded."""
+        return self.p == UNDECIDED
 
 
 def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> Clock | None:
@@ -56,35 +75,32 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     rest = times_s - fitted_s
     scatter = float(np.std(rest, ddof=1)) if rows > 1 else 0.0
     spread = float(np.std(times_s))
-    finest = max(FINEST_DIGITS * digit_s, 0.1 * scatter)
-    coarsest = COARSEST * max(scatter, 0.5 * spread)
-    if rows < LEAST_ROWS or scatter <= 0.0 or coarsest <= 1.2 * finest:
+    finest = max(MIN_DIGITS * digit_s, 0.1 * scatter)
+    coarsest = MAX_SCATTERS * max(scatter, 0.5 * spread)
+    if rows < MIN_ROWS or scatter <= 0.0 or coarsest <= 1.2 * finest:
         return None
-    count = int((1.0 / finest - 1.0 / coarsest) * PHASES * float(np.abs(times_s).max()))
-    steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, 50), MOST_STEPS))
+    count = int((1.0 / finest - 1.0 / coarsest) * STEPS_PER_TURN * float(np.abs(times_s).max()))
+    steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, MIN_STEPS), MAX_STEPS))
     mean, sd = _of_smooth(fitted_s, scatter, steps)
-    seen = _heaping(times_s[None, :], steps)[0]
+    seen = _quantogram(times_s[None, :], steps)[0]
     z = (seen - mean) / sd
     highest = float(z.max())
     p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
     step = _coarsest(times_s, float(steps[int(np.argmax(z))]), coarsest)
     step, half = _refined(times_s, step)
-    return Clock(step, step - half, step + half, p, _heap(times_s, step), _smallest(steps, mean, sd))
+    return Clock(step, step - half, step + half, p, _heaping(times_s, step), _smallest(steps, mean, sd))
 
 
 def _few_values(times: Array, digit_s: float) -> Clock | None:
-    """Many readings, hardly any different ones: whole steps and nothing between them.
-
-    One and the same reading throughout may also be a steady detector: p is then 1/2, neither shown nor excluded.
-    """
+    """Many readings, hardly any different ones: whole steps and nothing between them."""
     kinds = np.unique(times)
-    if len(times) < LEAST_ROWS or len(kinds) > min(FEW_VALUES, len(times) // 6) or kinds[0] <= 0.0:
+    if len(times) < MIN_ROWS or len(kinds) > min(MAX_VALUES, len(times) // MIN_ROWS_PER_VALUE) or kinds[0] <= 0.0:
         return None
     gaps = np.diff(kinds)
-    if len(gaps) and gaps.min() < FINEST_DIGITS * digit_s:
+    if len(gaps) and gaps.min() < MIN_DIGITS * digit_s:
         return None
-    p = UNDECIDED if len(gaps) == 0 and kinds[0] < 10.0 * FINEST_DIGITS * digit_s else 1.0 / (DRAWS + 1)
-    for count in range(1, 40):
+    p = UNDECIDED if len(gaps) == 0 and kinds[0] < 10.0 * MIN_DIGITS * digit_s else 1.0 / (DRAWS + 1)
+    for count in range(1, MAX_STEPS_PER_VALUE + 1):
         step = float(kinds[0]) / count
         if np.all(np.abs(kinds / step - np.round(kinds / step)) * step < 2.0 * digit_s):
             return Clock(step, 0.5 * step if len(kinds) == 1 else 0.98 * step, step if len(kinds) == 1 else 1.02 * step,
@@ -92,37 +108,37 @@ def _few_values(times: Array, digit_s: float) -> Clock | None:
     return None
 
 
-def rounding_s(clock: Clock | None, scatter_s: float) -> float:
+def rounding_sd(clock: Clock | None, scatter_s: float) -> float:
     """S.d. of what rounding does to all replicates of a setting alike, s: 0 where their scatter evens it out."""
-    if clock is None or clock.p >= LEVEL or scatter_s >= DITHERED * clock.step_s:
+    if clock is None or not clock.shown or scatter_s >= DITHERED * clock.step_s:
         return 0.0
     return clock.step_s / float(np.sqrt(12.0))
 
 
 def _of_smooth(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Array]:
-    """Mean and s.d. of the heaping of normal times about their means, (steps,), in closed form."""
+    """Mean and s.d. of the quantogram of normal times about their means, (steps,), in closed form."""
     turn = 2.0 * np.pi / steps[:, None]
     one, two = np.exp(-0.5 * (turn * scatter) ** 2), np.exp(-2.0 * (turn * scatter) ** 2)
     mean = np.cos(turn * fitted) * one
     variance = 0.5 * (1.0 + np.cos(2.0 * turn * fitted) * two) - mean ** 2
     rows = len(fitted)
-    return mean.mean(axis=1), np.maximum(np.sqrt(variance.mean(axis=1) / rows), LEAST_SPREAD / np.sqrt(rows))
+    return mean.mean(axis=1), np.maximum(np.sqrt(variance.mean(axis=1) / rows), MIN_SD / np.sqrt(rows))
 
 
 def _p_value(highest: float, fitted: Array, scatter: float, steps: Array, mean: Array, sd: Array, seed: int) -> float:
     """Share of draws of smooth times that heap as clearly at any step; few draws where it is plain that many do."""
-    if highest < PLAIN_Z:
+    if highest < MIN_Z:
         return 1.0
     rng = np.random.default_rng(seed)
     reached = drawn = 0
-    while drawn < DRAWS and reached < ENOUGH:
+    while drawn < DRAWS and reached < MAX_REACHED:
         times = fitted + scatter * rng.standard_normal((BATCH, len(fitted)))
-        reached += int(np.sum(((_heaping(times, steps) - mean) / sd).max(axis=1) >= highest))
+        reached += int(np.sum(((_quantogram(times, steps) - mean) / sd).max(axis=1) >= highest))
         drawn += BATCH
     return (reached + 1) / (drawn + 1)
 
 
-def _heaping(times: Array, steps: Array) -> Array:
+def _quantogram(times: Array, steps: Array) -> Array:
     """Mean cosine of the phase, (draws, steps); single precision is ample and quick."""
     turns = (2.0 * np.pi * times).astype(np.float32)
     rates = (1.0 / steps).astype(np.float32)
@@ -135,11 +151,11 @@ def _heaping(times: Array, steps: Array) -> Array:
 def _coarsest(times: Array, step: float, coarsest: float) -> float:
     """The step about `step` at which the times heap most, or the largest multiple of it at which they do as well."""
     best = step = _peak(times, step)
-    for factor in range(2, 13):
+    for factor in range(2, MAX_MULTIPLE + 1):
         if factor * step > coarsest:
             break
         tried = _peak(times, factor * step)
-        if _heap(times, tried) >= AS_CLEAR * _heap(times, step):
+        if _heaping(times, tried) >= AS_CLEAR * _heaping(times, step):
             best = tried
     return best
 
@@ -147,10 +163,10 @@ def _coarsest(times: Array, step: float, coarsest: float) -> float:
 def _peak(times: Array, step: float) -> float:
     reach = 0.5 / float(np.abs(times).max())
     near = 1.0 / np.maximum(1.0 / step + np.linspace(-reach, reach, 81), 1e-6)
-    return float(near[int(np.argmax(_heaping(times[None, :], near)[0]))])
+    return float(near[int(np.argmax(_quantogram(times[None, :], near)[0]))])
 
 
-def _heap(times: Array, step: float) -> float:
+def _heaping(times: Array, step: float) -> float:
     return float(np.mean(np.cos(2.0 * np.pi * times / step)))
 
 
@@ -171,5 +187,5 @@ def _refined(times: Array, step: float) -> tuple[float, float]:
 
 def _smallest(steps: Array, mean: Array, sd: Array) -> float | None:
     """The finest step whose full heaping would have stood out."""
-    shown = np.flatnonzero((1.0 - mean) / sd > LIMIT_Z)
+    shown = np.flatnonzero((1.0 - mean) / sd > DETECTABLE_Z)
     return float(steps[shown[0]]) if len(shown) else None

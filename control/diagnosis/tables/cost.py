@@ -8,21 +8,21 @@ from control.diagnosis.result import FieldCost
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 
-from .piece import Sized, with_more
-from .weigh_rows import USUAL_MPS
+from .piece import SizedEffect, with_effects
+from .rows.weigh import USUAL_MPS
 
 
-def field_cost(machine: Machine, part: Sized, speed_mps: float | None) -> FieldCost:
+def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -> FieldCost:
     """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not know of the effect.
 
     The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. A lag taken off
     distances at a wrong speed is a wrong lag. What the heads' effects cost depends on the crop and is left open (None).
     """
-    if ROWS[part.choice.id].costs is Costs.CROP:
+    if ROWS[effect.candidate.id].costs is Costs.CROP:
         return FieldCost(None, None)
-    if ROWS[part.choice.id].costs is Costs.NEITHER:
+    if ROWS[effect.candidate.id].costs is Costs.NEITHER:
         return FieldCost(0.0, 0.0)
-    changed = with_more(machine, (part,))
+    changed = with_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_MPS
     points = (Point(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)
     rate = rate_error_percent(machine, points, changed, points)

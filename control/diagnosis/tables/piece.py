@@ -10,10 +10,11 @@ import numpy.typing as npt
 from control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 
-class Choice(NamedTuple):
+class Candidate(NamedTuple):
     """An effect that may be hypothesised. `scope`: index of the only group of rows that has it, None: all have it."""
 
     id: str
@@ -21,9 +22,9 @@ class Choice(NamedTuple):
     scope: int | None = None
 
 
-class Sized(NamedTuple):
-    choice: Choice
-    size: float
+class SizedEffect(NamedTuple):
+    candidate: Candidate
+    size: float                             # in the unit of the catalogue, on top of what the machine has
 
 
 class Piece(NamedTuple):
@@ -36,7 +37,8 @@ class Piece(NamedTuple):
     predict: Callable[[Machine], Array]
     spreads: tuple[Array, ...]              # relative noise of the rows, to choose from; all 1 where they are alike
     group: npt.NDArray[np.str_]             # label of each row, "" where the table has none
-    choices: tuple[Choice, ...]             # scope None
+    label_column: str                       # column that the labels come from
+    candidates: tuple[Candidate, ...]       # scope None
     scoped_ids: tuple[str, ...]             # ids that may hold in one label or one table only
     variables: Mapping[str, Array]          # recorded settings
     nuisances: Mapping[str, Array]          # what one tolerance makes of each row
@@ -44,13 +46,12 @@ class Piece(NamedTuple):
     at_definition: Mapping[str, Array] = {}     # id -> (k,): worth of a unit of each form where the size is defined
     noise_sd: float | None = None           # what the machine file says of the sensor, for spread 1
     clocked: bool = False                   # times of a detector: may come in steps
-    remarks: tuple[str, ...] = ()
 
 
-def with_more(machine: Machine, parts: tuple[Sized, ...]) -> Machine:
+def with_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
     """The machine with effects on top of those it has; bounds are not looked at."""
     stages: dict[str, Any] = {}
-    for (effect_id, member, _), size in parts:
+    for (effect_id, member, _), size in effects:
         entry = CATALOGUE[effect_id]
         stage = stages.get(entry.stage, getattr(machine, entry.stage))
         changes = {entry.field: getattr(stage, entry.field) + size}

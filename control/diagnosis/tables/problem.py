@@ -8,70 +8,82 @@ import numpy as np
 
 from control.machine.machine import CATALOGUE, Machine
 
-from .clock import DITHERED, Clock, coarse_clock, rounding_s
-from .piece import Array, Choice, Piece, Sized, Whole, with_more
-from .scatter import Scatter, quantum_of, resolution_of, scatter_of, smoothed
+from .clock import DITHERED, Clock, coarse_clock, rounding_sd
+from .noise import Noise, noise_of, quantum_of, resolution_of, smoothed
+from .piece import Array, Candidate, IntArray, Piece, SizedEffect, with_effects
 
-LEAST_SHARED = 4        # replicates beyond the first of each setting
+MIN_SHARED = 4          # replicates beyond the first of each setting, from which on their common rounding is counted
 PRIOR_DOF = 1.0         # weight of the machine file's sensor noise, where it states one, in rows
+MIN_MEDIAN_ROWS = 3     # replicates whose median is taken for their true time
 
 
 class Problem(NamedTuple):
-    """Rows (n,) of all pieces. `sd`: absolute noise; `group`: label within a table; `setting`: rows set alike."""
+    """Rows (n,) of all pieces. `group`: label within a table; `setting`: rows set alike."""
 
     pieces: tuple[Piece, ...]
     machine: Machine
-    observed: Array                         # outliers among replicates drawn in
+    observed: Array                         # outliers among replicates winsorised
     nominal: Array
-    sd: Array
-    piece: Whole
-    group: Whole
-    group_names: tuple[str, ...]
-    setting: Whole
-    choices: tuple[Choice, ...]
+    sd: Array                               # noise
+    piece: IntArray
+    group: IntArray
+    group_names: tuple[tuple[str, str], ...]        # table, label
+    setting: IntArray
+    candidates: tuple[Candidate, ...]
     nuisances: Array                        # (n, q)
     prior_rss: float                        # one row of noise as the machine file has it, in units of sd
     prior_dof: float
-    scatter: tuple[Scatter, ...]
+    noise: tuple[Noise, ...]
     clocks: tuple[Clock | None, ...]        # of each piece: steps in its times
 
     @property
-    def least_variance(self) -> float:
+    def min_variance(self) -> float:
         """In units of sd squared: rows that scatter less than their replicates or digits do not narrow tolerances."""
-        return max(1e-9, min(scatter.least for scatter in self.scatter))
+        return max(1e-9, min(noise.min_variance for noise in self.noise))
 
-    def predicted(self, parts: Sequence[Sized]) -> Array:
-        """The model's rows with the parts in the machine, each in its own scope."""
+    def predicted(self, effects: Sequence[SizedEffect]) -> Array:
+        """The model's rows with the effects in the machine, each in its own scope."""
         out = self.nominal.copy()
         for index, piece in enumerate(self.pieces):
             inside = self.piece == index
-            done: dict[tuple[Sized, ...], Array] = {}
+            done: dict[tuple[SizedEffect, ...], Array] = {}
             for group in np.unique(self.group[inside]).tolist():
-                here = tuple(part for part in parts if part.choice.scope in (None, group))
+                here = tuple(effect for effect in effects if effect.candidate.scope in (None, group))
                 if not here:
                     continue
                 if here not in done:
-                    done[here] = piece.predict(with_more(self.machine, here))
+                    done[here] = piece.predict(with_effects(self.machine, here))
                 rows = self.group == group
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
 
-    def slopes(self, parts: Sequence[Sized] = ()) -> tuple[Array, Array]:
-        """Rows under the parts, (n,), and their change per unit of each choice's size on top of the parts, (n, c).
+    def slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
+        """Rows under the effects, (n,), and their change per unit of each candidate's size on top of them, (n, c).
 
-        Of a part itself it is the mean slope from neutral to its size.
+        Of one of the effects itself it is the mean slope from neutral to its size.
         """
-        base = self.predicted(parts)
+        base = self.predicted(effects)
         columns = []
-        for choice in self.choices:
-            own = next((part for part in parts if part.choice == choice and part.size), None)
+        for candidate in self.candidates:
+            own = next((effect for effect in effects if effect.candidate == candidate and effect.size), None)
             if own is not None:
-                columns.append((base - self.predicted([part for part in parts if part != own])) / own.size)
+                columns.append((base - self.predicted([effect for effect in effects if effect != own])) / own.size)
                 continue
-            others = [part for part in parts if part.choice != choice]
-            step = CATALOGUE[choice.id].effect.probes[0]
-            columns.append((self.predicted([*others, Sized(choice, step)]) - base) / step)
+            others = [effect for effect in effects if effect.candidate != candidate]
+            step = CATALOGUE[candidate.id].effect.probes[0]
+            columns.append((self.predicted([*others, SizedEffect(candidate, step)]) - base) / step)
         return base, np.column_stack([np.zeros((len(base), 0)), *columns])
+
+
+class _Judged(NamedTuple):
+    """One piece with its noise and its clock. Settings are numbered from 0 in each piece."""
+
+    piece: Piece
+    nominal: Array
+    setting: IntArray
+    noise: Noise
+    clock: Clock | None
+    rounding: float                         # s.d. of what the replicates of a setting share by rounding
 
 
 def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Problem:
@@ -79,66 +91,55 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
 
     Where times come in steps that the scatter does not even out, the rounding of each setting is a nuisance.
     """
-    names: list[str] = []
-    groups, settings, indices, observed, nominal, sds, scatters = [], [], [], [], [], [], []
-    clocks: list[Clock | None] = []
-    rounded: list[Array] = []
-    at = 0
-    for index, piece in enumerate(pieces):
-        table = piece.name.rsplit(" ", 1)[0]
-        own = [f"{table}|{text}" for text in piece.group.tolist()]
-        names += [name for name in dict.fromkeys(own) if name not in names]
-        groups.append(np.array([names.index(name) for name in own]))
-        setting = settings_of(piece)
-        settings.append(setting + at)
-        at += int(setting.max()) + 1
-        nominal.append(piece.predict(machine))
-        scatter = scatter_of(piece, setting, nominal[-1])
-        scatters.append(scatter)
-        clock = _clock(piece, setting, scatter.far, seed + index) if piece.clocked else None
-        clocks.append(clock)
-        typical = float(np.median(scatter.sd))
-        step = max(rounding_s(clock, typical), _rounding_sd(piece, setting, typical))
-        rounded.append(np.full(len(setting), step))
-        observed.append(scatter.tamed)
-        sds.append(scatter.sd)
-        indices.append(np.full(len(piece.observed), index))
-    group = np.concatenate(groups)
-    choices = list(dict.fromkeys(choice for piece in pieces for choice in piece.choices))
+    judged = [_judged(piece, machine, seed + index) for index, piece in enumerate(pieces)]
+    starts = np.cumsum([0, *(int(one.setting.max()) + 1 for one in judged)])
+    setting = np.concatenate([one.setting + start for one, start in zip(judged, starts[:-1], strict=True)])
+    index = np.concatenate([np.full(len(piece.observed), k) for k, piece in enumerate(pieces)])
+    rounding = np.concatenate([np.full(len(one.setting), one.rounding) for one in judged])
+    group, names = _groups(pieces)
+    candidates = list(dict.fromkeys(candidate for piece in pieces for candidate in piece.candidates))
     if len(names) > 1:
-        choices += _scoped(pieces, group, np.concatenate(indices))
-    prior = [piece.noise_sd for piece in pieces]
-    known = len(pieces) == 1 and prior[0] is not None
-    ratio = float(prior[0] / np.median(sds[0])) ** 2 if known and prior[0] is not None else 0.0
-    return Problem(tuple(pieces), machine, np.concatenate(observed), np.concatenate(nominal), np.concatenate(sds),
-                   np.concatenate(indices), group, tuple(names), np.concatenate(settings), tuple(choices),
-                   np.column_stack([_nuisances(pieces), _rounding(np.concatenate(rounded), np.concatenate(settings))]),
-                   PRIOR_DOF * ratio, PRIOR_DOF if known else 0.0, tuple(scatters), tuple(clocks))
+        candidates += _scoped(pieces, group, index)
+    prior_rss, prior_dof = _prior(judged)
+    return Problem(
+        tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
+        np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
+        names, setting, tuple(candidates), np.column_stack([_tolerances(pieces), _rounding(rounding, setting)]),
+        prior_rss, prior_dof, tuple(one.noise for one in judged), tuple(one.clock for one in judged))
 
 
-def _clock(piece: Piece, setting: Whole, far: Whole, seed: int) -> Clock | None:
+def _judged(piece: Piece, machine: Machine, seed: int) -> _Judged:
+    setting, nominal = settings_of(piece), piece.predict(machine)
+    noise = noise_of(piece, setting, nominal)
+    clock = _clock(piece, setting, noise.outliers, seed) if piece.clocked else None
+    typical = float(np.median(noise.sd))
+    return _Judged(piece, nominal, setting, noise, clock,
+                   max(rounding_sd(clock, typical), _digit_sd(piece, setting, typical)))
+
+
+def _clock(piece: Piece, setting: IntArray, outliers: IntArray, seed: int) -> Clock | None:
     """Steps in the times about the medians of settings with replicates, else about a smooth fit."""
     counts = np.bincount(setting)
-    means = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
-    centres = np.where(counts[setting] >= 3, means[setting], smoothed(piece, piece.observed)[0])
-    near = np.delete(np.arange(len(setting)), far)
+    medians = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
+    centres = np.where(counts[setting] >= MIN_MEDIAN_ROWS, medians[setting], smoothed(piece, piece.observed)[0])
+    near = np.delete(np.arange(len(setting)), outliers)
     return coarse_clock(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
 
 
-def _rounding_sd(piece: Piece, setting: Whole, scatter: float) -> float:
+def _digit_sd(piece: Piece, setting: IntArray, scatter: float) -> float:
     """S.d. of the rounding that replicates share because they scatter less than the last digit; 0: they do not."""
     quantum = quantum_of(piece.observed)
-    repeated = len(setting) - len(np.unique(setting)) >= LEAST_SHARED
+    repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
 
 
-def _rounding(sizes: Array, setting: Whole) -> Array:
+def _rounding(sizes: Array, setting: IntArray) -> Array:
     """One column for each setting whose times are rounded alike, (n, k)."""
     kinds = np.unique(setting[sizes > 0.0])
     return np.column_stack([np.zeros((len(setting), 0)), *(np.where(setting == k, sizes, 0.0) for k in kinds)])
 
 
-def settings_of(piece: Piece) -> Whole:
+def settings_of(piece: Piece) -> IntArray:
     """Index of the setting of each row, (n,): rows with the same label and variables but for the replicate."""
     keys = [piece.group.tolist(), *(np.round(values, 9).tolist() for name, values in piece.variables.items()
                                     if name != "replicate")]
@@ -147,16 +148,35 @@ def settings_of(piece: Piece) -> Whole:
     return np.array([order[row] for row in rows], dtype=np.int64)
 
 
-def _scoped(pieces: Sequence[Piece], group: Whole, index: Whole) -> list[Choice]:
+def _groups(pieces: Sequence[Piece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
+    """Group of each row and (table, label) of each group: columns of one table share theirs."""
+    names: dict[tuple[str, str], int] = {}
+    rows = []
+    for piece in pieces:
+        table = piece.name.rsplit(" ", 1)[0]
+        rows += [names.setdefault((table, text), len(names)) for text in piece.group.tolist()]
+    return np.array(rows), tuple(names)
+
+
+def _scoped(pieces: Sequence[Piece], group: IntArray, index: IntArray) -> list[Candidate]:
+    """Effects that may hold in one group only, group by group."""
     found = []
     for number in np.unique(group).tolist():
         ids = dict.fromkeys(effect_id for k in np.unique(index[group == number]).tolist()
                             for effect_id in pieces[k].scoped_ids)
-        found += [Choice(effect_id, None, number) for effect_id in ids]
+        found += [Candidate(effect_id, None, number) for effect_id in ids]
     return found
 
 
-def _nuisances(pieces: Sequence[Piece]) -> Array:
+def _prior(judged: Sequence[_Judged]) -> tuple[float, float]:
+    """Sum of squares and degrees of freedom of what the machine file says of the noise of the only piece."""
+    stated = judged[0].piece.noise_sd if len(judged) == 1 else None
+    if stated is None:
+        return 0.0, 0.0
+    return PRIOR_DOF * float(stated / np.median(judged[0].noise.sd)) ** 2, PRIOR_DOF
+
+
+def _tolerances(pieces: Sequence[Piece]) -> Array:
     names = list(dict.fromkeys(name for piece in pieces for name in piece.nuisances))
     parts = [np.column_stack([piece.nuisances.get(name, np.zeros(len(piece.observed))) for name in names])
              if names else np.zeros((len(piece.observed), 0)) for piece in pieces]

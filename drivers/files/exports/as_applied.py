@@ -27,7 +27,7 @@ COVER_STEP_M = 0.5
 NEEDED = ("lat_deg", "lon_deg", "speed_used_mps", "applied_rate_kg_ha")
 
 
-class ExportError(Exception):
+class ExportError(ValueError):
     """The log cannot be exported; one line that names file, column and what is allowed."""
 
 

@@ -10,7 +10,7 @@ from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.prescription import MapData, on_plane
 from drivers.files.prescriptions.plants import read_plants
-from drivers.files.prescriptions.read import read_prescription
+from drivers.files.prescriptions.read import files_of, read_prescription
 from drivers.files.prescriptions.words import PrescriptionError
 
 
@@ -38,6 +38,12 @@ def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> 
     places = read_plants(folder / job.target.plants)
     own = _origin(job) or plane or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
     return PlantList(places, own)
+
+
+def files_of_job(job: Job, folder: Path) -> tuple[Path, ...]:
+    """The files of the job's map and plants."""
+    return tuple(file for name in (job.target.map, job.target.plants) if name is not None
+                 for file in files_of(folder / name))
 
 
 class Placed(TypedDict):

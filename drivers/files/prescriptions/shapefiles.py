@@ -33,6 +33,8 @@ def read_shapefile(path: Path, choice: Choice) -> Imported:
         raise
     except (shapefile.ShapefileException, UnicodeDecodeError, zipfile.BadZipFile) as error:
         raise PrescriptionError(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
+    except KeyError as error:
+        raise PrescriptionError(f"{path}: not a shapefile: type of shapes {error}: allowed POLYGON") from None
     except (ValueError, IndexError, OverflowError, MemoryError) as error:
         raise PrescriptionError(f"{path}: damaged shapefile ({type(error).__name__})") from None
     except struct.error as error:

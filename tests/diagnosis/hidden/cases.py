@@ -71,8 +71,11 @@ def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,
 
 
 def one(number: int, seed: int, programmes: str = "all", categories: tuple[str, ...] = CATEGORIES,
-        kinds: tuple[str, ...] = (), ids: tuple[str, ...] = ()) -> Case:
-    """Case `number`; tries again with other draws until one fits what is asked for."""
+        kinds: tuple[str, ...] = (), ids: tuple[str, ...] = (), minutes: tuple[float, float] | None = None) -> Case:
+    """Case `number`; tries again with other draws until one fits what is asked for.
+
+    minutes: runs last between these, instead of as long as their programmes say.
+    """
     shares = np.array([SHARES[CATEGORIES.index(c)] if c in CATEGORIES else 0.1 for c in categories])
     category = str(np.random.default_rng([seed, number, 0]).choice(list(categories), p=shares / shares.sum()))
     split = programmes if programmes != "all" else SPLITS[number % 2]
@@ -80,9 +83,9 @@ def one(number: int, seed: int, programmes: str = "all", categories: tuple[str, 
         draws = [seed, number, attempt, 1]
         if category in CLASSES:
             rng = np.random.default_rng([*draws, list(CLASSES).index(category)])
-            made = class_case(category, ids, split, rng)
+            made = class_case(category, ids, split, rng, minutes)
         else:
-            made = _make(category, split, np.random.default_rng(draws), kinds, ids)
+            made = _make(category, split, np.random.default_rng(draws), kinds, ids, minutes)
         if made is not None:
             kind, columns, truth, share, redriven = made
             name = f"case-{seed}-{number:05d}"
@@ -93,7 +96,7 @@ def one(number: int, seed: int, programmes: str = "all", categories: tuple[str, 
 
 
 def _make(category: str, split: str, rng: np.random.Generator, kinds: tuple[str, ...],
-          ids: tuple[str, ...]) -> Made | None:
+          ids: tuple[str, ...], minutes: tuple[float, float] | None) -> Made | None:
     """One draw; None where it is not what was asked for, or does not work out."""
     on_table = {"none": 0.25, "pair": 0.2, "outside": 0.0}.get(category, 0.3)
     if category == "outside" and kinds and "run" not in kinds:
@@ -119,7 +122,7 @@ def _make(category: str, split: str, rng: np.random.Generator, kinds: tuple[str,
     if (kinds and kind not in kinds) or (ids and wanted and not set(ids) & set(wanted)):
         return None
     if kind == "run":
-        return run_case(category, wanted, split, rng, suits, ids)
+        return run_case(category, wanted, split, rng, suits, ids, minutes)
     return table_case(category, wanted, kind, split, rng, ids)
 
 

@@ -44,6 +44,10 @@ def _near(m: Mark) -> float | None:
     return None if m.onset_error_s is None else float(m.onset_error_s <= ONSET_S)
 
 
+def _sharp(m: Mark) -> float | None:
+    return _near(m) if m.truth["causes"][0].get("onset_sd_s", 0.0) <= ONSET_S / 2 else None
+
+
 def _sure_and_wrong(m: Mark) -> float:
     return float(any(p >= SURE and not right for p, right in m.said))
 
@@ -66,6 +70,7 @@ FIGURES = (
                                   ("grows", "growth", ">= 85 %", lambda x: x >= 0.85),
                                   ("begins and ends", "temporary", "", None))),
     Figure("begins or grows, z >= 12, named: begin within 60 s", "", _share(_near, *BEGINS, z=STRONG_Z), None),
+    Figure("the same, where the data hold the begin to 30 s (1 s.d.)", "", _share(_sharp, *BEGINS, z=STRONG_Z), None),
     Figure("extra column as cause, z >= 12: right column", ">= 85 %",
            _share(lambda m: m.right_variable, "column", z=STRONG_Z), lambda x: x >= 0.85),
     Figure("coarse log, z >= 12: name right", "", _share(lambda m: m.exact, "coarse", z=STRONG_Z), None),

@@ -44,6 +44,7 @@ COARSE_HZ = (5.0, 2.0, 1.0, 0.5)
 FASTEST_HZ = 50.0
 LOUD = ("loud", "loud_drift", "pink", "hum", "uneven")
 LOOPS = ("loop", "healthy_loop")
+LEAST_Z, LEAST_Z_OF_TERM, LEAST_Z_OF_THREE, MOST_Z = 2.0, 4.0, 5.0, 100.0
 LIKE_CATALOGUE = 0.6              # from which likeness on a catalogued effect would be a fair answer to a term
 
 # class -> ids it may hide (None: nothing; empty: not an effect of the catalogue)
@@ -72,77 +73,97 @@ class _Recipe(NamedTuple):
     told: dict[str, Any] = {}
 
 
-def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.Generator) -> Made | None:
+def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.Generator,
+               minutes: tuple[float, float] | None = None) -> Made | None:
     """One draw of a class; None where it does not work out. `wanted`: of its ids (or term classes) only these."""
-    allowed = CLASSES[category]
-    if category in ("term", "column"):
-        allowed = terms.CLASSES[:-1] if category == "term" else ("column",)
-    ids = [i for i in allowed or () if not wanted or i in wanted]
-    if allowed is not None and not ids:
+    ids = _ids(category, wanted, rng)
+    pool = [p for p in chosen(split) if ids is not None and all(fits(i, p) for i in ids if i in IDS)]
+    if ids is None or not pool:
         return None
-    pool = list(chosen(split))
-    chosen_ids: tuple[str, ...] = () if allowed is None else (str(rng.choice(ids)),)
-    if category == "triple":
-        others = [i for i in RUN_IDS if i not in chosen_ids and i not in ("shaft.stall", "gate.stuck")]
-        chosen_ids = (*chosen_ids, *(str(i) for i in rng.choice(others, 2, replace=False)))
-    pool = [p for p in pool if all(fits(i, p) for i in chosen_ids if i in IDS)]
     p = pool[int(rng.integers(len(pool)))]
     if category == "healthy_fast":
         p = p._replace(row_hz=FASTEST_HZ, minutes=(8.0, 14.0))
-    d = drive(p, int(rng.integers(1 << 30)))
-    is_column = category in ("column", "healthy_columns")
-    more = extras.dealt(d, int(rng.integers(2, 6)), rng, category == "column") if is_column else []
+    d = drive(p._replace(minutes=minutes or p.minutes), int(rng.integers(1 << 30)))
+    more: list[extras.Extra] = []
+    if category in ("column", "healthy_columns"):
+        more = extras.dealt(d, int(rng.integers(2, 6)), rng, category == "column")
     plant = Plant(d, {x.name: x.true for x in more})
     kind = str(rng.choice(LOUD)) if category.endswith("loud") else str(rng.choice(run_noise.KINDS))
     noises = run_noise.louder(kind, d.row_s, rng) if kind in LOUD else run_noise.noises(kind, d.row_s, rng)
-    recipe = _recipe(category, d, rng, chosen_ids)
+    recipe = _recipe(category, d, rng, ids)
     if recipe is None:
         return None
     eye = Eye(plant, noises, Physics(), recipe.logged)
     physics = within_tolerance(rng, bool(d.refill_kg))
-    outside, found = None, []
+    outside: dict[str, Any] | None = None
     if category in ("term", "column"):
-        made = _term(eye, plant, chosen_ids[0], more, rng)
+        made = _term(eye, plant, ids[0], more, rng)
         if made is None:
             return None
         outside, planted = made[0], (made[1],)
+        found: list[tuple[Effect, float]] = []
     else:
-        lowest = 5.0 if category == "triple" else 2.0
-        for name in chosen_ids:
-            one = _effect(category, eye, name, plant, rng, lowest)
-            if one is None:
-                return None
-            found.append(one)
-        planted = tuple(e for e, _ in found)
-    if len(planted) > 1 and any(together(eye, (a, b)) for k, a in enumerate(planted) for b in planted[:k]):
-        return None
+        several = _effects(category, eye, ids, plant, rng)
+        if several is None:
+            return None
+        found, planted = several, tuple(e for e, _ in several)
     log_seed, trim = int(rng.integers(1 << 30)), None
     if category in LOOPS:
         plant, trim = _closed(plant, physics, planted, noises, log_seed, rng)
         d, eye = plant.drive, Eye(plant, noises, Physics(), recipe.logged)
-        found = [(e, eye.z([e])) for e, _ in found]
-        if any(z < 2.0 for _, z in found):
+        found = [(e, eye.z([e])) for e in planted]
+        if any(z < LEAST_Z for _, z in found):
             return None
-    relations = [_relation(eye, e, z, planted) for e, z in found]
+    causes = [_told(eye, e, z, planted, d) for e, z in found]
     traits = tuple(t._replace(size=float(f"{t.size:.4g}")) for t in traits_of(eye, rng, plant))
     columns = runlog.columns(plant, physics, (*planted, *traits), noises, log_seed)
-    if trim is not None:
-        columns["flow_trim"] = trim
     if np.nanmin(columns["hopper_kg"]) < LEAST_KG:
         return None
-    for x in more:
-        columns[x.name] = x.told
+    columns |= {x.name: x.told for x in more}
+    if trim is not None:
+        columns["flow_trim"] = trim
     columns = written(columns, recipe.logged, recipe.lacks, recipe.convention)
-    causes = []
-    for (e, z), r in zip(found, relations, strict=True):
-        cause = told(e, z, r, span_of(d))
-        if e.course is not None:
-            cause |= {"onset_s": e.course.from_s, "course": e.course._asdict()}
-        causes.append(cause)
     truth = {"programme": p.name, "noise": kind, "rows": int(columns["time_s"].size), "outside": outside,
              "causes": causes, "traits": [plain(t) for t in traits], "physics": physics._asdict(),
              "log": {"row_s": d.row_s, **recipe.told, "columns": {x.name: x.like for x in more}}}
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), None
+
+
+def _ids(category: str, wanted: Sequence[str], rng: np.random.Generator) -> tuple[str, ...] | None:
+    """What is to be hidden: ids, or one class of terms; nothing of a healthy class. None: nothing of what is wanted."""
+    allowed = {"term": terms.CLASSES[:-1], "column": ("column",)}.get(category, CLASSES[category])
+    if allowed is None:
+        return ()
+    able = [i for i in allowed if not wanted or i in wanted]
+    if not able:
+        return None
+    first = str(rng.choice(able))
+    if category != "triple":
+        return (first,)
+    others = [i for i in RUN_IDS if i not in (first, "shaft.stall", "gate.stuck")]
+    return (first, *(str(i) for i in rng.choice(others, 2, replace=False)))
+
+
+def _effects(category: str, eye: Eye, ids: Sequence[str], plant: Plant,
+             rng: np.random.Generator) -> list[tuple[Effect, float]] | None:
+    """Each effect with its z; None where one does not work out or hides another."""
+    found = []
+    for name in ids:
+        one = _effect(category, eye, name, plant, rng, LEAST_Z_OF_THREE if category == "triple" else LEAST_Z)
+        if one is None:
+            return None
+        found.append(one)
+    if any(together(eye, (a, b)) for k, (a, _) in enumerate(found) for b, _ in found[:k]):
+        return None
+    return found
+
+
+def _told(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...], d: Drive) -> dict[str, Any]:
+    cause = told(e, z, _relation(eye, e, z, planted), span_of(d))
+    if e.course is None:
+        return cause
+    return {**cause, "onset_s": e.course.from_s, "onset_sd_s": round(onset_sd(eye, e), 2),
+            "course": e.course._asdict()}
 
 
 def _closed(plant: Plant, physics: Physics, planted: tuple[Effect, ...], noises: dict[str, Any], log_seed: int,
@@ -200,19 +221,26 @@ def _effect(category: str, eye: Eye, name: str, plant: Plant, rng: np.random.Gen
 
 
 def _z(rng: np.random.Generator, lowest: float) -> float:
-    return float(np.exp(rng.uniform(np.log(lowest), np.log(100.0))))
+    return float(np.exp(rng.uniform(np.log(lowest), np.log(MOST_Z))))
 
 
 def _rivals(e: Effect, plant: Plant) -> Iterator[Effect]:
-    """The catalogue's, as they are and on the course of `e`; what drifts, from the time at which `e` begins."""
+    """The catalogue's on the course of `e`, or as they are; what drifts, from the time at which `e` begins.
+
+    A drift that begins is like other effects that grow from then on.
+    """
+    drifts = ("flow.moisture_drift", "scale.drift")
     for r in rivals_of(e, plant):
         if e.course is None:
             yield r
             continue
         there = r.id in {ONSET: WITH_ONSET, GROWTH: WITH_GROWTH, TEMPORARY: WITH_END}[e.course.kind]
         yield r._replace(course=e.course, onset_s=None) if there else r
-        if r.id in ("flow.moisture_drift", "scale.drift"):
+        if r.id in drifts:
             yield r._replace(course=Course(ONSET, e.course.from_s, 0.0))
+        if e.id in drifts and r.id in WITH_GROWTH:
+            over_s = float(plant.drive.time_s[-1]) - e.course.from_s
+            yield r._replace(course=Course(GROWTH, e.course.from_s, over_s), onset_s=None)
 
 
 def _relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dict[str, Any]:
@@ -222,6 +250,24 @@ def _relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dic
         like = eye.likeness(mine, eye.trace([r]))
         found.add(r.id, abs(like) if IDS[r.id].sign == 0 else like)
     return found.told()
+
+
+def begun_at(e: Effect, from_s: float) -> Effect:
+    """The same effect with another begin; a growth ends where it did."""
+    assert e.course is not None
+    over_s = e.course.over_s + (e.course.from_s - from_s if e.course.kind == GROWTH else 0.0)
+    return e._replace(course=e.course._replace(from_s=from_s, over_s=over_s))
+
+
+def onset_sd(eye: Eye, e: Effect, step_s: float = 5.0) -> float:
+    """How sharply the data hold the begin, 1 s.d. in s: the bound of Cramer and Rao, size and begin both unknown."""
+    assert e.course is not None
+    by_size = eye.trace([e]) / e.size
+    later, earlier = (eye.trace([begun_at(e, e.course.from_s + d)]) for d in (step_s, -step_s))
+    by_begin = (later - earlier) / (2.0 * step_s)
+    a, b, c = eye.inner(by_size, by_size), eye.inner(by_size, by_begin), eye.inner(by_begin, by_begin)
+    left = c - b * b / a if a > 0 else 0.0
+    return float(min(1e4, left**-0.5)) if left > 0 else 1e4
 
 
 def _term(eye: Eye, plant: Plant, kind: str, more: Sequence[extras.Extra],
@@ -241,7 +287,7 @@ def _term(eye: Eye, plant: Plant, kind: str, more: Sequence[extras.Extra],
     if terms.ANGLE in term.variables and plant.drive.row_s > 0.05:
         return None                                          # too slow a log to see a turn of the shaft
     guess *= 1.0 if kind in ("dead_zone", "saturation") and term.form % 2 else float(rng.choice([-1, 1]))
-    made = sized(eye, Effect(stage, guess, term=term), _z(rng, 4.0), 300 * abs(guess))
+    made = sized(eye, Effect(stage, guess, term=term), _z(rng, LEAST_Z_OF_TERM), 300 * abs(guess))
     if made is None:
         return None
     e, z = made

@@ -8,6 +8,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from hidden.cases import CATEGORIES, cases
+from hidden.classes import CLASSES
 from hidden.write import write_all
 
 
@@ -17,7 +18,7 @@ def main() -> None:
     a.add_argument("--seed", type=int, default=1)
     a.add_argument("--start", type=int, default=0, help="number of the first case")
     a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="tuning")
-    a.add_argument("--category", action="append", choices=CATEGORIES, help="only these (repeatable)")
+    a.add_argument("--category", action="append", choices=(*CATEGORIES, *CLASSES), help="only these (repeatable)")
     a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
     a.add_argument("--id", action="append", help="only cases with this effect (repeatable)")
     a.add_argument("--out", type=Path, required=True)

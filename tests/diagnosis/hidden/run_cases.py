@@ -82,13 +82,14 @@ def fits(name: str, p: Programme) -> bool:
 
 
 def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.Generator,
-              suits: Callable[[Programme], bool], outsiders: tuple[str, ...] = ()) -> Made | None:
+              suits: Callable[[Programme], bool], outsiders: tuple[str, ...] = (),
+             minutes: tuple[float, float] | None = None) -> Made | None:
     """`outsiders`: of the category outside, only these (empty: any). None where the draw does not work out."""
     pool = [p for p in chosen(split) if all(fits(w, p) for w in wanted) and suits(p)]
     if not pool:
         return None
     p = pool[int(rng.integers(len(pool)))]
-    d = drive(p, int(rng.integers(1 << 30)))
+    d = drive(p._replace(minutes=minutes or p.minutes), int(rng.integers(1 << 30)))
     plant, noise = Plant(d), str(rng.choice(run_noise.KINDS))
     noises = run_noise.noises(noise, d.row_s, rng)
     eye = Eye(plant, noises, Physics())

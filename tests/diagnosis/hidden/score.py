@@ -171,9 +171,10 @@ def main() -> None:
                           json.loads(answer.read_text(encoding="utf-8")) if answer.exists() else None))
     if not marks:
         sys.exit(f"{args.truth}: no truth files (*.json)")
+    from hidden.class_report import sections
     from hidden.report import report
 
-    print(report(marks))
+    print(report(marks, sections=sections(marks) if any("log" in m.truth for m in marks) else ()))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,185 @@
+"""Keys of every page and what they do."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from textual.command import CommandPalette
+
+from console.app import themes
+from console.app.action import (
+    CALIBRATE,
+    DEVICES,
+    DIAGNOSIS,
+    JOB,
+    MAP,
+    REPLAY,
+    RUN,
+    SETTINGS,
+    TRENDS,
+    Action,
+)
+from console.app.alarms import entries
+from console.app.dialogs import Confirm
+from console.app.pages.replay import keys as replay
+from console.app.screens.alarm_list import AlarmList
+from console.app.screens.help import HelpScreen
+from console.app.tour import Tour
+from console.app.units import UNITS
+from console.locale import N_, _, in_use, languages, use
+from console.worker.resume_alarms import AlarmRecord
+from control.orders import Do, Severity
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+
+
+def hold(app: TopdressApp) -> None:
+    if app.source is None and app.replay_page.job is not None:
+        replay.play(app.replay_page)
+        app.replay_page.hurry()
+    else:
+        app.give(Do.HOLD)
+
+
+def stop(app: TopdressApp) -> None:
+    app.give(Do.STOP)
+
+
+def acknowledge(app: TopdressApp) -> None:
+    """All alarms that stand on the screen; none of those that came since."""
+    frame = app.arrival.frame
+    for alarm in frame.alarms if frame else ():
+        if alarm.severity is Severity.RED and not alarm.acknowledged:
+            app.give(Do.ACKNOWLEDGE, alarm.id)
+
+
+def show_help(app: TopdressApp) -> None:
+    if not isinstance(app.screen, HelpScreen):
+        app.push_screen(HelpScreen(app.offered(app.page.where)))
+
+
+def opens(where: str) -> Callable[[TopdressApp], None]:
+    """Turns to a page."""
+    def turn(app: TopdressApp) -> None:
+        app.turn_to(where)
+
+    return turn
+
+
+def alarm_list(app: TopdressApp) -> None:
+    """Of the run, or of the log that is played."""
+    if isinstance(app.screen, AlarmList):
+        return
+    replayed = app.page.where == REPLAY and app.replay_page.job is not None
+    records: tuple[AlarmRecord, ...] = app.replay_page.alarm_records() if replayed else app.alarm_book.records
+    title = _("Alarms of this log") if replayed else _("Alarms of this run")
+    app.push_screen(AlarmList(title, entries(records, app.units, app.utc_offset_s)))
+
+
+def lock(app: TopdressApp) -> None:
+    if not app.locked:
+        app.lock_keys(True)
+        return
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            app.lock_keys(False)
+
+    app.push_screen(Confirm(_("Unlock the keys?")), answer)
+
+
+def next_theme(app: TopdressApp) -> None:
+    app.theme = themes.after(app.theme)
+    app.page.redraw()
+
+
+def palette(app: TopdressApp) -> None:
+    app.push_screen(CommandPalette(placeholder=_("find an action"), id="--command-palette"))
+
+
+def begin_tour(app: TopdressApp) -> None:
+    frame = app.arrival.frame
+    if frame is None or not frame.simulated or app.gone:
+        app.notice(_("the tour needs the simulated machine: topdress run without a configuration"))
+        return
+    app.tour = Tour()
+    app.look()
+
+
+def next_step(app: TopdressApp) -> None:
+    if app.tour is not None:
+        app.tour.next()
+        app.look()
+
+
+def end_tour(app: TopdressApp) -> None:
+    app.tour = None
+    app.look()
+
+
+def next_units(app: TopdressApp) -> None:
+    names = list(UNITS)
+    app.units = UNITS[names[(names.index(app.units.id) + 1) % len(names)]]
+    app.look()
+
+
+def next_language(app: TopdressApp) -> None:
+    codes = languages()
+    use(codes[(codes.index(in_use()) + 1) % len(codes)])
+    app.page.redraw()
+    app.tick()
+
+
+def leave(app: TopdressApp) -> None:
+    frame = app.arrival.frame
+    if app.gone or app.source is None or (frame is not None and frame.row.state != "working"):
+        app.exit()
+        return
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            app.exit()
+
+    text = _("The machine works: it is held after 2 s without console.")
+    app.push_screen(Confirm(_("Leave the console?"), text), answer)
+
+
+ACTIONS = (
+    Action("hold", "space", "Space", N_("hold"), N_("Flow to zero at once; start goes on. In a replay alone: pause."),
+           hold, bar=1, locked=True, priority=True),
+    Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."), stop,
+           bar=2, locked=True, priority=True),
+    Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
+           bar=9),
+    Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
+    Action("run_screen", "f2,2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
+    Action("map_screen", "f3,3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),
+           locked=True),
+    Action("trends_screen", "f4,4", "F4", N_("trends"), N_("Any channel over any span; freeze, read at a time."),
+           opens(TRENDS), locked=True),
+    Action("devices_screen", "f5,5", "F5", N_("devices"), N_("Every line, what it says; test, write raw."),
+           opens(DEVICES), locked=True),
+    Action("calibrate_screen", "f6,6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
+           opens(CALIBRATE), locked=True),
+    Action("replay_screen", "f7,7", "F7", N_("replay"), N_("A log, played again."), opens(REPLAY), locked=True),
+    Action("diagnosis_screen", "f9,9", "F9", N_("diagnosis"),
+           N_("What is wrong with the machine, and why: from its logs."), opens(DIAGNOSIS), locked=True),
+    Action("job_screen", "f10,0", "F10", N_("job"), N_("Before work, totals, refills, N-rich strip, end of the job."),
+           opens(JOB), locked=True),
+    Action("settings_screen", "f11", "F11", N_("settings"), N_("Units, language, look, sound, limits, keys."),
+           opens(SETTINGS), locked=True),
+    Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."),
+           alarm_list, locked=True),
+    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), lock, bar=11,
+           locked=True),
+    Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), next_theme, bar=12, locked=True),
+    Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), palette, bar=13),
+    Action("tour", "ctrl+t", "^T", N_("guided tour"), N_("A minute on the simulated machine, key by key."), begin_tour),
+    Action("tour_next", "ctrl+n", "^N", N_("tour: next"), N_("Skips a step of the guided tour."), next_step),
+    Action("tour_end", "ctrl+e", "^E", N_("tour: end"), N_("Ends the guided tour."), end_tour),
+    Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
+    Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),
+    Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asked once while the machine works."),
+           leave),
+)

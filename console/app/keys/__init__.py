@@ -1,1 +1,0 @@
-"""The actions of each screen, a file a screen."""

@@ -1,0 +1,185 @@
+"""The catch test on the screen: settle, catch, weigh, at three settings or more; then flow per turn."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from console.app.dialogs import NumberDialog
+from console.app.pages.calibrate.catch import LEAST_POINTS, SETTLE_S, WEIGH_S, CatchTest
+from console.app.pages.calibrate.curve import CurveView
+from console.app.pages.calibrate.desk import Bench, Desk, Seen, curve_of, mark
+from console.app.pages.calibrate.guide import GuideView, Step
+from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
+from console.app.view import STALE_S
+from console.app.widgets.chips import Chip
+from console.locale import _
+from control.orders import Do, Order
+
+SPEEDS_APART_RPM = 1.0        # closer settings are one setting
+OPENINGS_APART_MM = 0.5
+BENCH_STATES = ("calibrating", "ready")      # let go of, a run is over at once, and the shaft stands a little later
+
+
+class CatchDesk(Desk):
+    kind = "catch"
+    holds = True
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        job = bench.job
+        self.test = CatchTest(job.set_shaft_rpm if job else 50.0, job.set_opening_mm if job else 25.0)
+
+    def title(self) -> str:
+        return _("catch test")
+
+    def see(self, seen: Seen) -> None:
+        frame = seen.frame
+        if frame is None:
+            return
+        if frame.row.state not in BENCH_STATES:
+            self.test.pause()
+        else:
+            self.test.see(frame.row.time_s, frame.row.shaft_rpm, frame.row.opening_mm, frame.row.hopper_kg,
+                          seen.calibrating)
+
+    def settings(self) -> Sequence[Order]:
+        return (Order(Do.CALIBRATE_OPENING, self.test.opening_mm), Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm))
+
+    def step(self, seen: Seen) -> int:
+        test = self.test
+        if self.fitted is not None or (len(test.points) >= LEAST_POINTS and test.turned.revolutions == 0.0
+                                       and not seen.calibrating):
+            return 4
+        if not seen.ready:
+            return 0
+        if test.phase == "settle":
+            return 1
+        return 3 if test.can_weigh and not seen.calibrating else 2
+
+    def guide(self, seen: Seen, said: str) -> GuideView:
+        now = self.step(seen)
+        rest = max(0, LEAST_POINTS - len(self.test.points))
+        texts = (
+            (_("make ready"), _("The tractor stands still. Y makes the machine ready; nothing turns yet.")),
+            (_("settle"), _("Enough: let go of R.") if self.test.turned.seconds >= SETTLE_S else
+             _("A vessel under the outlets. Hold R until the bar is full; what fell is put back.")),
+            (_("catch"), _("Enough: let go of R.") if self.test.turned.seconds >= WEIGH_S else
+             _("Empty vessels of known weight under all outlets. Hold R for about {seconds} s, then let go.").format(
+                 seconds=f"{WEIGH_S:.0f}")),
+            (_("weigh"), _("W: type what all outlets together gave. Not sure of it: Z settles again.")),
+            (_("fit and save"), _("F fits. More settings make it better: S and O change them.") if not rest else
+             _("{rest} more catches: change the setting with S or O, for a wide range.").format(rest=rest)),
+        )
+        return GuideView(_("Catch test: how much flows per turn"),
+                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
+                         self.why_not(seen, said), self.found())
+
+    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+        test, row = self.test, seen.frame.row if seen.frame else None
+        old = seen.age_s > STALE_S or row is None
+        shaft = "--" if row is None or row.shaft_rpm is None else f"{row.shaft_rpm:.1f}"
+        opening = "--" if row is None or row.opening_mm is None else f"{row.opening_mm:.1f}"
+        settling = test.phase == "settle"
+        seconds, turns = test.turned.seconds, test.turned.revolutions
+        settled = 1.0 if not settling else seconds / SETTLE_S
+        caught_s, caught_turns = (0.0, 0.0) if settling else (seconds, turns)
+        caught = f"{caught_s:4.1f} s {caught_turns:6.1f} {_('turns')}"
+        bars: list[Row] = [
+            Line(_("setting"), f"{test.shaft_rpm:g} r/min   {test.opening_mm:g} mm"),
+            Line(_("measured"), f"{shaft} r/min   {opening} mm", "stale" if old else ""),
+            Bar(_("settle"), round(settled, 2), f"{min(seconds if settling else SETTLE_S, 99.0):4.1f} s",
+                "lead" if settling and seen.calibrating else ""),
+            Bar(_("catch"), round(min(1.0, caught_s / WEIGH_S), 2), caught,
+                "lead" if not settling and seen.calibrating else "")]
+        says = test.scale_says_kg
+        mass = self.bench.units.mass._replace(decimals=1)
+        bars.append(Line(_("hopper scale"), "--" if says is None else
+                         _("about {mass} less").format(mass=mass.full(says))))
+        kilograms = self.bench.units.mass._replace(decimals=3)
+        bars.append(Cells(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True))
+        bars += [Cells((f"{one.shaft_rpm:.1f}", f"{one.opening_mm:.1f}", f"{one.duration_s:.1f}",
+                        f"{one.revolutions:.1f}", kilograms.text(one.mass_kg), f"{one.grams_per_revolution:.1f}"))
+                 for one in test.points]
+        return tuple(bars)
+
+    def curve(self) -> CurveView:
+        points = self.test.points
+        speeds = [one.shaft_rpm for one in points]
+        openings = [one.opening_mm for one in points]
+        by_speed = bool(points) and (max(openings) - min(openings) < OPENINGS_APART_MM
+                                     and max(speeds) - min(speeds) > SPEEDS_APART_RPM)
+        across = speeds if by_speed else openings
+        return curve_of(self.fitted, tuple(zip(across, (one.grams_per_revolution for one in points), strict=True)),
+                        "shaft r/min" if by_speed else "opening mm", "g per turn")
+
+    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+        test, step, free = self.test, self.step(seen), not seen.calibrating
+        enough = len(test.points) >= LEAST_POINTS
+        return (Chip("cal_ready", "Y", _("make ready"), not seen.ready, lead=step == 0),
+                Chip("cal_shaft", "S", _("shaft speed"), free), Chip("cal_opening", "O", _("opening"), free),
+                Chip("cal_run", "R", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
+                Chip("cal_again", "Z", _("settle again"), free and test.phase == "weigh"),
+                Chip("cal_weigh", "W", _("weighed"), free and test.can_weigh, lead=step == 3),
+                Chip("cal_undo", "Bksp", _("last point away"), bool(test.points)),
+                Chip("cal_fit", "F", _("fit"), enough and not self.bench.busy, lead=step == 4 and self.fitted is None
+                     and enough),
+                self.save_chip())
+
+    def _turning(self, seen: Seen) -> bool:
+        if seen.calibrating:
+            self.bench.tell(_("let go first: the shaft turns"))
+        return seen.calibrating
+
+    def ask_shaft(self, seen: Seen) -> None:
+        job = self.bench.job
+        if job is not None and not self._turning(seen):
+            self.bench.ask(NumberDialog(_("Shaft speed"), "r/min", *job.shaft_rpm,
+                                        _("The shaft turns only while R is held.")), self._set_shaft)
+
+    def ask_opening(self, seen: Seen) -> None:
+        job = self.bench.job
+        if job is not None and not self._turning(seen):
+            self.bench.ask(NumberDialog(_("Opening"), "mm", *job.opening_mm), self._set_opening)
+
+    def ask_mass(self, seen: Seen) -> None:
+        job = self.bench.job
+        if job is not None and not self._turning(seen):
+            self._ask_mass(job.most_kg)
+
+    def again(self, seen: Seen) -> None:
+        if not self._turning(seen):
+            self.test.again()
+
+    def undo(self) -> None:
+        self.test.undo()
+        self.forget()
+
+    def _set_shaft(self, shaft_rpm: float | None) -> None:
+        if shaft_rpm is not None:
+            self.test.set(shaft_rpm=shaft_rpm)
+
+    def _set_opening(self, opening_mm: float | None) -> None:
+        if opening_mm is not None:
+            self.test.set(opening_mm=opening_mm)
+
+    def _ask_mass(self, most_kg: float) -> None:
+        if not self.test.can_weigh:
+            self.bench.tell(_("nothing is caught yet: hold R first"))
+            return
+        unit = self.bench.units.mass
+        text = _("{turns} turns in {seconds} s").format(turns=f"{self.test.turned.revolutions:.1f}",
+                                                        seconds=f"{self.test.turned.seconds:.1f}")
+        self.bench.ask(NumberDialog(_("Weighed, all outlets together"), unit.name, 0.001,
+                                    round(most_kg * unit.per_si), text, unit.to_si), self._weighed)
+
+    def _weighed(self, mass_kg: float | None) -> None:
+        if mass_kg is not None and self.test.can_weigh:
+            self.test.weighed(mass_kg)
+            self.forget()
+
+    def fit(self) -> None:
+        job, points = self.bench.job, tuple(self.test.points)
+        if len(points) < LEAST_POINTS:
+            self.bench.tell(_("{count} catches are needed, {have} are there").format(count=LEAST_POINTS,
+                                                                                    have=len(points)))
+        elif job is not None:
+            self.bench.compute(lambda: job.fit_catch(points), self.take)

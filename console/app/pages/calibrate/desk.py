@@ -1,0 +1,196 @@
+"""What the Calibrate screen needs of each calibration."""
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+from textual.screen import ModalScreen
+
+from console.app import words
+from console.app.pages.calibrate.curve import CurveView
+from console.app.pages.calibrate.guide import GuideView, Mark
+from console.app.pages.calibrate.job import CalibrateJob, Estimate, Fitted
+from console.app.pages.calibrate.sheet import Row
+from console.app.units import Units
+from console.app.widgets.chips import Chip
+from console.frame import Frame
+from console.locale import N_, _
+from control.orders import Do, Order
+
+ESTIMATES = {
+    "grams_per_rev_mm": N_("flow"), "zero_offset": N_("at zero opening"), "fill_falloff": N_("lost at 100 r/min"),
+    "slope": N_("slope"), "intercept": N_("at 0 r/min"), "circumference": N_("circumference"),
+}
+UNIT_WORDS = {"g/rev/mm": N_("g per turn and mm"), "g/rev": N_("g per turn"), "s per r/min": N_("s per r/min")}
+AXES = {"opening mm": N_("opening, mm"), "shaft r/min": N_("shaft, r/min"), "g per turn": N_("g per turn"),
+        "lag s": N_("lag, s")}
+
+
+class Bench(Protocol):
+    """What a calibration may ask of the screen that it stands on."""
+
+    @property
+    def job(self) -> CalibrateJob | None: ...
+    @property
+    def units(self) -> Units: ...
+    @property
+    def busy(self) -> str: ...
+    def give(self, do: Do, value: float | None = None) -> None: ...
+    def ask(self, dialog: ModalScreen[Any], answered: Callable[[Any], None]) -> None: ...
+    def compute(self, what: Callable[[], Any], done: Callable[[Any], None]) -> None: ...
+    def lag_test(self, begin: bool) -> None: ...
+    def tell(self, text: str) -> None: ...
+
+
+class Seen(NamedTuple):
+    """The newest frame, its age in s, and the console's clock."""
+
+    frame: Frame | None
+    age_s: float
+    now_s: float
+
+    @property
+    def state(self) -> str:
+        return (self.frame.row.state or "") if self.frame else ""
+
+    @property
+    def calibrating(self) -> bool:
+        return self.state == "calibrating"
+
+    @property
+    def ready(self) -> bool:
+        return self.state in ("ready", "calibrating")
+
+
+class Desk:
+    """One calibration: what it has gathered, what is to be done next, what it shows."""
+
+    kind = ""
+    holds = False                  # has a run that goes on while a key is held
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.fitted: Fitted | None = None
+        self.saved = ""
+
+    def title(self) -> str:
+        raise NotImplementedError
+
+    def see(self, seen: Seen) -> None:
+        """A new frame has come."""
+
+    def settings(self) -> Sequence[Order]:
+        """For shaft and gate at the beginning of a held run."""
+        return ()
+
+    def guide(self, seen: Seen, said: str) -> GuideView:
+        raise NotImplementedError
+
+    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+        return ()
+
+    def curve(self) -> CurveView | None:
+        return None
+
+    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+        raise NotImplementedError
+
+    def ask_shaft(self, seen: Seen) -> None:
+        self._of_another()
+
+    def ask_opening(self, seen: Seen) -> None:
+        self._of_another()
+
+    def ask_mass(self, seen: Seen) -> None:
+        self._of_another()
+
+    def again(self, seen: Seen) -> None:
+        self._of_another()
+
+    def undo(self) -> None:
+        self._of_another()
+
+    def begin(self, seen: Seen) -> None:
+        self._of_another()
+
+    def ask_table(self) -> None:
+        self._of_another()
+
+    def fit(self) -> None:
+        self._of_another()
+
+    def _of_another(self) -> None:
+        self.bench.tell(_("this key belongs to another calibration"))
+
+    # --- what they share -----------------------------------------------------------------------------------------
+
+    def take(self, fitted: Fitted) -> None:
+        self.fitted, self.saved = fitted, ""
+
+    def forget(self) -> None:
+        """What was found no longer belongs to what was measured."""
+        self.fitted, self.saved = None, ""
+
+    def found(self) -> tuple[str, ...]:
+        """The result in words."""
+        if self.fitted is None:
+            return ()
+        rows = [estimate_words(one) for one in self.fitted.estimates]
+        if self.fitted.scatter:
+            rows.append(_("scatter {scatter}").format(scatter=self.fitted.scatter))
+        if self.fitted.range != (0.0, 0.0):
+            low, high = self.fitted.range
+            rows.append(_("holds from {low} to {high} r/min").format(low=f"{low:g}", high=f"{high:g}"))
+        if self.saved:
+            rows.append(_("saved: {path}").format(path=short_path(self.saved)))
+            rows.append(_("in use after: topdress run --config FILE"))
+        return tuple(rows)
+
+    def save_chip(self) -> Chip:
+        on = self.fitted is not None and not self.saved and not self.bench.busy
+        return Chip("cal_save", "N", _("save as new"), on, lead=on)
+
+    def why_not(self, seen: Seen, said: str) -> str:
+        """Why a held run does not go, in words: what was refused, what keeps the shaft still."""
+        if said:
+            return said
+        frame = seen.frame
+        if frame is None:
+            return _("No control worker is connected.")
+        if seen.calibrating and frame.why_no_flow:
+            return _("The shaft may not turn: {why}.").format(
+                why=", ".join(words.note_word(note) for note in frame.why_no_flow))
+        if seen.state == "fault":
+            return _("The machine is in FAULT: see the alarm above, then make it ready.")
+        if seen.state == "ready" and frame.why_state == "calibration_time":
+            return _("The run reached its time limit: let go, then press again.")
+        return ""
+
+
+def short_path(path: str) -> str:
+    """The home folder as ~."""
+    home = os.path.expanduser("~")
+    return "~" + path.removeprefix(home) if path.startswith(home + os.sep) else path
+
+
+def mark(index: int, now: int) -> Mark:
+    return "done" if index < now else "now" if index == now else "later"
+
+
+def estimate_words(one: Estimate) -> str:
+    """`flow 5.51 (5.48 to 5.54) g per turn and mm`."""
+    name, unit = _(ESTIMATES[one.name]), _(UNIT_WORDS.get(one.unit, one.unit))
+    if one.value is None or one.low is None or one.high is None:
+        return _("{name}: not shown by this test").format(name=name)
+    value, low, high = (f"{number:.{one.decimals}f}" for number in (one.value, one.low, one.high))
+    return _("{name} {value} {unit} (90 %: {low} to {high})").format(name=name, value=value, unit=unit, low=low,
+                                                                     high=high)
+
+
+def curve_of(fitted: Fitted | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str) -> CurveView:
+    """What was measured, with the fitted line where there is one."""
+    if fitted is None:
+        return CurveView(_(AXES[x_name]), _(AXES[y_name]), points)
+    return CurveView(_(AXES[fitted.x_name]), _(AXES[fitted.y_name]), fitted.points,
+                     tuple((one.x, one.y, one.low, one.high) for one in fitted.line))

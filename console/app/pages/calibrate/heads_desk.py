@@ -1,0 +1,76 @@
+"""The heads check on the screen: six heads against their median for 30 s of driving."""
+from __future__ import annotations
+
+from console.app.pages.calibrate.desk import Bench, Desk, Seen, mark
+from console.app.pages.calibrate.guide import GuideView, Step
+from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
+from console.app.pages.calibrate.sheet import Bar, Level, Line, Middle, Row
+from console.app.widgets.chips import Chip
+from console.locale import N_, _
+
+FULL_NDVI = 0.10              # the bars' ends
+VERDICTS = {"": "", "good": N_("good"), "fouled": N_("! FOULED"), "unsteady": N_("! UNSTEADY"),
+            "silent": N_("✖ SILENT")}
+ADVICE = {"fouled": N_("head {head}: clean it"), "unsteady": N_("head {head}: look at its mount and cable"),
+          "silent": N_("head {head}: look at its plug and power")}
+LEVELS: dict[str, Level] = {"": "", "good": "", "fouled": "amber", "unsteady": "amber", "silent": "red"}
+
+
+class HeadsDesk(Desk):
+    kind = "heads"
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.check = HeadsCheck()
+
+    def title(self) -> str:
+        return _("heads check")
+
+    def see(self, seen: Seen) -> None:
+        frame = seen.frame
+        if frame is not None:
+            row = frame.row
+            ndvi = frame.head_ndvi or (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
+            self.check.see(frame.row.time_s, ndvi)
+
+    def guide(self, seen: Seen, said: str) -> GuideView:
+        check = self.check
+        now = 0 if check.started_s is None else 1 if check.running else 2
+        texts = (
+            (_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
+            (_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
+            (_("act"), _("Clean what is marked, then check again with B. What stays off is the maker's to mend.")))
+        return GuideView(_("Heads check: do all six see the same?"),
+                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
+                         "" if seen.frame is not None else _("No control worker is connected."), self._found())
+
+    def _found(self) -> tuple[str, ...]:
+        if not self.check.done:
+            return ()
+        advice = tuple(_(ADVICE[one.verdict]).format(head=one.number) for one in self.check.found()
+                       if one.verdict in ADVICE)
+        return advice or (_("all heads agree"),)
+
+    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+        check = self.check
+        seconds = min(check.seconds, CHECK_S)
+        rows: list[Row] = [Bar(_("time"), round(seconds / CHECK_S, 2), f"{seconds:4.1f} s",
+                               "lead" if check.running else ""),
+                           Line(_("head"), _("NDVI against the median of all: offset, spread"))]
+        for one in check.found():
+            offset = "--" if one.offset is None else f"{one.offset:+.3f}"
+            spread = "--" if one.spread is None else f"{one.spread:.3f}"
+            ndvi = "--" if one.ndvi is None else f"{one.ndvi:.2f}"
+            share = None if one.offset is None else round(one.offset / FULL_NDVI, 2)
+            verdict = _(VERDICTS[one.verdict])
+            rows.append(Middle(f"{one.number}  {ndvi}", share, f"{offset:>6} {spread:>6} {verdict}".rstrip(),
+                               LEVELS[one.verdict]))
+        return tuple(rows)
+
+    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+        label = _("begin again") if self.check.started_s is not None else _("begin")
+        return (Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.running),)
+
+    def begin(self, seen: Seen) -> None:
+        if seen.frame is not None:
+            self.check.start(seen.frame.row.time_s)

@@ -1,0 +1,80 @@
+"""What the Calibrate screen can have computed and saved: given by the command line, made up for pictures."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from console.app.pages.calibrate.catch import CatchPoint
+from console.app.pages.calibrate.wheel import WheelSample
+
+Number = Literal["grams_per_rev_mm", "zero_offset", "fill_falloff", "slope", "intercept", "circumference"]
+
+
+class Estimate(NamedTuple):
+    """A fitted number with its 90 % interval, in `unit`. value None: not shown by this test."""
+
+    name: Number
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    decimals: int
+
+
+class CurvePoint(NamedTuple):
+    """A place of the fitted line; low, high: between them lie 90 % of single measurements."""
+
+    x: float
+    y: float
+    low: float
+    high: float
+
+
+class Fitted(NamedTuple):
+    """What a calibration found. `source` goes back to `save` as it is.
+
+    kind: catch, lag, wheel. x_name, y_name: words of the axes (untranslated), with units. range: of x, where it holds.
+    """
+
+    kind: str
+    estimates: tuple[Estimate, ...]
+    points: tuple[tuple[float, float], ...] = ()
+    line: tuple[CurvePoint, ...] = ()
+    x_name: str = ""
+    y_name: str = ""
+    range: tuple[float, float] = (0.0, 0.0)
+    scatter: str = ""                     # 1 s.d. of the points about the line, with its unit
+    source: tuple[Any, ...] = ()
+
+
+class LagTable(NamedTuple):
+    """A bench table that can be fitted. labels: the values of its label column, of which one must be chosen."""
+
+    path: str
+    rows: int
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrateJob:
+    """Ranges of the machine in force, and the long work. Errors are one-line ValueErrors or OSErrors.
+
+    machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set: the machine's own.
+    save: (what was found, name of the new file) -> its path; it never overwrites.
+    """
+
+    machine: str
+    shaft_rpm: tuple[float, float]
+    opening_mm: tuple[float, float]
+    set_shaft_rpm: float
+    set_opening_mm: float
+    wheel_circumference_m: float
+    most_kg: float
+    fit_catch: Callable[[Sequence[CatchPoint]], Fitted]
+    lag_tables: Callable[[], Sequence[LagTable]]
+    open_lag_table: Callable[[str], LagTable]
+    fit_lag: Callable[[str, str | None], Fitted]
+    fit_wheel: Callable[[Sequence[WheelSample]], Fitted]
+    save: Callable[[Fitted, str], str]
+    name_for: Callable[[str], str]        # a free name for a new machine file of this kind of calibration

@@ -1,0 +1,173 @@
+"""The lag test on the screen: from the rig while the shaft may turn, or from a bench table that was measured before."""
+from __future__ import annotations
+
+from pathlib import PurePath
+
+from console.app.dialogs import Choice, ChoiceDialog
+from console.app.name_dialog import NameDialog
+from console.app.pages.calibrate.curve import CurveView
+from console.app.pages.calibrate.desk import Bench, Desk, Seen, curve_of, mark
+from console.app.pages.calibrate.guide import GuideView, Step
+from console.app.pages.calibrate.job import LagTable
+from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
+from console.app.widgets.chips import Chip
+from console.frame import LagTestView
+from console.locale import N_, _
+
+RIG = "lag_rig"
+OTHER = "other file"
+MOST_TABLES = 7
+ENDED = "ended"                # by hand, before all was measured
+OVER = ("done", ENDED)
+PHASES = {"settling": N_("waiting until all is still"), "arming": N_("arming the rig"),
+          "running": N_("measuring"), "done": N_("all measured"), ENDED: N_("ended")}
+
+
+class LagDesk(Desk):
+    kind = "lag"
+    holds = True
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.table: LagTable | None = None
+        self.label: str | None = None
+        self.test: LagTestView | None = None
+
+    def title(self) -> str:
+        return _("lag test")
+
+    def see(self, seen: Seen) -> None:
+        """What was measured stays, also when the test is ended before all is measured."""
+        now = seen.frame.lag_test if seen.frame else None
+        if now is not None:
+            self.test = now
+        elif self.measuring and self.test is not None:
+            self.test = self.test._replace(phase=ENDED) if self.test.runs else None
+
+    @staticmethod
+    def has_rig(seen: Seen) -> bool:
+        return seen.frame is not None and any(device.name == RIG for device in seen.frame.devices)
+
+    @property
+    def measuring(self) -> bool:
+        return self.test is not None and self.test.phase not in OVER
+
+    @property
+    def measured(self) -> bool:
+        return self.test is not None and len({run[0] for run in self.test.runs}) >= 3
+
+    def step(self, seen: Seen) -> int:
+        if self.fitted is not None or (self.table is not None and not self.measuring):
+            return 3
+        if self.test is None:
+            return 0
+        if self.test.phase in OVER:
+            return 3 if self.measured else 0
+        return 1 if not seen.ready else 2
+
+    def guide(self, seen: Seen, said: str) -> GuideView:
+        now = self.step(seen)
+        begin = (_("B begins the test on the rig. Or T: a bench table measured before.") if self.has_rig(seen) else
+                 _("No lag rig is in the cab file. T takes a bench table measured before."))
+        texts = (
+            (_("choose"), begin),
+            (_("make ready"), _("Rig under an outlet, tractor standing. Y makes the machine ready.")),
+            (_("measure"), _("Hold R: the rig starts and stops the shaft by itself. Let go at any time; it goes on "
+                             "when R is held again.")),
+            (_("fit and save"), _("F fits the line; N saves it as a new machine file.")))
+        return GuideView(_("Lag test: from the command to the ground"),
+                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
+                         self.why_not(seen, said) if self.measuring or said else "", self.found())
+
+    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+        rows: list[Row] = []
+        test = self.test
+        if test is not None:
+            rows += [Bar(_("measured"), round(test.progress, 2), f"{100 * test.progress:3.0f} %"),
+                     Line(_("rig"), _(PHASES.get(test.phase, test.phase)), "lead" if test.phase == "running" else ""),
+                     Line(_("this run"), f"{test.shaft_rpm:g} r/min  #{test.replicate}   "
+                                    f"{_('left out: {count}').format(count=test.left_out)}")]
+            if test.said:
+                rows.append(Line(_("trouble"), test.said, "amber"))
+            rows.append(Cells(("r/min", _("response s"), _("drop s"), _("lag s")), heading=True))
+            rows += [Cells((f"{rpm:g}", f"{response_s:.3f}", f"{drop_s:.3f}", f"{response_s + drop_s:.3f}"))
+                     for rpm, response_s, drop_s in test.runs[-6:]]
+        if self.table is not None:
+            chosen = f"  {self.label}" if self.label else ""
+            rows = [Line(_("table"), PurePath(self.table.path).name + chosen),
+                    Line(_("rows"), str(self.table.rows)), *rows]
+        return tuple(rows) or (Line(_("table"), _("none chosen")),)
+
+    def curve(self) -> CurveView:
+        runs = self.test.runs if self.test is not None else ()
+        return curve_of(self.fitted, tuple((rpm, response_s + drop_s) for rpm, response_s, drop_s in runs),
+                        "shaft r/min", "lag s")
+
+    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+        step, rig = self.step(seen), self.has_rig(seen)
+        source = self.table is not None or (self.measured and not self.measuring)
+        return (Chip("cal_begin", "B", _("end the test") if self.measuring else _("begin on the rig"), rig,
+                     lead=step == 0 and rig),
+                Chip("cal_table", "T", _("bench table"), not seen.calibrating, lead=step == 0 and not rig),
+                Chip("cal_ready", "Y", _("make ready"), not seen.ready and rig, lead=step == 1),
+                Chip("cal_run", "R", _("run while held"), self.measuring and seen.ready, lead=step == 2, held=True),
+                Chip("cal_fit", "F", _("fit"), source and not self.bench.busy,
+                     lead=step == 3 and source and self.fitted is None),
+                self.save_chip())
+
+    def begin(self, seen: Seen) -> None:
+        if not self.has_rig(seen):
+            self.bench.tell(_("no lag rig is in the cab file"))
+            return
+        begin = not self.measuring
+        self.bench.lag_test(begin)
+        if begin:
+            self.table, self.label = None, None
+            self.forget()
+
+    def ask_table(self) -> None:
+        job = self.bench.job
+        if job is not None:
+            self.bench.compute(lambda: tuple(job.lag_tables())[:MOST_TABLES], self._offer)
+
+    def _offer(self, tables: tuple[LagTable, ...]) -> None:
+        choices = [Choice(table.path, f"{PurePath(table.path).name}  ({table.rows})") for table in tables]
+        choices.append(Choice(OTHER, _("another file: type its path")))
+
+        def chosen(path: str | None) -> None:
+            if path == OTHER:
+                self.bench.ask(NameDialog(_("Bench table (CSV)"), ""), self._open)
+            elif path is not None:
+                self._take_table(next(table for table in tables if table.path == path))
+
+        if tables:
+            self.bench.ask(ChoiceDialog(_("Which bench table?"), choices, ""), chosen)
+        else:
+            chosen(OTHER)
+
+    def _open(self, path: str | None) -> None:
+        job = self.bench.job
+        if path and job is not None:
+            self.bench.compute(lambda: job.open_lag_table(path), self._take_table)
+
+    def _take_table(self, table: LagTable) -> None:
+        self.table, self.label = table, None
+        self.forget()
+        if table.labels:
+            self.bench.ask(ChoiceDialog(_("Which rows?"), [Choice(label, label) for label in table.labels], ""),
+                           self._label)
+        else:
+            self.fit()
+
+    def _label(self, label: str | None) -> None:
+        if label is not None:
+            self.label = label
+            self.fit()
+
+    def fit(self) -> None:
+        job, table, label = self.bench.job, self.table, self.label
+        path = table.path if table is not None else self.test.table_path if self.measured and self.test else ""
+        if not path:
+            self.bench.tell(_("nothing is measured yet: B on the rig, or T for a table"))
+        elif job is not None:
+            self.bench.compute(lambda: job.fit_lag(path, label), self.take)

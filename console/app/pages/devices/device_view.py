@@ -1,0 +1,90 @@
+"""Devices as the Devices screen shows them: a frame's device in, texts out. Pure."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from console.app.pages.devices.device_table import DeviceLine
+from console.app.pages.devices.rows import Row, RowsView
+from console.app.view import STALE_S, duration
+from console.frame import DeviceView
+from console.locale import N_, _
+
+SLOW_AGE_S = 99.95            # above, an age is shown as minutes
+
+REJECTED = {
+    "garbage": N_("bytes before a frame"), "bad_crc": N_("wrong check sum"), "bad_checksum": N_("wrong check sum"),
+    "missing_crc": N_("no check sum"), "wrong_length": N_("wrong length"), "overlong": N_("line too long"),
+    "repeated_sequence": N_("sent twice"), "out_of_range": N_("number out of range"),
+    "impossible_value": N_("impossible number"), "not_a_number": N_("not a number"),
+    "unknown_frame": N_("unknown frame"), "unknown_message": N_("unknown message"),
+}
+
+
+def state_of(device: DeviceView) -> tuple[str, str, str]:
+    """Symbol, word, level."""
+    if not device.plugged:
+        return "▯", _("DISCONNECTED"), "amber"
+    if not device.connected:
+        return "✖", _("NO LINE"), "red"
+    if device.age_s is None:
+        return "!", _("SILENT"), "amber"
+    if device.age_s > STALE_S:
+        return "!", _("SILENT"), "amber"
+    return "✔", _("speaks"), ""
+
+
+def age_words(age_s: float | None) -> str:
+    if age_s is None:
+        return "--"
+    return f"{age_s:.1f} s" if age_s < SLOW_AGE_S else duration(age_s)
+
+
+def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[DeviceLine, ...]:
+    """One line a device; all grey where the frame is old."""
+    old = frame_age_s > STALE_S
+    lines = []
+    for one in devices:
+        symbol, word, level = state_of(one)
+        marks = " ".join(mark for mark, on in ((_("[raw file]"), bool(one.capture_path)),
+                                               (_("[listening]"), one.test is not None and one.test.running)) if on)
+        age_s = None if one.age_s is None else one.age_s + (frame_age_s if old else 0.0)
+        lines.append(DeviceLine(one.name, symbol, word, level, f"{one.rate_hz:.1f}", age_words(age_s),
+                                str(one.accepted), str(one.rejected), one.protocol, one.port, marks,
+                                old or one.age_s is None or one.age_s > STALE_S))
+    return tuple(lines)
+
+
+def details(device: DeviceView, frame_age_s: float) -> RowsView:
+    """What is known of the picked device."""
+    symbol, word, level = state_of(device)
+    kinds = ", ".join(f"{_(REJECTED.get(kind, kind))} {count}" for kind, count in device.rejected_kinds)
+    connects = _("times opened {count}").format(count=device.connects)
+    rows = [
+        Row(_("state"), f"{symbol} {word}", "stale" if frame_age_s > STALE_S else level),
+        Row(_("port"), device.port or "--"),
+        Row(_("protocol"), device.protocol or "--"),
+        Row(_("bytes"), f"{_('in')} {device.bytes_in}   {_('out')} {device.bytes_out}   {connects}"),
+        Row(_("rejected"), kinds or "0"),
+    ]
+    if device.last_error:
+        rows.append(Row(_("last error"), device.last_error, "" if device.connected else "amber"))
+    if device.test is not None:
+        rows.append(Row(_("test"), _test_words(device)))
+    rows.append(Row(_("raw file"), device.capture_path or _("not written; W begins one beside the log")))
+    return RowsView(device.name, tuple(rows))
+
+
+def _test_words(device: DeviceView) -> str:
+    test = device.test
+    assert test is not None
+    found = (_("{protocol} speaks").format(protocol=test.protocol) if test.protocol else
+             _("listening, nothing known yet") if test.running else _("nothing known speaks here"))
+    counts = _("{accepted} understood, {rejected} rejected").format(accepted=test.accepted, rejected=test.rejected)
+    baud = _("at {baud} Bd").format(baud=test.baud) if test.baud else ""
+    return "; ".join(part for part in (found, baud, counts, test.said) if part)
+
+
+def raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
+    """The last lines as they came, newest last. lines: (time since the log began, s, text)."""
+    return RowsView(_("last lines, as seen five times a second"),
+                    tuple(Row(duration(time_s), text) for time_s, text in lines))

@@ -1,0 +1,124 @@
+"""The Devices screen: every line of the machine, what it says, and what can be done about it."""
+from __future__ import annotations
+
+from collections import deque
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.containers import Vertical
+
+from console.app.action import DEVICES, Action, bindings
+from console.app.pages.devices.device_table import DeviceTable, TableView
+from console.app.pages.devices.device_view import details, raw_rows, rows_of
+from console.app.pages.devices.keys import ACTIONS
+from console.app.pages.devices.rows import Rows, RowsView
+from console.app.pages.page import Page
+from console.app.view import RunView
+from console.app.widgets.chips import Chip, Chips
+from console.frame import DeviceDo, DeviceView, Frame
+from console.locale import _
+
+RAW_LINES = 40
+
+
+class DevicesScreen(Page):
+    where: ClassVar[str] = DEVICES
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.picked = ""                                  # name of the device
+        self._raw: dict[str, deque[tuple[float, str]]] = {}
+
+    def body(self) -> ComposeResult:
+        with Vertical(id="devices"):
+            yield DeviceTable(TableView((), 0), id="device-table")
+            yield Rows(RowsView("", ()), id="device-details")
+            yield Rows(RowsView("", ()), id="device-raw")
+            yield Chips((), id="device-chips")
+
+    @property
+    def devices(self) -> tuple[DeviceView, ...]:
+        frame, _age_s = self.seen(self.app.clock())
+        return frame.devices if frame is not None else ()
+
+    @property
+    def device(self) -> DeviceView | None:
+        devices = self.devices
+        return next((one for one in devices if one.name == self.picked), devices[0] if devices else None)
+
+    def gather(self, frame: Frame) -> None:
+        """Remember the last raw lines of every device."""
+        for one in frame.devices:
+            lines = self._raw.setdefault(one.name, deque(maxlen=RAW_LINES))
+            if one.last_raw and (not lines or lines[-1][1] != one.last_raw):
+                lines.append((frame.row.time_s, one.last_raw))
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        self._show(self.app.clock())
+
+    def _show(self, now_s: float) -> None:
+        _frame, age_s = self.seen(now_s)
+        device, devices = self.device, self.devices
+        at = devices.index(device) if device is not None else 0
+        self.query_one("#device-table", DeviceTable).show(TableView(rows_of(devices, age_s), at))
+        self.query_one("#device-table").styles.height = min(len(devices) + 1, max(4, self.size.height - 16))
+        if device is None:
+            empty = RowsView("", ())
+            self.query_one("#device-details", Rows).show(empty)
+            self.query_one("#device-raw", Rows).show(empty)
+        else:
+            about = details(device, age_s)
+            self.query_one("#device-details", Rows).show(about)
+            self.query_one("#device-details").styles.height = len(about.rows) + 1
+            raw = self.query_one("#device-raw", Rows)
+            lines = list(self._raw.get(device.name, ()))[-max(1, raw.size.height - 1):]
+            raw.show(raw_rows(lines))
+        self.query_one("#device-chips", Chips).show(self._chips(device))
+
+    def _chips(self, device: DeviceView | None) -> tuple[Chip, ...]:
+        on = device is not None and not self.app.locked
+        capturing = device is not None and bool(device.capture_path)
+        testing = device is not None and device.test is not None and device.test.running
+        plugged = device is None or device.plugged
+        return (Chip("dev_up", "Up", _("above"), on), Chip("dev_down", "Down", _("below"), on),
+                Chip("dev_test", "T", _("listening") if testing else _("test"), on and plugged and not testing),
+                Chip("dev_capture", "W", _("end the raw file") if capturing else _("write raw to a file"), on,
+                     lead=capturing and on),
+                Chip("dev_plug", "C", _("disconnect") if plugged else _("connect"), on, lead=not plugged and on))
+
+    def redraw(self) -> None:
+        super().redraw()
+        self._show(self.app.clock())
+
+    # --- what is done --------------------------------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        if self.device is None:
+            self.app.notice(_("no machine is connected"))
+        else:
+            super().perform(action)
+        self.hurry()
+        self.app.tick()
+
+    @property
+    def picked_device(self) -> DeviceView:
+        """For the actions, which are done only where there is one."""
+        assert self.device is not None
+        return self.device
+
+    def order(self, device: DeviceView, do: DeviceDo) -> None:
+        self.app.run_worker(self.app.asked(lambda source: source.device(device.name, do)), group="orders",
+                            exit_on_error=False)
+
+    def move(self, by: int) -> None:
+        names = [one.name for one in self.devices]
+        self.picked = names[(names.index(self.picked_device.name) + by) % len(names)]
+
+    def on_device_table_picked(self, event: DeviceTable.Picked) -> None:
+        devices = self.devices
+        if event.index < len(devices):
+            self.picked = devices[event.index].name
+            self.hurry()
+            self.app.tick()

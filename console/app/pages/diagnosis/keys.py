@@ -1,0 +1,159 @@
+"""Keys of the Diagnosis page and what they do."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from console.app.action import DIAGNOSIS, Action
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.name_dialog import NameDialog
+from console.app.pages.diagnosis import words
+from console.app.pages.diagnosis.data import Found
+from console.locale import N_, _
+
+if TYPE_CHECKING:
+    from console.app.pages.diagnosis.page import DiagnosisScreen
+
+
+def above(page: DiagnosisScreen) -> None:
+    page.move(-1)
+
+
+def below(page: DiagnosisScreen) -> None:
+    page.move(1)
+
+
+def diagnose(page: DiagnosisScreen) -> None:
+    if page.shown is None and page.sources:
+        page.diagnose(page.sources[page.at])
+
+
+def other_data(page: DiagnosisScreen) -> None:
+    page.back()
+    page.sources = None
+
+
+def type_path(page: DiagnosisScreen) -> None:
+    service = page.served
+
+    def wrong(text: str) -> str:
+        try:
+            service.source(text)
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def typed(path: str | None) -> None:
+        if path is not None:
+            page.diagnose(service.source(path))
+
+    page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"), wrong), typed)
+
+
+def against(page: DiagnosisScreen) -> None:
+    choices = [Choice("", _("as the log says")), *(Choice(name, Path(name).stem) for name in page.machines[:8])]
+
+    def answer(name: str | None) -> None:
+        if name is not None:
+            page.machine = name or None
+            page.look()
+
+    page.app.push_screen(ChoiceDialog(_("Held against which machine file?"), choices, page.machine or ""), answer)
+
+
+def next_view(page: DiagnosisScreen) -> None:
+    views = page.views()
+    page.see = views[(views.index(page.see) + 1) % len(views)] if page.see in views else views[0]
+
+
+def _of_found(do: Callable[[DiagnosisScreen, Found], None]) -> Callable[[DiagnosisScreen], None]:
+    """Of what was found in the data; refused in words before."""
+    def run(page: DiagnosisScreen) -> None:
+        if page.shown is None:
+            page.app.notice(_("choose data and press Enter first"))
+        else:
+            do(page, page.shown)
+
+    return run
+
+
+@_of_found
+def adopt(page: DiagnosisScreen, found: Found) -> None:
+    if not found.adoptable:
+        why = "\n".join(found.refused) or _("nothing was found that a machine file could take up")
+        page.app.push_screen(TextDialog(_("Not adopted"), why))
+        return
+    lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
+    lines += [_("Left out: {why}").format(why=why) for why in found.refused]
+    if found.verdict == "ambiguous":
+        lines.append(_("This data does not tell the rivals apart: the separating run would."))
+    lines.append(_("The running job keeps its machine file; the next one may use the new file."))
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.write(_("The new machine file"), partial(page.served.adopt, found))
+
+    page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
+
+
+@_of_found
+def report(page: DiagnosisScreen, found: Found) -> None:
+    page.write(_("The report"), partial(page.served.export, found, "report"))
+
+
+@_of_found
+def data(page: DiagnosisScreen, found: Found) -> None:
+    page.write(_("The result as data"), partial(page.served.export, found, "data"))
+
+
+@_of_found
+def job_file(page: DiagnosisScreen, found: Found) -> None:
+    page.write(_("The separating run as a job file"), partial(page.served.write_run, found))
+
+
+@_of_found
+def drive(page: DiagnosisScreen, found: Found) -> None:
+    if found.next_run is None or not found.next_run.id:
+        page.app.notice(_("there is no separating run that can be driven here"))
+        return
+    text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
+             "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.begin(_("Separating run, simulated"), partial(page.served.drive, found))
+
+    page.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
+
+
+@_of_found
+def other_log(page: DiagnosisScreen, found: Found) -> None:
+    page.which, page.cause = (page.which + 1) % len(page.found), 0
+
+
+ACTIONS = (
+    Action("dia_up", "up", "Up", N_("above"), N_("The file, or the cause, above."), above, DIAGNOSIS),
+    Action("dia_down", "down", "Down", N_("below"), N_("The file, or the cause, below."), below, DIAGNOSIS),
+    Action("dia_begin", "enter", "Enter", N_("diagnose"),
+           N_("Looks at the chosen file; nothing of the machine is touched."), diagnose, DIAGNOSIS, 3),
+    Action("dia_pick", "p", "P", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
+           4),
+    Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS),
+    Action("dia_machine", "m", "M", N_("against"), N_("The machine file that the data is held against."), against,
+           DIAGNOSIS),
+    Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
+           next_view, DIAGNOSIS, 5),
+    Action("dia_adopt", "k", "K", N_("adopt"),
+           N_("Writes a new machine file with what was found; asked once. The running job keeps its own."), adopt,
+           DIAGNOSIS, 6),
+    Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7),
+    Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS),
+    Action("dia_run_file", "w", "W", N_("job file"), N_("Writes the separating run as a job file."), job_file,
+           DIAGNOSIS),
+    Action("dia_drive", "i", "I", N_("drive it, simulated"),
+           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS, 8),
+    Action("dia_other", "b", "B", N_("other log"), N_("From the log to the separating run and back."), other_log,
+           DIAGNOSIS),
+)

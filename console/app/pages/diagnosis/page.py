@@ -1,0 +1,299 @@
+"""The Diagnosis screen: choose data, watch, read the verdict, adopt it; plan and drive the run that tells rivals
+apart. The work itself is done by a process that the service starts."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Static
+from textual.worker import Worker, WorkerState
+
+from console.app.action import DIAGNOSIS, Action, bindings
+from console.app.dialogs import TextDialog
+from console.app.pages.diagnosis import shown, words
+from console.app.pages.diagnosis.causes import Causes, CausesView
+from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
+from console.app.pages.diagnosis.data import DiagnosisService, Found, Source, Stop, Stopped, Tell
+from console.app.pages.diagnosis.keys import ACTIONS, diagnose
+from console.app.pages.diagnosis.residual_plot import ResidualPlot
+from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
+from console.app.pages.diagnosis.source_list import SourceList, SourcesView
+from console.app.pages.diagnosis.verdict import Verdict
+from console.app.pages.diagnosis.work_bar import WorkBar, WorkView
+from console.app.pages.page import Page
+from console.app.view import RunView
+from console.app.widgets.chips import Chip, Chips
+from console.locale import _, in_use
+
+View = Literal["causes", "channels", "over", "time", "run"]
+Work = Callable[[Tell, Stop], Found]
+
+LEAST_SHARE = 0.04          # of the work: before, nobody can tell how long it takes
+LEFT_STEP_S = 1.0
+
+
+BEGIN = next(action for action in ACTIONS if action.do is diagnose)
+
+
+class DiagnosisScreen(Page):
+    where: ClassVar[str] = DIAGNOSIS
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.add_class("diagnosis")
+        self.sources: tuple[Source, ...] | None = None
+        self.at = 0                                 # chosen file
+        self.machine: str | None = None             # None: the one that the data names
+        self.machines: tuple[str, ...] = ()
+        self.found: tuple[Found, ...] = ()          # the log's, then that of its separating run
+        self.which = 0                              # the one that is shown
+        self.cause = 0
+        self.see: View = "causes"
+        self.said = ""                              # why the last thing did not go
+        self.stop: Stop | None = None               # of the work under way
+        self._working: Worker[Found] | None = None
+        self._listing: Worker[tuple[tuple[Source, ...], tuple[str, ...]]] | None = None
+        self._title = ""
+        self._begun_s = 0.0
+        self._share, self._stage = 0.0, ""
+
+    def body(self) -> ComposeResult:
+        with Vertical(id="diagnosis"):
+            yield WorkBar(None, id="dia-work")
+            yield Static("", id="dia-said", markup=False)
+            yield SourceList(SourcesView((), 0, True, in_use()), id="dia-sources")
+            yield Verdict((), id="dia-verdict")
+            with Horizontal(id="dia-found"):
+                with Vertical(id="dia-left"):
+                    yield Causes(CausesView((), 0, "", in_use()), id="dia-causes")
+                    yield ChannelTable(ChannelsView((), (), in_use()), id="dia-channels")
+                    yield RunPlanPanel(PlanView("", (), "", in_use()), id="dia-run")
+                with Vertical(id="dia-right"):
+                    yield ResidualPlot(None, id="dia-over")
+                    yield ResidualPlot(None, id="dia-time")
+            yield Chips((), id="dia-chips")
+
+    @property
+    def service(self) -> DiagnosisService | None:
+        return self.app.services.diagnosis
+
+    @property
+    def served(self) -> DiagnosisService:
+        """For the actions, which are done only where there is one."""
+        assert self.service is not None
+        return self.service
+
+    @property
+    def shown(self) -> Found | None:
+        return self.found[self.which] if self.found else None
+
+    @property
+    def busy(self) -> bool:
+        return self._working is not None
+
+    # --- showing -------------------------------------------------------------------------------------------------
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        if self.sources is None and self._listing is None:
+            self._list()
+        found = self.shown
+        self.set_class(found is None, "-picking")
+        self.set_class(len(self.found) > 1, "-two")
+        for name in ("causes", "channels", "over", "time", "run"):
+            self.set_class(self.see == name, f"-see-{name}")
+        said = self.query_one("#dia-said", Static)
+        said.display = bool(self.said)
+        if str(said.content) != f" ! {self.said}":
+            said.update(f" ! {self.said}")
+        work = self.query_one("#dia-work", WorkBar)
+        work.display = self.busy
+        work.show(self._work_view(self.app.clock()) if self.busy else None)
+        self.query_one("#dia-sources", SourceList).show(
+            SourcesView(self.sources or (), self.at, self.sources is None and self.service is not None, in_use()))
+        self.query_one("#dia-chips", Chips).show(self._chips())
+        if found is not None:
+            self._show_found(found)
+
+    def _show_found(self, found: Found) -> None:
+        self.query_one("#dia-verdict", Verdict).show(tuple(
+            shown.said(one, "" if len(self.found) == 1 else _("log") if not index else _("separating run"))
+            for index, one in enumerate(self.found)))
+        self.query_one("#dia-causes", Causes).show(shown.causes(found, self.cause, self.app.units))
+        self.query_one("#dia-channels", ChannelTable).show(shown.channels(found))
+        self.query_one("#dia-run", RunPlanPanel).show(shown.plan(found))
+
+    def tick(self, now_s: float) -> None:
+        super().tick(now_s)
+        found = self.shown
+        if found is not None and self.plots.due(now_s):
+            self.query_one("#dia-over", ResidualPlot).show(shown.over(found, self.cause))
+            self.query_one("#dia-time", ResidualPlot).show(shown.time(found, self.cause))
+
+    def _work_view(self, now_s: float) -> WorkView:
+        gone_s, share = now_s - self._begun_s, self._share
+        left_s = round(gone_s * (1.0 - share) / share / LEFT_STEP_S) if share >= LEAST_SHARE else None
+        return WorkView(self._title, words.stage_word(self._stage), int(100 * share), left_s)
+
+    def views(self) -> tuple[View, ...]:
+        """Those that one key goes through at this size; the others stand beside."""
+        found = self.shown
+        run: tuple[View, ...] = ("run",) if found is not None and found.next_run is not None else ()
+        if self.has_class("-wide") and self.has_class("-tall"):
+            return ("causes", *run)
+        if self.has_class("-wide"):
+            return ("causes", "channels", *run)
+        return ("causes", "channels", "over", "time", *run)
+
+    def _chips(self) -> tuple[Chip, ...]:
+        found = self.shown
+        if self.busy:
+            return ()
+        if found is None:
+            against = Path(self.machine).stem if self.machine is not None else _("as the log says")
+            wanted = [("dia_begin", "", bool(self.sources), True), ("dia_path", "", True, False),
+                      ("dia_machine", f"{_('against')}: {against}", True, False),
+                      ("dia_pick", _("read anew"), True, False)]
+        else:
+            run = found.next_run is not None and bool(found.next_run.id)
+            views = self.views()
+            at = views.index(self.see) + 1 if self.see in views else 1
+            wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
+                      ("dia_adopt", "", bool(found.adoptable), found.verdict in ("named", "unexplained")),
+                      ("dia_report", "", True, False), ("dia_data", "", True, False)]
+            if found.next_run is not None:
+                wanted += [("dia_run_file", "", run, False), ("dia_drive", "", run, found.verdict == "ambiguous")]
+            if len(self.found) > 1:
+                wanted.append(("dia_other", "", True, False))
+            wanted.append(("dia_pick", "", True, False))
+        known = {action.id: action for action in self.app.offered(DIAGNOSIS)}
+        return tuple(Chip(name, known[name].shown, label or _(known[name].label), on, lead)
+                     for name, label, on, lead in wanted)
+
+    # --- what is done ----------------------------------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        if self.service is None:
+            self.app.notice(_("diagnosis is not offered here"))
+            return
+        if self.busy:
+            self.app.notice(_("at work: Esc cancels"))
+            return
+        super().perform(action)
+        self.look()
+
+    def look(self) -> None:
+        self.hurry()
+        self.app.tick()
+
+    def move(self, by: int) -> None:
+        if self.shown is None:
+            self.at = max(0, min(len(self.sources or ()) - 1, self.at + by))
+        else:
+            self.cause = max(0, min(len(self.shown.causes) - 1, self.cause + by))
+
+    def back(self) -> None:
+        self.found, self.which, self.cause, self.said = (), 0, 0, ""
+
+    def write(self, what: str, write: Callable[[], str]) -> None:
+        """Small files: written at once; the path stays on the screen until it is read."""
+        try:
+            path = write()
+        except (ValueError, OSError) as error:
+            self.said = str(error)
+        else:
+            self.said = ""
+            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path))
+        self.look()
+
+    # --- long work -------------------------------------------------------------------------------------------------
+
+    def _list(self) -> None:
+        service = self.service
+        if service is None:
+            return
+        frame = self.app.arrival.frame
+        running = frame.log_path if frame is not None else ""
+        self._listing = self.run_worker(lambda: (service.sources(running), service.machines()), group="list",
+                                        thread=True, exit_on_error=False)
+
+    def diagnose(self, source: Source) -> None:
+        assert self.service is not None
+        self.back()
+        self.begin(_("Diagnosis of {name}").format(name=source.name),
+                    partial(self.service.diagnose, source, self.machine))
+
+    def begin(self, title: str, work: Work) -> None:
+        self._title, self._begun_s, self.said = title, self.app.clock(), ""
+        self._share, self._stage = 0.0, "reading"
+        stop = self.stop = Stop()
+        self._working = self.run_worker(lambda: work(self._tell, stop), group="work", thread=True, exit_on_error=False)
+        self.look()
+
+    def _tell(self, share: float, stage: str) -> None:
+        """Called by the working thread: only remembers."""
+        self._share, self._stage = min(1.0, max(0.0, share)), stage
+
+    def key_escape(self) -> None:
+        if self.busy:
+            self.cancel()
+            self.said = _("cancelled")
+        elif self.shown is not None:
+            self.back()
+        self.look()
+
+    def cancel(self) -> None:
+        """The work ends at once; what it might still say is not looked at."""
+        if self.stop is not None:
+            self.stop.set()
+        self._working = self.stop = None
+
+    def on_unmount(self) -> None:
+        self.cancel()
+
+    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        if event.worker is self._listing:
+            self._listed(event.worker, event.state)
+        elif event.worker is self._working:
+            self._worked(event.worker, event.state)
+
+    def _listed(self, worker: Worker[tuple[tuple[Source, ...], tuple[str, ...]]], state: WorkerState) -> None:
+        if state is WorkerState.SUCCESS and worker.result is not None:
+            self.sources, self.machines = worker.result
+            self.at = min(self.at, max(0, len(self.sources) - 1))
+        elif state is WorkerState.ERROR:
+            self.sources, self.said = (), str(worker.error)
+        if state in (WorkerState.SUCCESS, WorkerState.ERROR):
+            self._listing = None
+            self.look()
+
+    def _worked(self, worker: Worker[Found], state: WorkerState) -> None:
+        if state is WorkerState.SUCCESS and worker.result is not None:
+            drove = bool(self.found) and bool(worker.result.planted)
+            self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
+            self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
+        elif state is WorkerState.ERROR and not isinstance(worker.error, Stopped):
+            self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
+        if state is WorkerState.CANCELLED:              # the app ends: its process must not outlive it
+            self.cancel()
+        elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
+            self._working = self.stop = None
+            self.look()
+
+    # --- mouse -----------------------------------------------------------------------------------------------------
+
+    def on_source_list_picked(self, event: SourceList.Picked) -> None:
+        again = event.index == self.at
+        self.at = event.index
+        if again and not self.busy and not self.app.locked:
+            self.perform(BEGIN)
+        self.look()
+
+    def on_causes_picked(self, event: Causes.Picked) -> None:
+        self.cause = event.index
+        self.look()

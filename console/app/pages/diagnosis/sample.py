@@ -1,0 +1,120 @@
+"""A made-up diagnosis for the gallery and the tests: the same every time, no file and no model behind it."""
+from __future__ import annotations
+
+from math import cos, sin
+
+from console.app.pages.diagnosis.data import (
+    CauseShown,
+    ChannelShown,
+    Curve,
+    Export,
+    Found,
+    GainShown,
+    RivalShown,
+    RunPlan,
+    Source,
+    Stop,
+    Stopped,
+    Tell,
+)
+
+SOURCES = (
+    Source("/data/logs/20260318-061200.csv", "20260318-061200.csv", "run", "2026-03-18 06:12", "1.2 MB", True),
+    Source("/data/logs/20260317-134500.csv", "20260317-134500.csv", "run", "2026-03-17 16:02", "23.6 MB"),
+    Source("/data/logs/20260317-070100.csv", "20260317-070100.csv", "run", "2026-03-17 11:48", "31.0 MB"),
+    Source("/data/catch.csv", "catch.csv", "catch", "2026-03-16 09:20", "0.6 kB"),
+    Source("/data/lag_table.csv", "lag_table.csv", "lag", "2026-03-12 17:31", "0.4 kB"),
+)
+
+_SAG = CauseShown(
+    "shaft.voltage_sag", "Shaft loses speed when the supply falls below nominal",
+    "Check battery, alternator and the voltage drop along the supply cable.", 3.1, 2.8, 3.4, "% lost per V", None, None,
+    0.998, (), -2.4, -7.8, None,
+    Curve("shaft", "r/min", "supply, V", tuple(12.0 + 0.15 * k for k in range(11)),
+          tuple(-3.2 + 0.31 * k + 0.05 * sin(3 * k) for k in range(11)), tuple(0.06 * cos(2 * k) for k in range(11)),
+          (0.08,) * 11),
+    Curve("shaft", "r/min", "time, min", tuple(0.5 + k for k in range(40)),
+          tuple(-1.6 + 1.1 * sin(0.3 * k) for k in range(40)), tuple(0.09 * sin(1.7 * k) for k in range(40)),
+          (0.1,) * 40))
+
+_FILL = CauseShown(
+    "flow.fill_falloff", "Flutes fill less at high shaft speed", "Work at a larger opening and a lower shaft speed.",
+    12.4, 9.9, 14.8, "% lost at 100 r/min", None, None, 0.58,
+    (RivalShown("flow.gain", "Kilograms per revolution off by a factor", 0.27),
+     RivalShown("scale.gain", "Scale reads off by a factor", 0.15)), -6.1, -19.8, None,
+    Curve("flow", "g/s", "shaft speed commanded, r/min", (20.0, 35.0, 50.0, 60.0, 70.0, 80.0),
+          (-0.4, -1.3, -2.6, -3.9, -5.2, -6.8), (0.2, -0.3, 0.1, 0.2, -0.2, 0.1), (0.5, 0.5, 0.6, 0.6, 0.7, 0.8)),
+    Curve("flow", "g/s", "time, min", tuple(1.2 + 2.5 * k for k in range(16)),
+          tuple(-4.8 + 0.8 * sin(k) for k in range(16)), tuple(0.4 * cos(2 * k) for k in range(16)), (0.6,) * 16))
+
+_CHANNELS = (
+    ChannelShown("shaft", "r/min", 1.92, 0.285, 0.287, True), ChannelShown("gate", "mm", 0.1005, 0.1004, 0.1004, False),
+    ChannelShown("flow", "kg/s", 0.0149, 0.0121, None, True), ChannelShown("scale", "kg", 2.27, 0.127, 0.146, True),
+    ChannelShown("speed", "m/s", 0.0359, 0.0358, 0.0359, False),
+    ChannelShown("heads", "NDVI", 0.0164, 0.0163, 0.0164, False))
+
+
+def sample_found(verdict: str = "ambiguous") -> Found:
+    """ambiguous: two causes, of which one has rivals; named: one; none: nothing."""
+    found = Found(
+        "20260317-134500.csv", "/data/logs/20260317-134500.csv", "run", "huanghai", 48_240, 2412.0, "ambiguous",
+        (_FILL, _SAG), _CHANNELS, (), (GainShown("shaft", "rmse, r/min", 1.91, 0.288),), (),
+        RunPlan("stairs", "Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice.", 10.0),
+        ("flow.fill_falloff", "shaft.voltage_sag"), (), 17, None, "/tmp/made-up")
+    if verdict == "named":
+        return found._replace(source="separating.csv", rows=10_000, duration_s=500.0, verdict="named",
+                              causes=(_FILL._replace(rivals=(), probability=0.97),), next_run=None,
+                              adoptable=("flow.fill_falloff",), planted=("flow.fill_falloff=12",))
+    if verdict == "none":
+        return found._replace(verdict="none", causes=(), gains=(), next_run=None, adoptable=(), channels=tuple(
+            one._replace(error=one.noise, after=None, structure=False) for one in _CHANNELS))
+    return found
+
+
+class MadeUpDiagnosis:
+    """A `DiagnosisService` that knows its answers; it keeps what it was asked. wait: until when work goes on."""
+
+    def __init__(self, found: Found | None = None, refuse: str = "") -> None:
+        self.found = found or sample_found()
+        self.refuse = refuse
+        self.asked: list[str] = []
+
+    def sources(self, running_log: str) -> tuple[Source, ...]:
+        return SOURCES
+
+    def source(self, path: str) -> Source:
+        if not path.endswith(".csv"):
+            raise ValueError(f"{path}: neither a run log (column time_s) nor a bench table")
+        return SOURCES[1]._replace(path=path, name=path.rsplit("/", 1)[-1])
+
+    def machines(self) -> tuple[str, ...]:
+        return ("bench", "huanghai")
+
+    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
+        self.asked.append(f"diagnose {source.name} {machine}")
+        self._work(tell, stop)
+        return self.found
+
+    def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
+        self.asked.append(f"drive {found.next_run.id if found.next_run else ''}")
+        self._work(tell, stop)
+        return sample_found("named")
+
+    def _work(self, tell: Tell, stop: Stop) -> None:
+        tell(0.5, "metering")
+        if stop.is_set():
+            raise Stopped
+        if self.refuse:
+            raise ValueError(self.refuse)
+
+    def adopt(self, found: Found) -> str:
+        self.asked.append(f"adopt {', '.join(found.adoptable)}")
+        return "/data/machines/huanghai-2026-03-18.yaml"
+
+    def export(self, found: Found, what: Export) -> str:
+        self.asked.append(f"export {what}")
+        return "/data/reports/20260317-134500-diagnosis.html"
+
+    def write_run(self, found: Found) -> str:
+        self.asked.append("write_run")
+        return "/data/jobs/separate_stairs.yaml"

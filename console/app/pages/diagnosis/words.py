@@ -1,0 +1,206 @@
+"""A diagnosis in the words of the language in use: the verdict in one line, causes, stages. Pure."""
+from __future__ import annotations
+
+import re
+from math import floor, log10
+
+from console.app.pages.diagnosis.data import CauseShown, Curve, Found
+from console.app.units import Units
+from console.app.view import duration
+from console.locale import N_, _
+
+VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
+            "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
+VERDICT_SYMBOLS = {"none": "-", "named": "!", "ambiguous": "?", "unexplained": "??", "not_judged": "??"}
+
+KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
+         "heads": N_("heads table"), "place": N_("place table")}
+
+STAGES = {"reading": N_("reading the file"), "data": N_("looking at the data"), "model": N_("predicting every channel"),
+          "shaft": N_("shaft and gate"), "gate": N_("shaft and gate"), "metering": N_("shaft, gate, flow, scale"),
+          "flow": N_("flow and scale"), "speed": N_("speeds"), "heads": N_("sensor heads"),
+          "result": N_("weighing the causes"), "pictures": N_("drawing"), "report": N_("writing the report"),
+          "driving": N_("driving the separating run"), "noise and steps in the times": N_("looking at the data"),
+          "search": N_("searching causes"), "what is left": N_("what is left"), "gain": N_("measuring the gain")}
+
+CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
+            "heads": N_("heads"), "lag": N_("lag"), "place": N_("place")}
+
+# What stands on a plot's axis, and what is left over: as the reports name it, or as the data's column.
+VARIABLES = {
+    "shaft speed commanded, r/min": N_("shaft speed commanded, r/min"),
+    "opening commanded, mm": N_("opening commanded, mm"), "supply, V": N_("supply, V"),
+    "pitch, degrees nose up": N_("pitch, degrees nose up"),
+    "roll, degrees right side down": N_("roll, degrees right side down"), "hopper, kg": N_("hopper, kg"),
+    "ground speed, m/s": N_("ground speed, m/s"), "heading, degrees": N_("heading, degrees"),
+    "time, min": N_("time, min"), "acceleration, m/s per s": N_("acceleration, m/s per s"), "head": N_("head"),
+    "NDVI, mean of all heads": N_("NDVI, mean of all heads"),
+    "last change of the command": N_("last change of the command"),
+    "distance moved so far, mm": N_("distance moved so far, mm"),
+    "seconds since the command changed (residual turned so that up is the way of the change)":
+        N_("seconds since the command changed"),
+    "out of work / in work": N_("out of work / in work"),
+    "shaft_rpm": N_("shaft speed, r/min"), "opening_mm": N_("opening, mm"), "supply_v": N_("supply, V"),
+    "pitch_deg": N_("pitch, degrees nose up"), "roll_deg": N_("roll, degrees right side down"),
+    "hopper_kg": N_("hopper, kg"), "speed_mps": N_("ground speed, m/s"), "heading_deg": N_("heading, degrees"),
+    "time_s": N_("time"), "outlet": N_("outlet"), "ndvi_reference": N_("NDVI of the reference"),
+    "warm_min": N_("minutes since switched on"), "target_kg": N_("target, kg"), "area_m2": N_("area, m2"),
+    "duration_s": N_("duration, s"), "height_m": N_("height, m"), "replicate": N_("replicate"), "label": N_("label"),
+    "corrected_lag_s": N_("lag corrected for, s"), "constant": N_("a constant"), "ndvi": N_("NDVI"),
+}
+
+RUNS = {
+    "stairs": N_("Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice."),
+    "openings": N_("Opening staircase: 10, 20, 30, 40 mm for a minute each at one shaft speed, twice."),
+    "slope": N_("Out and back on a slope, two minutes each way, twice."),
+    "two_speeds": N_("Two ground speeds: 3 and 6 km/h in turn, two minutes each."),
+    "out_of_work": N_("Drive on with the shaft stopped every second minute."),
+    "standing": N_("Stand still with the shaft stopped for ten minutes and watch the scale."),
+    "refill": N_("Work for ten minutes, fill up with weighed bags and write the kg down, work for ten more."),
+}
+
+_STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
+
+
+def stage_word(stage: str) -> str:
+    return _(STAGES.get(stage, stage))
+
+
+def channel_word(channel: str) -> str:
+    return _(CHANNELS.get(channel, channel))
+
+
+def variable_word(name: str) -> str:
+    """An axis or a recorded column in words; its own name where it is not known."""
+    return _(VARIABLES.get(name, name))
+
+
+def about(found: Found) -> str:
+    """Which data, how much of it, and what it was held against."""
+    span = "" if found.duration_s is None else f", {duration(found.duration_s)}"
+    rows = _("{count} rows").format(count=found.rows)
+    against = _("against {machine}").format(machine=found.machine)
+    return f"{found.source}   {_(KINDS.get(found.kind, found.kind))}, {rows}{span}   {against}"
+
+
+def sentence(found: Found) -> str:
+    """The verdict in one line."""
+    if found.verdict == "none":
+        return _("Everything is as the machine file says, within the noise of the sensors.")
+    if found.verdict == "not_judged":
+        return _("Nothing of this data could be held against the machine file.")
+    if found.verdict == "unexplained" and found.left:
+        channel, variable, _share = found.left[0]
+        if variable:
+            said = _("{channel} follows {variable}, and no known cause explains it.").format(
+                channel=channel_word(channel), variable=variable_word(variable).split(",")[0])
+        else:
+            said = _("The error of {channel} is not noise, and no known cause explains it.").format(
+                channel=channel_word(channel))
+        return said if not found.causes else f"{said} {_('Besides:')} {title(found.causes[0])}."
+    if not found.causes:
+        return _("Nothing with a name was found.")
+    return "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(found.causes, 1)) if (
+        len(found.causes) > 1) else _doubtful(found.causes[0])
+
+
+def _doubtful(cause: CauseShown) -> str:
+    """One cause, and how many others it could be."""
+    if not cause.rivals:
+        return _("{first}.").format(first=title(cause))
+    if len(cause.rivals) == 1:
+        return _("{first}, or: {other}. This data cannot tell.").format(first=title(cause),
+                                                                       other=_(cause.rivals[0].title))
+    return _("{first}, or one of {count} others: this data cannot tell.").format(first=title(cause),
+                                                                                count=len(cause.rivals))
+
+
+def todo(found: Found) -> str:
+    """What to do next, in one line."""
+    if found.verdict == "none":
+        return _("Nothing to do.")
+    if found.verdict == "not_judged":
+        return _("Look at the notes: they say which columns are missing or empty.")
+    if found.verdict == "ambiguous" and found.next_run is not None:
+        return _("A separating run of {minutes} minutes tells: its steps are among the views.").format(
+            minutes=f"{found.next_run.minutes:g}") if found.next_run.minutes else _("A separating run tells: its steps "
+                                                                                    "are among the views.")
+    if found.causes:
+        return _(found.causes[0].advice)
+    return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
+
+
+def title(cause: CauseShown) -> str:
+    which = "" if cause.member is None else f" {cause.member}"
+    return _(cause.title) + which
+
+
+def number(value: float, digits: int = 3) -> str:
+    """As many digits as one reads at a glance, no powers of ten."""
+    if value == 0.0 or abs(value) < 1e-6:
+        return "0"
+    decimals = max(0, min(6, digits - 1 - floor(log10(abs(value)))))
+    return f"{value:.{decimals}f}"
+
+
+def size(cause: CauseShown) -> str:
+    """Size, 90 % interval, since when."""
+    if cause.value is None:
+        said = _("size not known")
+    else:
+        said = f"{number(cause.value)} {_(cause.unit)}"
+        if cause.low is not None and cause.high is not None:
+            said += f"  ({number(cause.low, 2)} {_('to')} {number(cause.high, 2)})"
+    if cause.onset_s is not None:
+        said += f"  {_('since {time}').format(time=duration(cause.onset_s))}"
+    return said
+
+
+def cost(cause: CauseShown, units: Units) -> str:
+    """What it does to dose and place while nobody knows of it."""
+    said = []
+    if cause.rate_percent:
+        rate = "" if cause.rate_kg_ha is None else f" = {_signed(cause.rate_kg_ha * units.rate.per_si, 0)}"
+        named = "" if not rate else f" {units.rate.name}"
+        said.append(f"{_signed(cause.rate_percent, 1)} %{rate}{named}")
+    if cause.place_m:
+        said.append(f"{_signed(cause.place_m * units.fine_distance.per_si, 2)} {units.fine_distance.name}")
+    if said:
+        return "   ".join(said)
+    return _("not known") if cause.rate_percent is None and cause.place_m is None else _("no dose, no metres")
+
+
+def _signed(value: float, decimals: int) -> str:
+    return f"{value:+.{decimals}f}"
+
+
+def percent(share: float) -> str:
+    """A probability that does not claim certainty."""
+    return ">99 %" if share > 0.995 else "<1 %" if share < 0.005 else f"{100.0 * share:.0f} %"
+
+
+def rivals(cause: CauseShown) -> str:
+    return ", ".join(f"{_(rival.title)} {percent(rival.probability)}" for rival in cause.rivals)
+
+
+def plan_words(found: Found) -> str:
+    if found.next_run is None:
+        return ""
+    return _(RUNS.get(found.next_run.id, found.next_run.plan))
+
+
+def plan_steps(found: Found) -> tuple[str, ...]:
+    """The separating run as steps: where the plan counts them itself, or as one."""
+    parts = (part.strip(" ;.") for part in _STEP.split(plan_words(found)))
+    return tuple(part[0].upper() + part[1:] for part in parts if part)
+
+
+def curve_title(curve: Curve) -> str:
+    return _("error of {channel}, {unit}").format(channel=channel_word(curve.channel), unit=curve.unit)
+
+
+def beyond_noise(error: float, noise: float) -> float:
+    """Share of a channel's mean square error that is not its sensor's noise, 0 to 1."""
+    if error <= 0.0:
+        return 0.0
+    return max(0.0, 1.0 - (noise / error) ** 2)

@@ -1,0 +1,188 @@
+"""The Job screen's words: the check list before work, the totals, what was filled in. Pure."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from console.app import words
+from console.app.pages.job.desk import Facts
+from console.app.units import Units
+from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
+from console.frame import DeviceView, Frame
+from console.locale import N_, _
+from control.field.totals import Totals
+
+OK, LOOK, STOP = "ok", "look", "stop"
+LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
+SILENT_S = 2.0              # a device that said nothing for this long
+LEAST_FREE_BYTES = 200_000_000
+LOW_FREE_BYTES = 2_000_000_000
+DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
+                "rate_module": N_("rate module"), "lag_rig": N_("lag rig")}
+
+
+class Check(NamedTuple):
+    """One line of the list. full: everything, where the line may have no room for it."""
+
+    label: str
+    level: str
+    text: str
+    full: tuple[str, ...] = ()
+
+
+def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str, free_bytes: int | None,
+           units: Units) -> tuple[Check, ...]:
+    """The list before work. facts: None while they are being read; trouble: why they cannot be, one line."""
+    found = [_devices(frame, age_s)]
+    if facts is None:
+        found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
+    else:
+        found += [_crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units), _machine(facts)]
+    found += [_hopper(frame, units), _log(frame, free_bytes)]
+    return tuple(found)
+
+
+def file_name(path: str) -> str:
+    """The last part of a path of either kind of system."""
+    return path.replace("\\", "/").rpartition("/")[2]
+
+
+def worst(found: tuple[Check, ...]) -> str:
+    levels = {check.level for check in found}
+    return next((level for level in (STOP, LOOK) if level in levels), OK)
+
+
+def _devices(frame: Frame | None, age_s: float) -> Check:
+    label = _("devices")
+    if frame is None or age_s > STALE_S:
+        return Check(label, STOP, _("no values from the control worker"))
+    if not frame.devices:
+        return Check(label, STOP, _("no device is configured"))
+    silent = [one for one in frame.devices if not one.connected or one.age_s is None or one.age_s > SILENT_S]
+    lines = tuple(f"{_device(one)}: {one.port}  {one.rate_hz:.0f} Hz" for one in frame.devices)
+    simulated = f"  {_('SIMULATED')}" if frame.simulated else ""
+    if silent:
+        drive = any(one.name in ("board", "rate_module") for one in silent)
+        names = ", ".join(_device(one) for one in silent)
+        return Check(label, STOP if drive else LOOK, _("silent: {names}").format(names=names) + simulated, lines)
+    heads = [one for one in frame.devices if one.name.startswith("head_")]
+    others = ", ".join(_device(one) for one in frame.devices if one not in heads)
+    text = f"{others}, {_('{count} heads').format(count=len(heads))}" if heads else others
+    return Check(label, OK, text + simulated, lines)
+
+
+def _device(one: DeviceView) -> str:
+    name, _line, number = one.name.partition("_")
+    if name == "head" and number:
+        return _("head {number}").format(number=number)
+    return _(DEVICE_WORDS.get(one.name, one.name))
+
+
+def _crop(facts: Facts) -> Check:
+    if facts.crop_warnings:
+        return Check(_("crop"), LOOK, f"{facts.crop}: {facts.crop_warnings[0]}",
+                     (f"{facts.crop} ({facts.crop_file})", *facts.crop_warnings))
+    return Check(_("crop"), OK, facts.crop, (facts.crop_file,))
+
+
+def _strip(facts: Facts, units: Units) -> Check:
+    label = _("N-rich strip")
+    if facts.source != "canopy":
+        return Check(label, OK, _("not needed: {source}").format(source=words.source_word(facts.source)))
+    if facts.ndvi_nrich is not None:
+        where = _("of the job") if facts.nrich_from == "job" else _("of the crop file, not of this field")
+        level = OK if facts.nrich_from == "job" else LOOK
+        return Check(label, level, f"NDVI {facts.ndvi_nrich:.3f}  {where}")
+    if facts.fixed_yield_t_ha is not None:
+        return Check(label, LOOK, _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
+            yield_t_ha=f"{facts.fixed_yield_t_ha:g}"))
+    return Check(label, LOOK, _("none: drive one with N"))
+
+
+def _limits(facts: Facts, units: Units) -> Check:
+    return Check(_("limits"), OK, _("at most {most}; without canopy {fallback}").format(
+        most=units.rate.full(facts.max_rate_kg_ha), fallback=units.rate.full(facts.fallback_rate_kg_ha)))
+
+
+def _field(facts: Facts, units: Units) -> Check:
+    if facts.field_ha is None:
+        return Check(_("field"), LOOK, _("no boundary: nothing stops the flow at the field's edge"))
+    return Check(_("field"), OK, f"{facts.field}  {units.area.full(facts.field_ha)}".strip())
+
+
+def _machine(facts: Facts) -> Check:
+    label = _("machine")
+    if facts.effects:
+        text = _("{machine}: effects adopted from data: {count}").format(machine=facts.machine,
+                                                                        count=len(facts.effects))
+        return Check(label, OK, text, (facts.machine_file, *facts.effects))
+    if facts.shipped_machine:
+        return Check(label, LOOK, _("{machine}: as delivered, not calibrated here").format(machine=facts.machine),
+                     (facts.machine_file,))
+    return Check(label, OK, facts.machine, (facts.machine_file,))
+
+
+def _hopper(frame: Frame | None, units: Units) -> Check:
+    label = _("hopper")
+    if frame is None or frame.row.hopper_kg is None:
+        return Check(label, LOOK, _("no scale: fill level not known"))
+    low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
+    return Check(label, LOOK if low else OK, units.mass.full(frame.row.hopper_kg))
+
+
+def _log(frame: Frame | None, free_bytes: int | None) -> Check:
+    label = _("log")
+    if frame is None or not frame.log_path:
+        return Check(label, STOP, _("no log is written"))
+    tally = frame.tally
+    if tally is not None and tally.trouble:
+        return Check(label, LOOK, _("after a power cut the job could not go on"), (tally.trouble,))
+    if free_bytes is None:
+        return Check(label, LOOK, _("free space not known"), (frame.log_path,))
+    gigabytes = free_bytes / 1e9
+    text = _("{free} GB free").format(free=f"{gigabytes:.1f}")
+    level = STOP if free_bytes < LEAST_FREE_BYTES else LOOK if free_bytes < LOW_FREE_BYTES else OK
+    return Check(label, level, f"{text}  {file_name(frame.log_path)}", (frame.log_path,))
+
+
+def totals(frame: Frame | None, age_s: float, units: Units) -> tuple[Item, ...]:
+    """What the job amounts to so far, its parts before a power cut included."""
+    t = frame.totals if frame is not None else None
+    tally = frame.tally if frame is not None else None
+    old = age_s > STALE_S
+    if frame is None or t is None:
+        return tuple(Item(label, Shown("--", True)) for label in (_("area"), _("applied"), _("mean rate")))
+    cv, cuc = ("--" if value is None else f"{value:.1f} %" for value in (t.cv_percent, t.cuc_percent))
+    error = "--" if t.error_percent is None else f"{t.error_percent:+.1f} %"
+    held_s = 0.0 if tally is None else tally.held_s
+    moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
+    filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
+    items = [
+        Item(_("area"), Shown(units.area.full(t.area_ha), old)),
+        Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
+        Item(_("covered"), Shown(_covered(t, units), old)),
+        Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
+        Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
+        *(point_items(frame, old, units) or (
+            Item(_("against target"), Shown(error, old)),
+            Item(_("CV, C_uc"), Shown(f"{cv}  {cuc}", old)))),
+        Item(_("working"), Shown(duration(t.worked_s), old)),
+        Item(_("held"), Shown(duration(held_s), old)),
+        Item(_("gate moves"), Shown("--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),
+                                    old)),
+        Item(_("filled in"), Shown("--" if filled is None else units.mass.full(filled), old))]
+    return tuple(items)
+
+
+def _covered(t: Totals, units: Units) -> str:
+    """Ground that got something, each place once, and what was passed over again."""
+    if t.covered_ha is None or t.overlap_ha is None:
+        return "--"
+    return f"{units.area.full(t.covered_ha)}  {_('twice {area}').format(area=units.area.full(t.overlap_ha))}"
+
+
+def refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str, ...]:
+    """Each refill with its time of day, the newest first."""
+    if frame is None or frame.tally is None:
+        return ()
+    return tuple(f"{wall_clock(utc, utc_offset_s)}  {units.mass.full(kg)}" for utc, kg in reversed(frame.tally.refills))
+

@@ -1,0 +1,173 @@
+"""Keys of the Job page and what they do."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
+
+from console.app.action import JOB, Action
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.pages.job.day import checks
+from console.app.pages.job.desk import File, JobDesk
+from console.app.pages.job.nrich import LEAST_M, StripRun
+from console.locale import N_, _
+from control.orders import Do
+
+if TYPE_CHECKING:
+    from console.app.pages.job.page import JobScreen
+
+Kind = Literal["job", "crop", "machine"]
+ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
+
+
+def details(page: JobScreen) -> None:
+    frame, age_s = page.seen(page.app.clock())
+    lines = []
+    for check in checks(frame, age_s, page.facts, page.trouble, page.free_bytes, page.app.units):
+        lines += [f"{check.label}: {check.text}", *(f"    {text}" for text in check.full if text != check.text)]
+    page.app.push_screen(TextDialog(_("before work"), "\n".join(lines)))
+
+
+def strip(page: JobScreen) -> None:
+    if page.strip is None:
+        page.strip = StripRun()
+        page.app.notice(_("N-rich strip begins here; N again at its end, after {least} or more").format(
+            least=page.app.units.distance.full(LEAST_M)))
+        return
+    so_far = page.strip.strip
+    if not so_far.enough or so_far.ndvi is None:
+        text = _("{way} with NDVI so far; at least {least} are needed.").format(
+            way=page.app.units.distance.full(so_far.length_m), least=page.app.units.distance.full(LEAST_M))
+        question = Confirm(_("Give the strip up?"), text)
+        page.app.push_screen(question, lambda yes: _forget_strip(page) if yes else None)
+        return
+    ndvi, cv = round(so_far.ndvi, 3), so_far.cv_percent or 0.0
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.strip = None
+            _store_strip(page, ndvi)
+
+    text = _("Mean over {way}, CV {cv} %. It goes into a new job file and is used after the worker's next "
+             "start.").format(way=page.app.units.distance.full(so_far.length_m), cv=f"{cv:.1f}")
+    title = _("NDVI {ndvi} as the N-rich strip of this job?").format(ndvi=f"{ndvi:.3f}")
+    page.app.push_screen(Confirm(title, text), answer)
+
+
+def _forget_strip(page: JobScreen) -> None:
+    page.strip = None
+    page.hurry()
+
+
+def _store_strip(page: JobScreen, ndvi: float) -> None:
+    desk = page.desk
+    if desk is None:
+        page.app.notice(_("files are not at hand here"))
+    else:
+        page.take(lambda: desk.take_strip(ndvi))
+
+
+def refill(page: JobScreen) -> None:
+    page.ask_refill()
+
+
+def _with_files(do: Callable[[JobScreen, JobDesk], None]) -> Callable[[JobScreen], None]:
+    """Refused in words where this console has no files at hand."""
+    def run(page: JobScreen) -> None:
+        if page.desk is None:
+            page.app.notice(_("files are not at hand here"))
+        else:
+            do(page, page.desk)
+
+    return run
+
+
+def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
+    if page.facts is None:
+        page.app.notice(page.trouble or _("being read"))
+        return
+    files: tuple[File, ...] = {"job": page.facts.jobs, "crop": page.facts.crops,
+                               "machine": page.facts.machines}[kind]
+    now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
+    title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
+    choices = [Choice(one.value, one.label) for one in files]
+
+    def answer(value: str | None) -> None:
+        if value == now and page.pending:
+            page.ask_restart(value)
+        if value is None or value == now:
+            return
+
+        def take() -> str:
+            desk.take(kind, value)
+            return value
+
+        page.take(take)
+
+    page.app.push_screen(ChoiceDialog(title, choices, now), answer)
+
+
+@_with_files
+def job(page: JobScreen, desk: JobDesk) -> None:
+    _ask_file(page, desk, "job")
+
+
+@_with_files
+def crop(page: JobScreen, desk: JobDesk) -> None:
+    _ask_file(page, desk, "crop")
+
+
+@_with_files
+def machine(page: JobScreen, desk: JobDesk) -> None:
+    _ask_file(page, desk, "machine")
+
+
+@_with_files
+def export(page: JobScreen, desk: JobDesk) -> None:
+    choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
+
+    def answer(ending: str | None) -> None:
+        if ending is not None:
+            page.begin(_("export"), lambda log, progress, cancelled: desk.export(log, ending, progress, cancelled))
+
+    page.app.push_screen(ChoiceDialog(_("Export as"), choices, ""), answer)
+
+
+@_with_files
+def report(page: JobScreen, desk: JobDesk) -> None:
+    page.begin(_("report"), desk.report)
+
+
+@_with_files
+def end_of_job(page: JobScreen, desk: JobDesk) -> None:
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.app.give(Do.MARK, "job finished")
+            page.begin(_("export"), lambda log, progress, cancelled: (
+                *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
+
+    frame = page.app.arrival.frame
+    if frame is not None and frame.row.state == "working":
+        page.app.notice(_("the machine works: hold or stop it first"))
+        return
+    page.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
+                                                       "a power cut.")), answer)
+
+
+ACTIONS = (
+    Action("job_details", "v", "V", N_("details"), N_("Everything that the check list has to say, in full."), details,
+           JOB, 3, locked=True),
+    Action("job_file", "j", "J", N_("job"), N_("Takes another job file; the control worker starts again with it."), job,
+           JOB, 4),
+    Action("job_crop", "c", "C", N_("crop"), N_("Takes another crop: a new job file names it."), crop, JOB, 5),
+    Action("job_machine", "m", "M", N_("machine"), N_("Takes another machine file."), machine, JOB, 6),
+    Action("job_strip", "n", "N", N_("N strip"),
+           N_("Begins at the strip's start, ends at its end: the mean NDVI between is stored to the job."), strip, JOB,
+           7),
+    Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
+           refill, JOB, 8),
+    Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,
+           JOB, 9),
+    Action("job_report", "r", "R", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10),
+    Action("job_end", "k", "K", N_("end of job"),
+           N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB, 10),
+)

@@ -1,0 +1,224 @@
+"""The Job screen: a list before work, the files of the job, the N-rich strip, refills, totals, and the end."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.containers import Container, Vertical
+from textual.worker import Worker, WorkerState, get_current_worker
+
+from console.app.action import JOB, Action, bindings
+from console.app.dialogs import Confirm, NumberDialog
+from console.app.pages.job.check_list import CheckList, ChecksView
+from console.app.pages.job.day import checks, file_name, refills, totals
+from console.app.pages.job.desk import Cancelled, Facts, JobDesk, Progress
+from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
+from console.app.pages.job.keys import ACTIONS
+from console.app.pages.job.nrich import StripRun
+from console.app.pages.job.refill import RefillWatch
+from console.app.pages.page import Page
+from console.app.view import RunView
+from console.app.widgets.items import Items
+from console.frame import Frame
+from console.locale import _, in_use
+from control.orders import Do
+
+LOOK_S = 30.0                   # free disk space and files are looked at this often
+NOTES_KEPT = 4
+MAY_RESTART = (None, "off", "ready", "fault")
+
+
+class JobScreen(Page):
+    where: ClassVar[str] = JOB
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.strip: StripRun | None = None
+        self.refill = RefillWatch()
+        self.facts: Facts | None = None
+        self.trouble = ""
+        self.free_bytes: int | None = None
+        self.said: list[str] = []               # what was done, the newest last
+        self.pending = ""                       # a file that was taken and that no worker has yet
+        self.progress = ""
+        self._work: Worker[tuple[str, ...]] | None = None
+        self._looked_s: float | None = None
+        self._looked_at: str | None = None
+
+    @property
+    def desk(self) -> JobDesk | None:
+        return self.app.services.job
+
+    def body(self) -> ComposeResult:
+        with Vertical(id="job"):
+            yield CheckList(ChecksView((), ""), id="job-checks")
+            with Container(id="job-lower"):
+                with Vertical(id="job-left"):
+                    yield Items((), id="job-totals")
+                yield JobNotes(NotesView((), (), ""), id="job-notes")
+
+    # --- what comes in ------------------------------------------------------------------------------------------
+
+    def gather(self, frame: Frame) -> None:
+        """Every frame, also while another page is shown."""
+        super().gather(frame)
+        before = self.refill.seen_kg
+        self.refill.add(frame.row)
+        if self.refill.seen_kg is not None and before is None:
+            self.app.notice(_("the scale saw {kg} filled in: F10, F records it").format(
+                kg=self.app.units.mass.full(self.refill.seen_kg)))
+        if self.strip is not None:
+            self.strip.add(frame.row)
+
+    def tick(self, now_s: float) -> None:
+        frame = self.app.arrival.frame
+        log_path = frame.log_path if frame is not None else ""
+        if self.desk is not None and (self._looked_s is None or now_s - self._looked_s >= LOOK_S
+                                      or log_path != self._looked_at):
+            self._looked_s, self._looked_at = now_s, log_path
+            self._look(self.desk, log_path)
+        super().tick(now_s)
+
+    def _look(self, desk: JobDesk, log_path: str) -> None:
+        def read() -> tuple[Facts | None, str, int | None]:
+            free = desk.free_bytes(log_path) if log_path else None
+            try:
+                return desk.facts(), "", free
+            except ValueError as error:
+                return None, str(error), free
+
+        self.run_worker(read, group="job-look", name="look", thread=True, exclusive=True, exit_on_error=False)
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        units = self.app.units
+        frame, age_s = self.seen(self.app.clock())
+        trouble = self.trouble or ("" if self.desk is not None else _("files are not at hand here"))
+        self.query_one("#job-checks", CheckList).show(ChecksView(
+            checks(frame, age_s, self.facts, trouble, self.free_bytes, units), in_use()))
+        self.query_one("#job-totals", Items).show(totals(frame, age_s, units))
+        self.query_one("#job-notes", JobNotes).show(NotesView(
+            self._notes(frame), refills(frame, units, self.app.utc_offset_s), in_use()))
+
+    def _notes(self, frame: Frame | None) -> tuple[JobNote, ...]:
+        units, notes = self.app.units, []
+        if self.strip is not None:
+            strip = self.strip.strip
+            ndvi = "--" if strip.ndvi is None else f"{strip.ndvi:.3f}"
+            cv = "--" if strip.cv_percent is None else f"{strip.cv_percent:.1f}"
+            notes.append(JobNote(_("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   N ends it").format(
+                way=units.distance.full(strip.length_m), ndvi=ndvi, cv=cv), True))
+        if self.refill.seen_kg is not None:
+            notes.append(JobNote(_("the scale saw {kg} filled in: F records it").format(
+                kg=units.mass.full(self.refill.seen_kg)), True))
+        if self.progress:
+            notes.append(JobNote(f"{self.progress}   {_('Esc cancels')}", True))
+        tally = frame.tally if frame is not None else None
+        if tally is not None and tally.log_before:
+            notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
+        if tally is not None and tally.finished:
+            notes.append(JobNote(_("this job is ended; more work still counts to it")))
+        if self.pending:
+            notes.append(JobNote(_("for the next start: {name}").format(name=self.pending)))
+        return (*notes, *(JobNote(text) for text in self.said[-NOTES_KEPT:]))
+
+    def say(self, text: str) -> None:
+        """A line that stays."""
+        self.said.append(text)
+        self.hurry()
+
+    # --- actions ------------------------------------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        super().perform(action)
+        self.hurry()
+
+    def key_escape(self) -> None:
+        if self._work is not None:
+            self._work.cancel()
+            self._work, self.progress = None, ""
+            self.say(_("cancelled"))
+
+    def ask_refill(self) -> None:
+        unit, seen_kg = self.app.units.mass, self.refill.seen_kg
+        typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
+        text = _("Seen by the scale; Enter records it.") if seen_kg is not None else ""
+
+        def answer(filled_kg: float | None) -> None:
+            if filled_kg is not None:
+                self.app.give(Do.REFILL, round(filled_kg, 1))
+                self.refill.done()
+
+        most = round(self.app.hopper_kg * unit.per_si)
+        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, text, unit.to_si, typed), answer)
+
+    def ask_restart(self, taken: str) -> None:
+        self.pending = file_name(taken)
+        self._looked_s = None
+        frame = self.app.arrival.frame
+        if self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART:
+            self.app.notice(_("the machine works: stop it first, then choose again to start with it"))
+            return
+
+        def answer(yes: bool | None) -> None:
+            if yes and self.desk is not None:
+                self.pending = ""
+                self.app.restart(self.desk.restart)
+
+        self.app.push_screen(Confirm(_("Start the control worker again with it?"),
+                                     _("The log ends and a new one begins; state is off.")), answer)
+
+    def take(self, work: Callable[[], str]) -> None:
+        """Another file for the job: written by `work`, which gives its name; then a new start is asked."""
+        self.run_worker(work, group="job-take", name="take", thread=True, exit_on_error=False)
+
+    # --- long work -----------------------------------------------------------------------------------------------
+
+    def begin(self, name: str, work: Callable[[str, Progress, Cancelled], tuple[str, ...]]) -> None:
+        frame = self.app.arrival.frame
+        if self._work is not None:
+            self.app.notice(_("still at work: Esc cancels"))
+            return
+        if frame is None or not frame.log_path:
+            self.app.notice(_("no log is written"))
+            return
+        log_path = frame.log_path
+
+        def run() -> tuple[str, ...]:
+            me = get_current_worker()
+
+            def tell(done: int, of: int, what: str) -> None:
+                if not me.is_cancelled:
+                    self.progress = _("{name}: {what} ({done} of {all})").format(name=name, what=_(what), done=done,
+                                                                               all=of)
+
+            return work(log_path, tell, lambda: me.is_cancelled)
+
+        self.progress = _("{name}: begins").format(name=name)
+        self._work = self.run_worker(run, group="job-work", name="work", thread=True, exit_on_error=False)
+
+    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        worker = event.worker
+        if event.state not in (WorkerState.SUCCESS, WorkerState.ERROR):
+            return
+        if worker is self._work:
+            self._work, self.progress = None, ""
+            if event.state is WorkerState.ERROR:
+                self.say(_("not written: {why}").format(why=_one_line(worker.error)))
+            for path in worker.result or () if event.state is WorkerState.SUCCESS else ():
+                name = file_name(path)
+                self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
+        elif worker.group == "job-look" and event.state is WorkerState.SUCCESS and worker.result is not None:
+            self.facts, self.trouble, self.free_bytes = worker.result
+        elif worker.group == "job-take":
+            if event.state is WorkerState.ERROR:
+                self.say(_("not taken: {why}").format(why=_one_line(worker.error)))
+            else:
+                self.ask_restart(str(worker.result))
+        self.hurry()
+
+
+def _one_line(error: BaseException | None) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,80 @@
+"""A made-up desk for the Job screen's pictures and tests: every answer at once, nothing read or written."""
+from __future__ import annotations
+
+from console.app.pages.job.desk import Cancelled, Earlier, Facts, File, Offer, Progress
+from console.app.source import FrameSource
+
+FACTS = Facts(
+    job="Topdressing winter wheat, division 2", job_file="jobs/division-2.yaml", crop="winter wheat",
+    crop_file="crops/winter_wheat.yaml", crop_warnings=("example values, not of this field: efficiency",),
+    ndvi_nrich=0.712, nrich_from="job", max_rate_kg_ha=500.0, fallback_rate_kg_ha=260.0, field="division 2",
+    field_ha=8.64, machine="huanghai", machine_file="machines/huanghai-0318.yaml",
+    effects=("flow.gain +3.1 %  (catch test, 2026-03-18)",), jobs=(
+        File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
+    crops=(File("crops/winter_wheat.yaml", "winter_wheat"), File("crops/durum.yaml", "durum")),
+    machines=(File("machines/huanghai-0318.yaml", "huanghai-0318"), File("machines/bench.yaml", "bench")))
+CUT_OFF = Offer("run.resume.json", "2026-03-18T06:18:00+00:00", "2026-03-18T07:02:00+00:00",
+                "Topdressing winter wheat, division 2", 1.2)
+
+
+class SampleDesk:
+    """Keeps what was asked of it in `asked`. `trouble`: what every answer fails with; `cut_off`: what is offered."""
+
+    def __init__(self, facts: Facts = FACTS, cut_off: Offer | None = None) -> None:
+        self.known, self.cut_off = facts, cut_off
+        self.asked: list[tuple[str, ...]] = []
+        self.trouble = ""
+        self.before: Earlier | None = None
+        self.next: FrameSource | None = None
+
+    def facts(self) -> Facts:
+        self._fail()
+        return self.known
+
+    def free_bytes(self, log_path: str) -> int | None:
+        return 83_000_000_000
+
+    def earlier(self, log_path: str) -> Earlier | None:
+        return self.before
+
+    def take(self, kind: str, value: str) -> None:
+        self.asked.append(("take", kind, value))
+        self._fail()
+
+    def take_strip(self, ndvi: float) -> str:
+        self.asked.append(("strip", f"{ndvi:.3f}"))
+        self._fail()
+        return "jobs/division-2-strip.yaml"
+
+    async def restart(self) -> FrameSource:
+        return self._source("restart")
+
+    def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+        self.asked.append(("export", log_path, ending))
+        self._fail()
+        return (f"run-applied{ending}",)
+
+    def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+        self.asked.append(("report", log_path))
+        self._fail()
+        return ("run-report.html",)
+
+    def offer(self) -> Offer | None:
+        return self.cut_off
+
+    async def resume(self, offer: Offer) -> FrameSource:
+        return self._source("resume")
+
+    async def anew(self, offer: Offer) -> FrameSource:
+        return self._source("anew")
+
+    def _source(self, asked: str) -> FrameSource:
+        self.asked.append((asked,))
+        self._fail()
+        if self.next is None:
+            raise OSError("no worker here")
+        return self.next
+
+    def _fail(self) -> None:
+        if self.trouble:
+            raise ValueError(self.trouble)

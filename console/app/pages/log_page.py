@@ -1,0 +1,107 @@
+"""A page that shows the machine at work, or a log in its place."""
+from __future__ import annotations
+
+from console.app import words
+from console.app.camera import Camera, around
+from console.app.field_picture import FieldPicture
+from console.app.history import TREND_SPAN_S, LogHistory, Point, points_of
+from console.app.layers import Layer, LayerScale, scale_of
+from console.app.pages.page import Page
+from console.app.replay_job import ReplayJob
+from console.app.series import Series
+from console.app.view import STALE_S, RunView, alarms
+from console.app.widgets.field_map import MapView
+from console.app.worked import Box, Worked
+from console.frame import Frame
+from console.locale import _
+
+EMPTY_GROUND = Worked()
+EMPTY_SCALE = LayerScale(Layer.APPLIED, 0.0, 100.0, 1.0, 0, "")
+EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, Camera(0.0, 0.0, 1.0), None, None)
+
+
+class LogPage(Page):
+    """Alarms of a machine that works meanwhile come before the log's, and are said to be its own."""
+
+    wants_log = False              # a log in the machine's place, where both can be shown
+
+    def replayed(self) -> ReplayJob | None:
+        """The log to show; None: the machine."""
+        return None
+
+    def turn_log(self) -> bool:
+        """From the machine to the log of the replay, or back; False and said why where only one can be shown."""
+        if self.app.replay_page.job is None:
+            self.app.notice(_("no log is open: F7, O opens one"))
+        elif self.app.source is None:
+            self.app.notice(_("no machine is connected"))
+        else:
+            self.wants_log = not self.wants_log
+            self.numbers.hurry()
+            return True
+        return False
+
+    def log_history(self) -> LogHistory:
+        return self.app.replay_page.history()
+
+    def seen(self, now_s: float) -> tuple[Frame | None, float]:
+        job = self.replayed()
+        return super().seen(now_s) if job is None else (job.source.newest, job.source.age_s)
+
+    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
+        view = super().seen_view(frame, age_s)
+        live = self.app.arrival.frame
+        if self.replayed() is None and (frame is not None or live is None):
+            return view
+        view = view._replace(status=view.status._replace(lead=_("REPLAY")))
+        if live is not None and live.alarms:
+            shown = alarms(live, self.app.utc_offset_s, self.app.units)
+            lines = tuple(line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines)
+            return view._replace(alarms=shown._replace(lines=lines))
+        return view
+
+    def marks(self) -> tuple[str, ...]:
+        live = self.app.arrival.frame if self.replayed() is not None else None
+        machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None else ()
+        return (*machine, *super().marks())
+
+    def points(self) -> tuple[Point, ...]:
+        """Of the trend of target and applied rate."""
+        job = self.replayed()
+        if job is None:
+            return self.app.history.recent()
+        source = job.source
+        return points_of(source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index)
+
+    def series(self) -> Series:
+        return self.app.history.series if self.replayed() is None else self.log_history().series
+
+    def worked(self) -> Worked:
+        """The worked ground so far. Of a log that is far ahead it is entered over some looks."""
+        job = self.replayed()
+        if job is None:
+            return self.app.history.worked
+        history = self.log_history()
+        if not history.work_up_to(job.source.index):
+            self.maps.hurry()
+        return history.worked
+
+    def ground(self, frame: Frame | None) -> tuple[Worked, FieldPicture | None]:
+        """Worked ground and field, the outlets' width taken over from the field's machine."""
+        picture, worked = self.app.fields.of(frame), self.worked()
+        if picture is not None:
+            worked.width_m = picture.width_m
+        return worked, picture
+
+    def map_view(self, frame: Frame | None, age_s: float, layer: Layer, camera: Camera) -> MapView:
+        """What a map shows of a frame."""
+        worked, picture = self.ground(frame)
+        return MapView(worked, worked.version, picture, scale_of(layer, worked, picture, self.app.units), camera,
+                       frame.place_m if frame else None, frame.row.heading_deg if frame else None,
+                       stale=age_s > STALE_S)
+
+    def whole(self, frame: Frame | None) -> Box | None:
+        """What a map of everything holds: field, worked ground, machine."""
+        worked, picture = self.ground(frame)
+        place = Box(*frame.place_m, *frame.place_m) if frame is not None and frame.place_m is not None else None
+        return around(picture.box if picture is not None else None, worked.box, place)

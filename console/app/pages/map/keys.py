@@ -1,0 +1,74 @@
+"""Keys of the Map page and what they do."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from console.app import layers
+from console.app.action import MAP, Action
+from console.locale import N_
+
+if TYPE_CHECKING:
+    from console.app.pages.map.page import MapScreen
+
+
+def next_layer(page: MapScreen) -> None:
+    page.shown_layer = layers.after(page.shown_layer)
+
+
+def nearer(page: MapScreen) -> None:
+    page.zoom(1)
+
+
+def farther(page: MapScreen) -> None:
+    page.zoom(-1)
+
+
+def follow(page: MapScreen) -> None:
+    page.toggle_follow()
+
+
+def whole_field(page: MapScreen) -> None:
+    page.camera, page.marked = None, False
+
+
+def plan(page: MapScreen) -> None:
+    page.plan = not page.plan
+
+
+def west(page: MapScreen) -> None:
+    page.pan(-1, 0)
+
+
+def east(page: MapScreen) -> None:
+    page.pan(1, 0)
+
+
+def north(page: MapScreen) -> None:
+    page.pan(0, 1)
+
+
+def south(page: MapScreen) -> None:
+    page.pan(0, -1)
+
+
+def machine_or_log(page: MapScreen) -> None:
+    if page.turn_log():
+        page.camera, page.marked = None, False
+
+
+ACTIONS = (
+    Action("map_layer", "l", "L", N_("colours"), N_("Applied, target, error or NDVI; also a click on its word."),
+           next_layer, MAP, 3),
+    Action("map_in", "plus,equals_sign,kp_plus", "+", N_("nearer"), N_("Nearer; also by the wheel."), nearer, MAP, 4),
+    Action("map_out", "minus,kp_minus", "-", N_("farther"), N_("Farther away; also by the wheel."), farther, MAP, 5),
+    Action("map_follow", "f", "F", N_("follow"), N_("Keeps the machine in sight, or lets it go."), follow, MAP, 6),
+    Action("map_whole", "w", "W", N_("whole field"), N_("All of the field and of the work."), whole_field, MAP, 7),
+    Action("map_plan", "p", "P", N_("plan"), N_("Shows or hides the planned rates of ground not yet worked."), plan,
+           MAP, 8),
+    Action("map_west", "left", "<", N_("west"), N_("Moves the map; also by dragging it."), west, MAP),
+    Action("map_east", "right", ">", N_("east"), N_("Moves the map; also by dragging it."), east, MAP),
+    Action("map_north", "up", "up", N_("north"), N_("Moves the map; also by dragging it."), north, MAP),
+    Action("map_south", "down", "down", N_("south"), N_("Moves the map; also by dragging it."), south, MAP),
+    Action("map_log", "o", "O", N_("machine / log"), N_("The machine at work, or the log of the replay."),
+           machine_or_log, MAP),
+)

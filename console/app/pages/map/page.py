@@ -1,0 +1,173 @@
+"""The Map screen: the field by what was applied, wanted, missed or sensed, the plan under it, and the machine on it."""
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.containers import Vertical
+
+from console.app.action import MAP, Action, bindings
+from console.app.camera import Camera, fit
+from console.app.layers import Layer
+from console.app.pages.log_page import EMPTY_MAP, LogPage
+from console.app.pages.map.keys import ACTIONS
+from console.app.pages.map.map_bar import MapBar, MapBarView
+from console.app.pages.map.map_pane import MapPane, Place
+from console.app.pages.map.reading import Reading, job_items, reading
+from console.app.pages.map.reading_line import ReadingLine
+from console.app.replay_job import ReplayJob
+from console.app.view import STALE_S, RunView
+from console.app.widgets.items import Items
+from console.app.widgets.map_legend import MapLegend, legend_of
+from console.frame import Frame
+from console.locale import _, in_use
+
+PAN_SHARE = 0.2                # of the picture's width, by an arrow key
+NEAR_M = 0.5                   # of a pixel, when the machine is followed from the whole field's picture
+
+
+class MapScreen(LogPage):
+    """camera None: the whole field, however it grows. A place is marked where the map was moved to by keys."""
+
+    where: ClassVar[str] = MAP
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.shown_layer, self.follow, self.plan = Layer.APPLIED, True, True
+        self.camera: Camera | None = None
+        self.pointed: Place | None = None
+        self.marked = False
+        self._frame: Frame | None = None
+
+    def body(self) -> ComposeResult:
+        with Vertical(id="map-left"):
+            yield MapBar(MapBarView(self.shown_layer, (), in_use()), id="map-bar")
+            yield MapPane(EMPTY_MAP, id="map-pane")
+            yield MapLegend(legend_of(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
+            yield ReadingLine(Reading("", ()), id="map-reading")
+        with Vertical(id="map-right"):
+            yield Items((), id="map-job")
+
+    def replayed(self) -> ReplayJob | None:
+        return self.app.replay_page.job if self.app.source is None or self.wants_log else None
+
+    def tick(self, now_s: float) -> None:
+        super().tick(now_s)
+        if self.maps.due(now_s):
+            self._frame, age_s = self.seen(now_s)
+            self._draw(age_s)
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        frame, age_s = self.seen(self.app.clock())
+        self.query_one("#map-job", Items).show(
+            job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S))
+
+    # --- drawing ------------------------------------------------------------------------------------------------
+
+    @property
+    def pane(self) -> MapPane:
+        return self.query_one("#map-pane", MapPane)
+
+    def _map_pixels(self) -> tuple[int, int]:
+        width, height = self.pane.content_size
+        return width, 2 * height
+
+    def _camera(self) -> Camera:
+        """Where the map looks now."""
+        frame = self._frame
+        if self.camera is None:
+            return fit(self.whole(frame), *self._map_pixels())
+        if self.follow and frame is not None and frame.place_m is not None:
+            self.camera = self.camera.following(frame.place_m, *self._map_pixels())
+        return self.camera
+
+    def _draw(self, age_s: float) -> None:
+        frame, units = self._frame, self.app.units
+        camera = self._camera()
+        cross = (camera.east_m, camera.north_m) if self.marked else None
+        view = self.map_view(frame, age_s, self.shown_layer, camera)._replace(plan=self.plan, cross=cross)
+        self.pane.show(view)
+        planned = self.plan and view.picture is not None and view.picture.planned is not None
+        self.query_one("#map-scale", MapLegend).show(legend_of(view.scale, camera.metres, units.distance, planned))
+        self.query_one("#map-bar", MapBar).show(MapBarView(self.shown_layer, self._states(), in_use()))
+        self._read(camera)
+
+    def _states(self) -> tuple[str, ...]:
+        log = (_("log"),) if self.replayed() is not None else ()
+        if self.camera is None:
+            return (*log, _("whole field"))
+        return (*log, _("following") if self.follow else _("standing"))
+
+    def _read(self, camera: Camera) -> None:
+        frame = self._frame
+        worked, picture = self.ground(frame)
+        where: str
+        place: Place | None
+        if self.pointed is not None:
+            where, place = _("pointer"), self.pointed
+        elif self.marked:
+            where, place = _("mark +"), (camera.east_m, camera.north_m)
+        else:
+            where, place = _("machine"), frame.place_m if frame is not None else None
+        self.query_one("#map-reading", ReadingLine).show(
+            reading(where, place, max(worked.cells_m[0], camera.metres), worked, picture, self.app.units))
+
+    # --- what is pressed, clicked, pulled -----------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        super().perform(action)
+        self._at_once()
+
+    def zoom(self, steps: int) -> None:
+        self.camera = self._camera().zoomed(steps)
+
+    def pan(self, right: int, up: int) -> None:
+        """By a share of the picture; the middle is marked."""
+        width, height = self._map_pixels()
+        self._move(round(right * PAN_SHARE * width), round(up * PAN_SHARE * height))
+        self.marked = True
+
+    def toggle_follow(self) -> None:
+        self.follow = self.camera is None or not self.follow
+        self.marked = False
+        place = self._frame.place_m if self._frame is not None else None
+        if self.camera is None and place is not None:
+            self.camera = Camera(*place, min(NEAR_M, self._camera().metres))
+
+    def _move(self, columns: int, rows: int) -> None:
+        self.camera, self.follow = self._camera().moved(columns, rows), False
+
+    def _at_once(self) -> None:
+        self.maps.hurry()
+        self.tick(self.app.clock())
+
+    def on_resize(self, event: object) -> None:
+        self.maps.hurry()
+
+    def on_map_bar_chosen(self, event: MapBar.Chosen) -> None:
+        if not self.app.locked:
+            self.shown_layer = event.layer
+            self._at_once()
+
+    def on_map_pane_pointed(self, event: MapPane.Pointed) -> None:
+        self.pointed = event.place
+        self._read(self._camera())
+
+    def on_map_pane_dragged(self, event: MapPane.Dragged) -> None:
+        if not self.app.locked:
+            self._move(-event.columns, event.rows)
+            self.marked = False
+            self._at_once()
+
+    def on_map_pane_wheeled(self, event: MapPane.Wheeled) -> None:
+        if self.app.locked:
+            return
+        before = self._camera()
+        near = before.zoomed(event.steps)
+        share = near.metres / before.metres
+        east, north = event.place
+        self.camera = near._replace(east_m=east + share * (before.east_m - east),
+                                    north_m=north + share * (before.north_m - north))
+        self._at_once()

@@ -1,0 +1,131 @@
+"""What every screen has: state and alarms above, pages and keys below, and how often it is looked at."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from textual import events, getters
+from textual.app import ComposeResult
+from textual.containers import Horizontal
+from textual.screen import Screen
+from textual.widgets import Static
+
+from console.app.action import ANYWHERE, Action
+from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
+from console.app.view import RunView, look
+from console.app.widgets.alarm_bar import AlarmBar
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.key_bar import KeyBar, KeysView
+from console.app.widgets.page_bar import PageBar, PagesView
+from console.app.widgets.panel import Panel
+from console.app.widgets.status_line import StatusLine
+from console.app.widgets.tour_bar import TourBar, TourView
+from console.frame import Frame
+from console.locale import _, in_use
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+
+LEAST_COLUMNS, LEAST_ROWS = 80, 24
+GONE_AGE_S = 1.1               # old enough to be greyed
+
+
+class Page(Screen[None]):
+    """A screen reached by an F-key. A subclass gives `where`, `body` and what it shows; its keys stand beside it in
+    `keys.py`. Below 80 x 24 only state, alarms and keys are left."""
+
+    AUTO_FOCUS = ""
+    where: ClassVar[str] = ANYWHERE
+    HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (LEAST_COLUMNS, "-narrow"), (100, "-wide")]
+    VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
+
+    if TYPE_CHECKING:
+        app = getters.app(TopdressApp)
+
+    def __init__(self) -> None:
+        super().__init__(classes="panels")
+        self.numbers, self.plots, self.maps = Pace(NUMBERS_S), Pace(PLOTS_S), Pace(MAPS_S)
+
+    def compose(self) -> ComposeResult:
+        view = look(None, 0.0, self.app.units)
+        yield StatusLine(view.status, id="status")
+        yield AlarmBar(view.alarms, id="alarms")
+        yield TourBar(None, id="tour")
+        yield from self.extra()
+        with Horizontal(id="body"):
+            yield from self.body()
+        yield Static("", id="too-small", markup=False)
+        yield PageBar(PagesView((), "", in_use()), id="pages")
+        yield KeyBar(KeysView((), False, "", in_use()), id="keys")
+
+    def extra(self) -> ComposeResult:
+        """Panels between the alarms and the body."""
+        yield from ()
+
+    def body(self) -> ComposeResult:
+        """What stands between alarms and keys."""
+        yield from ()
+
+    def on_resize(self, event: events.Resize) -> None:
+        self.query_one("#too-small", Static).update(
+            _("This terminal is {width} x {height}; the console needs {columns} x {rows}.").format(
+                width=event.size.width, height=event.size.height, columns=LEAST_COLUMNS, rows=LEAST_ROWS))
+
+    def perform(self, action: Action) -> None:
+        """One of the page's own actions. A subclass says what comes before and after each."""
+        action.do(self)
+
+    def gather(self, frame: Frame) -> None:
+        """A new frame has come; called also while another page is looked at."""
+
+    def hurry(self) -> None:
+        """Everything is looked at with the next tick."""
+        for pace in (self.numbers, self.plots, self.maps):
+            pace.hurry()
+
+    def redraw(self) -> None:
+        """After another language or theme: views may be equal and yet look different."""
+        self.hurry()
+        for panel in self.query(Panel):
+            panel.refresh()
+        for canvas in self.query(Canvas):
+            canvas.repaint()
+
+    def tick(self, now_s: float) -> None:
+        """Look at what is new; called often, does only what is due. A subclass adds its own panels to it."""
+        if self.numbers.due(now_s):
+            frame, age_s = self.seen(now_s)
+            self.show_numbers(self.seen_view(frame, age_s))
+
+    def seen(self, now_s: float) -> tuple[Frame | None, float]:
+        """The frame to show, and its age in s. Without a worker the last values are old at once."""
+        age_s = self.app.arrival.age_s(now_s)
+        return self.app.arrival.frame, max(age_s, GONE_AGE_S) if self.app.gone else age_s
+
+    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
+        return look(frame, age_s, self.app.units, self.app.utc_offset_s, self.marks())
+
+    def show_numbers(self, view: RunView) -> None:
+        """State, alarms, keys; a subclass adds its numbers."""
+        self.query_one("#status", StatusLine).show(view.status)
+        self.query_one("#alarms", AlarmBar).show(view.alarms)
+        self.show_tour()
+        self.show_keys()
+
+    def show_tour(self) -> None:
+        """The guided tour's rows, while there is one."""
+        bar, tour = self.query_one("#tour", TourBar), self.app.tour
+        bar.display = tour is not None
+        if tour is not None:
+            bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text), in_use()))
+
+    def show_keys(self) -> None:
+        self.query_one("#keys", KeyBar).show(
+            KeysView(self.app.offered(self.where), self.app.locked, self.app.notice_text, in_use(),
+                     self.app.why_no_stop()))
+        self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where, in_use()))
+
+    def marks(self) -> tuple[str, ...]:
+        """Words that stand in the status line until they are untrue."""
+        gone = (_("WORKER GONE"),) if self.app.gone else ()
+        own = (*gone, *self.app.marks())
+        return (*own, _("LOCKED")) if self.app.locked else own

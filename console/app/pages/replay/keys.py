@@ -1,0 +1,121 @@
+"""Keys of the Replay page and what they do."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from console.app import words
+from console.app.action import REPLAY, Action
+from console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from console.locale import N_, _
+
+if TYPE_CHECKING:
+    from console.app.pages.replay.page import ReplayScreen
+
+SEEK_S = 30.0
+
+
+def open_log(page: ReplayScreen) -> None:
+    files = page.app.services.logs
+    listed = files.logs() if files is not None else ()
+    if files is None or not listed:
+        page.app.notice(_("there is no log yet"))
+        return
+    at_hand = files
+
+    def answer(path: str | None) -> None:
+        if path is not None:
+            page.read_log(at_hand, path)
+
+    choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
+    page.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)
+
+
+def play(page: ReplayScreen) -> None:
+    page.played.source.toggle()
+
+
+def step_back(page: ReplayScreen) -> None:
+    page.played.source.step(-1)
+
+
+def step_on(page: ReplayScreen) -> None:
+    page.played.source.step(1)
+
+
+def seek_back(page: ReplayScreen) -> None:
+    page.played.source.seek(page.played.source.at_s - SEEK_S)
+
+
+def seek_on(page: ReplayScreen) -> None:
+    page.played.source.seek(page.played.source.at_s + SEEK_S)
+
+
+def seek_start(page: ReplayScreen) -> None:
+    page.played.source.seek(page.played.source.start_s)
+
+
+def seek_end(page: ReplayScreen) -> None:
+    page.played.source.seek(page.played.source.end_s)
+
+
+def slower(page: ReplayScreen) -> None:
+    page.played.source.change_speed(-1)
+
+
+def faster(page: ReplayScreen) -> None:
+    page.played.source.change_speed(1)
+
+
+def next_alarm(page: ReplayScreen) -> None:
+    if not page.played.source.next_alarm():
+        page.app.notice(_("no further alarm in this log"))
+
+
+def what_if(page: ReplayScreen) -> None:
+    job = page.played
+    if job.what_if is None:
+        page.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
+        return
+    choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
+               for name in words.STRATEGIES]
+    choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
+    choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
+    page.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; B goes back to the log")),
+                         page.begin)
+
+
+def cancel_what_if(page: ReplayScreen) -> None:
+    page.cancel()
+
+
+def as_recorded(page: ReplayScreen) -> None:
+    page.back_to_recorded()
+
+
+def findings(page: ReplayScreen) -> None:
+    text = "\n".join(page.played.findings) or _("nothing was found")
+    page.app.push_screen(TextDialog(_("Findings about {name}").format(name=page.played.name), text))
+
+
+ACTIONS = (
+    Action("open_log", "o", "O", N_("open"), N_("Another log, the newest first."), open_log, REPLAY, 3),
+    Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3),
+    Action("step_back", "left", "<", N_("back"), N_("One row back."), step_back, REPLAY, 4),
+    Action("step_on", "right", ">", N_("on"), N_("One row on."), step_on, REPLAY, 5),
+    Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."), seek_back, REPLAY, 6),
+    Action("seek_on", "pagedown,shift+right", "PgDn", N_("+30 s"), N_("30 s on."), seek_on, REPLAY, 7),
+    Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."), seek_start, REPLAY),
+    Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."), seek_end, REPLAY),
+    Action("slower", "comma,left_square_bracket", ",", N_("slower"), N_("Half as fast, down to 0.1x."), slower, REPLAY,
+           8),
+    Action("faster", "full_stop,right_square_bracket", ".", N_("faster"), N_("Twice as fast, up to 1000x."), faster,
+           REPLAY, 8),
+    Action("next_alarm", "n", "N", N_("next alarm"), N_("To the next row on which a new alarm stands."), next_alarm,
+           REPLAY),
+    Action("what_if", "i", "I", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
+           REPLAY, 8),
+    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."), cancel_what_if, REPLAY),
+    Action("as_recorded", "b", "B", N_("as recorded"), N_("Back to the log as it was recorded."), as_recorded, REPLAY),
+    Action("findings", "v", "V", N_("findings"), N_("What was found in this log when it was opened."), findings,
+           REPLAY),
+)

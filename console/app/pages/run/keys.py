@@ -1,0 +1,146 @@
+"""Keys of the Run page and what they do: orders to the machine; what changes the dose is asked once."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from console.app import words
+from console.app.action import RUN, Action
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
+from console.app.pages.run.allowing import allow_choices
+from console.locale import N_, _
+from control.orders import Do, Strategy, TargetSource
+
+if TYPE_CHECKING:
+    from console.app.pages.run.page import RunScreen
+
+
+def start(page: RunScreen) -> None:
+    page.app.give(Do.START)
+
+
+def ready(page: RunScreen) -> None:
+    page.app.give(Do.READY)
+
+
+def nudge_up(page: RunScreen) -> None:
+    _ask_nudge(page, 1)
+
+
+def nudge_down(page: RunScreen) -> None:
+    _ask_nudge(page, -1)
+
+
+def _ask_nudge(page: RunScreen, first: int) -> None:
+    frame = page.app.arrival.frame
+    now = (frame.row.nudge_percent if frame else None) or 0.0
+
+    def answer(percent: float | None) -> None:
+        if percent is not None and percent != now:
+            page.app.give(Do.NUDGE, percent)
+
+    page.app.push_screen(NudgeDialog(now, first), answer)
+
+
+def strategy(page: RunScreen) -> None:
+    frame = page.app.arrival.frame
+    choices = [Choice(one.value, words.strategy_word(one.value)) for one in Strategy]
+    _ask_choice(page, _("Strategy"), choices, (frame.row.strategy if frame else None) or "", Do.STRATEGY)
+
+
+def source(page: RunScreen) -> None:
+    frame = page.app.arrival.frame
+    choices = [Choice(one.value, words.source_word(one.value)) for one in TargetSource if one is not TargetSource.NONE]
+    _ask_choice(page, _("Target from"), choices, (frame.row.target_source if frame else None) or "", Do.SOURCE)
+
+
+def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str, do: Do) -> None:
+    def answer(value: str | None) -> None:
+        if value is not None and value != now:
+            page.app.give(do, value)
+
+    page.app.push_screen(ChoiceDialog(title, choices, now), answer)
+
+
+def manual_rate(page: RunScreen) -> None:
+    unit, frame = page.app.units.rate, page.app.arrival.frame
+    low, high = (round(limit * unit.per_si) for limit in page.app.limits_kg_ha)
+
+    def answer(rate_kg_ha: float | None) -> None:
+        if rate_kg_ha is None:
+            return
+        page.app.give(Do.MANUAL_RATE, rate_kg_ha)
+        if frame is None or frame.row.target_source != TargetSource.MANUAL:
+            _ask(page, _("Use the manual rate now?"), _("It takes the place of canopy or map, everywhere."),
+                 Do.SOURCE, TargetSource.MANUAL.value)
+
+    page.app.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
+
+
+def refill(page: RunScreen) -> None:
+    page.app.job_page.ask_refill()
+
+
+def mark(page: RunScreen) -> None:
+    page.app.give(Do.MARK, "mark")
+
+
+def look_ahead(page: RunScreen) -> None:
+    frame = page.app.arrival.frame
+    on = frame.look_ahead if frame else True
+    title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
+    _ask(page, title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, not on)
+
+
+def flow_trim(page: RunScreen) -> None:
+    frame = page.app.arrival.frame
+    on = frame.flow_trim_on if frame else True
+    title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
+    _ask(page, title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
+         not on)
+
+
+def _ask(page: RunScreen, title: str, text: str, do: Do, value: str | bool) -> None:
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.app.give(do, value)
+
+    page.app.push_screen(Confirm(title, text), answer)
+
+
+def allow(page: RunScreen) -> None:
+    def answer(value: str | None) -> None:
+        if value is not None:
+            do, _colon, yes = value.partition(":")
+            page.app.give(Do(do), yes == "True")
+
+    page.app.push_screen(ChoiceDialog(_("Allow"), allow_choices(page.app.arrival.frame), "", _(
+        "All but the second dose end with STOP.")), answer)
+
+
+def connect(page: RunScreen) -> None:
+    page.app.ask_connection()
+
+
+ACTIONS = (
+    Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), start, RUN, 3),
+    Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, RUN, 4),
+    Action("nudge_up", "plus,equals_sign,kp_plus", "+", N_("more"),
+           N_("More than the target, in steps of 5 %; asked once."), nudge_up, RUN, 5),
+    Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asked once."),
+           nudge_down, RUN, 6),
+    Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asked once."), strategy,
+           RUN, 7),
+    Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asked once."),
+           source, RUN, 8),
+    Action("manual_rate", "m", "M", N_("manual rate"), N_("Type a rate; the allowed range is shown."), manual_rate,
+           RUN),
+    Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."), refill, RUN),
+    Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."), mark, RUN),
+    Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asked once."), look_ahead, RUN),
+    Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."),
+           flow_trim, RUN),
+    Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asked once."), allow, RUN),
+    Action("connect", "c", "C", N_("connect"), N_("Control worker gone: start it again or attach to one that runs."),
+           connect, RUN, locked=True),
+)

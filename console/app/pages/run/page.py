@@ -1,0 +1,22 @@
+"""The Run screen: the machine at work."""
+from __future__ import annotations
+
+from typing import ClassVar
+
+from console.app.action import RUN, bindings
+from console.app.pages.panel_page import PanelScreen
+from console.app.pages.run.keys import ACTIONS
+from console.app.view import AlarmsView, RunView
+from console.frame import Frame
+
+
+class RunScreen(PanelScreen):
+    where: ClassVar[str] = RUN
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
+        view = super().seen_view(frame, age_s)
+        if frame is None or view.alarms.lines:
+            return view
+        about = "   ".join(part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part)
+        return view._replace(alarms=AlarmsView((), f"{view.alarms.calm}   {about}"))

@@ -1,0 +1,267 @@
+"""The Settings screen: units, language, look, sound, limits, rates, and every key. What is changed is kept at once."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+from textual import events
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.widgets import Button, Static
+
+from console.app import actions, themes
+from console.app.action import ANYWHERE, SETTINGS, Action, bindings
+from console.app.dialogs import Choice, ChoiceDialog, Dialog, NumberDialog
+from console.app.pages.page import Page
+from console.app.pages.settings.keys import ACTIONS
+from console.app.pages.settings.settings_list import SettingLine, SettingsList, SettingsView
+from console.app.settings import SettingsStore, apply, clash, keymap_problem
+from console.app.units import Unit
+from console.app.view import RunView
+from console.locale import N_, _, in_use, languages
+from drivers.files.settings import MOST_RATE_KG_HA, ManualRate, Rates, Settings
+
+UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
+LANGUAGE_WORDS = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
+THEME_WORDS = {"day": N_("day"), "night": N_("night"), "contrast": N_("high contrast")}
+SOUND_WORDS = {"on": N_("sound on"), "off": N_("sound off")}
+WHERE_WORDS = {ANYWHERE: N_("keys of every screen"), "run": N_("keys: run"), "map": N_("keys: map"),
+               "trends": N_("keys: trends"), "devices": N_("keys: devices"), "calibrate": N_("keys: calibrate"),
+               "replay": N_("keys: replay"), "diagnosis": N_("keys: diagnosis"), "job": N_("keys: job"),
+               "settings": N_("keys: settings")}
+
+
+class Row(NamedTuple):
+    """One setting: what it is called, what it is now, and how it is changed. path: keys in the settings."""
+
+    group: str
+    label: str
+    path: tuple[str, ...]
+    shown: str
+    hint: str
+    choices: tuple[Choice, ...] = ()
+    number: tuple[float, float, Unit] | None = None     # low, high, as shown
+
+
+class SettingsScreen(Page):
+    where: ClassVar[str] = SETTINGS
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at = 0
+
+    @property
+    def store(self) -> SettingsStore | None:
+        return self.app.services.settings
+
+    def body(self) -> ComposeResult:
+        yield SettingsList(SettingsView((), 0, "", "", ""), id="settings-list")
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        if self.store is None:
+            self.query_one("#settings-list", SettingsList).show(
+                SettingsView((), 0, _("settings are not kept here"), "", in_use()))
+            return
+        default = Settings()
+        lines = tuple(SettingLine(row.group, row.label, row.shown, _at(self.store.settings, row.path)
+                                  != _at(default, row.path), row.hint) for row in self.rows())
+        self.query_one("#settings-list", SettingsList).show(SettingsView(
+            lines, self.at, self.store.place, self.store.trouble, in_use()))
+
+    def rows(self) -> list[Row]:
+        """Every setting, in the language and units in use."""
+        assert self.store is not None
+        now, rate = self.store.settings, self.app.units.rate
+        general, limits, speed = _("general"), _("manual rate"), _("how often the console looks")
+        themes_known = [Choice(name, _(THEME_WORDS.get(name, name)))
+                        for name in (*themes.NAMES, *(one.name for one in self.store.themes))]
+        found = [
+            _choice(general, _("units"), ("units",), now.units, _choices(UNIT_WORDS), ""),
+            _choice(general, _("language"), ("language",), now.language,
+                    [one for one in _choices(LANGUAGE_WORDS) if one.value in ("auto", *languages())], ""),
+            _choice(general, _("theme"), ("theme",), now.theme, themes_known, _("D changes it for now")),
+            _choice(general, _("sound"), ("sound",), "on" if now.sound else "off", _choices(SOUND_WORDS),
+                    _("the bell at a new alarm, at most once in 5 s")),
+            _number(limits, _("lowest"), ("manual_rate", "low_kg_ha"), now.manual_rate.low_kg_ha,
+                    (0.0, now.manual_rate.high_kg_ha), rate),
+            _number(limits, _("highest"), ("manual_rate", "high_kg_ha"), now.manual_rate.high_kg_ha,
+                    (now.manual_rate.low_kg_ha, MOST_RATE_KG_HA), rate),
+            _number(speed, _("numbers"), ("console", "numbers_hz"), now.console.numbers_hz, (1.0, 5.0), _HZ),
+            _number(speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ),
+            _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ)]
+        for action in sorted(actions.ACTIONS, key=lambda one: list(WHERE_WORDS).index(one.where)):
+            keys = actions.keys_of(action, now.keymap)
+            found.append(Row(_(WHERE_WORDS[action.where]), _(action.label), ("keymap", action.id),
+                             "  ".join(actions.key_name(key) for key in keys), _(action.help)))
+        return found
+
+    # --- actions ------------------------------------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        if self.store is None:
+            self.app.notice(_("settings are not kept here"))
+            return
+        super().perform(action)
+        self._look()
+
+    def move(self, by: int) -> None:
+        self.at = max(0, min(len(self.rows()) - 1, self.at + by))
+
+    def on_settings_list_picked(self, event: SettingsList.Picked) -> None:
+        self.at = event.index
+        self._look()
+        if self.app.locked:
+            self.app.notice(_("locked: F8 unlocks; hold and stop work"))
+        else:
+            self.change()
+
+    def change(self) -> None:
+        """Ask for a new value of the marked setting."""
+        assert self.store is not None
+        row, now = self.rows()[self.at], self.store.settings
+        if row.choices:
+            value = _at(now, row.path)
+            value = {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
+            self.app.push_screen(ChoiceDialog(row.label, row.choices, str(value)), self._chosen(row.path))
+        elif row.number is not None:
+            low, high, unit = row.number
+            self.app.push_screen(NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
+                                 self._typed(row.path))
+        else:
+            self.app.push_screen(KeyDialog(row.label, row.shown), self._pressed(row.path[1]))
+
+    def _chosen(self, path: tuple[str, ...]) -> Callable[[str | None], None]:
+        def take(value: str | None) -> None:
+            if value is not None:
+                self._set(path, value == "on" if path == ("sound",) else value)
+
+        return take
+
+    def _typed(self, path: tuple[str, ...]) -> Callable[[float | None], None]:
+        def take(value: float | None) -> None:
+            if value is not None:
+                self._set(path, round(value, 3))
+
+        return take
+
+    def _pressed(self, name: str) -> Callable[[str | None], None]:
+        def take(key: str | None) -> None:
+            if key is None:
+                return
+            assert self.store is not None
+            keymap = {**self.store.settings.keymap, name: key}
+            trouble = keymap_problem({name: key}) or clash(keymap)
+            if trouble:
+                self.app.notice(_("refused: {why}").format(why=trouble))
+            else:
+                self._set(("keymap",), keymap)
+
+        return take
+
+    def put_back(self) -> None:
+        """The marked setting as it was delivered."""
+        assert self.store is not None
+        path = self.rows()[self.at].path
+        if path[0] != "keymap":
+            self._set(path, _at(Settings(), path))
+            return
+        keymap = {name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]}
+        trouble = clash(keymap)
+        if trouble:
+            self.app.notice(_("refused: {why}").format(why=trouble))
+        else:
+            self._set(("keymap",), keymap)
+
+    def _set(self, path: tuple[str, ...], value: Any) -> None:
+        assert self.store is not None
+        now = self.store.settings
+        try:
+            if path[0] == "manual_rate":
+                value = ManualRate.model_validate(now.manual_rate.model_dump() | {path[1]: value})
+            elif path[0] == "console":
+                value = Rates.model_validate(now.console.model_dump() | {path[1]: value})
+            self.take(now.model_copy(update={path[0]: value}))
+        except ValueError as error:
+            self.app.notice(str(error).splitlines()[-1])
+
+    def take(self, settings: Settings) -> None:
+        """Use these settings from now on, and keep them."""
+        store = self.store
+        assert store is not None
+        before = store.settings
+        store.settings, store.trouble = settings, apply(self.app, settings)
+        try:
+            store.write(settings)
+        except OSError as error:
+            store.settings = before
+            apply(self.app, before)
+            store.trouble = _("not kept: {why}").format(why=f"{store.place}: {error.strerror or error}")
+            self.app.notice(store.trouble)
+        for page in self.app.pages.values():
+            if page.is_mounted:
+                page.redraw()
+        self._look()
+
+    def _look(self) -> None:
+        self.hurry()
+        self.app.tick()
+
+
+class KeyDialog(Dialog[str | None]):
+    """The next key that is pressed; Escape keeps the old one."""
+
+    def __init__(self, label: str, now: str) -> None:
+        super().__init__(_("Press a key for: {action}").format(action=label),
+                         _("now: {keys}").format(keys=now))
+        self.key = ""
+
+    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False)]
+
+    def body(self) -> ComposeResult:
+        yield Static("_", classes="dialog-value", id="key-value", markup=False)
+
+    def yes_label(self) -> str:
+        return _("take it")
+
+    def on_key(self, event: events.Key) -> None:
+        if event.key in ("escape", "enter"):
+            return
+        event.stop()
+        event.prevent_default()
+        self.key = event.key
+        self.query_one("#key-value", Static).update(actions.key_name(event.key))
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        super().on_button_pressed(event)
+
+    def action_yes(self) -> None:
+        if self.key:
+            self.dismiss(self.key)
+
+
+_HZ = Unit("Hz", 1.0, 1)
+
+
+def _choices(words: dict[str, str]) -> list[Choice]:
+    return [Choice(value, _(word)) for value, word in words.items()]
+
+
+def _choice(group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str) -> Row:
+    shown = next((one.label for one in choices if one.value == now), now)
+    return Row(group, label, path, shown, hint, tuple(choices))
+
+
+def _number(group: str, label: str, path: tuple[str, ...], now: float, allowed: tuple[float, float], unit: Unit) -> Row:
+    low, high = (round(limit * unit.per_si, 1) for limit in allowed)
+    said = _("allowed: {low} to {high} {unit}").format(low=f"{low:g}", high=f"{high:g}", unit=unit.name)
+    return Row(group, label, path, f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now), said,
+               number=(low, high, unit))
+
+
+def _at(settings: Settings, path: tuple[str, ...]) -> Any:
+    value: Any = settings
+    for step in path:
+        value = value.get(step) if isinstance(value, dict) else getattr(value, step)
+    return value

@@ -1,0 +1,247 @@
+"""The Trends screen: up to three channels of the run or log, over any span, frozen, read at a time."""
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import ClassVar, NamedTuple
+
+from textual.app import ComposeResult
+from textual.containers import Vertical
+
+from console.app.action import TRENDS, Action, bindings
+from console.app.channels import AT_FIRST, BY_ID, Channel
+from console.app.pages.log_page import LogPage
+from console.app.pages.trends.axis import round_ends
+from console.app.pages.trends.channel_dialog import ChannelDialog
+from console.app.pages.trends.keys import ACTIONS
+from console.app.pages.trends.plots import Piece, Plot, Plots, PlotsView, empty_plots
+from console.app.pages.trends.span_bar import SpanBar, SpanView
+from console.app.replay_job import ReplayJob
+from console.app.series import Stretch, sums
+from console.app.units import Unit
+from console.app.view import STALE_S, duration, wall_clock
+from console.frame import Frame
+from console.locale import _, in_use
+
+SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400.0, 28_800.0)
+FIRST_SPAN = SPANS_S.index(120.0)
+GAP_S = 2.5                     # and three buckets: a longer time without rows is a gap
+FINEST = 100_000                # buckets of a span: more than it has rows
+
+
+class Window(NamedTuple):
+    """The span that is seen, s of the run."""
+
+    from_s: float
+    to_s: float
+
+    @property
+    def length_s(self) -> float:
+        return self.to_s - self.from_s
+
+
+class TrendsScreen(LogPage):
+    """ends: at which the plots stand frozen, s of the run; None: they run. span None: the whole run."""
+
+    where: ClassVar[str] = TRENDS
+    BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.channels: tuple[str, ...] = AT_FIRST
+        self.span: int | None = FIRST_SPAN
+        self.ends_s: float | None = None
+        self.cursor_s: float | None = None
+        self.fixed: dict[str, tuple[float, float]] | None = None
+        self._axes: dict[str, tuple[float, float]] = {}
+
+    def body(self) -> ComposeResult:
+        with Vertical(id="trends-all"):
+            yield SpanBar(SpanView("", (), False), id="trends-bar")
+            yield Plots(empty_plots(), id="plots")
+
+    def replayed(self) -> ReplayJob | None:
+        return self.app.replay_page.job if self.app.source is None or self.wants_log else None
+
+    def tick(self, now_s: float) -> None:
+        super().tick(now_s)
+        if self.plots.due(now_s):
+            self._draw(*self.seen(now_s))
+
+    # --- drawing ------------------------------------------------------------------------------------------------
+
+    def window(self) -> Window:
+        """What is seen now."""
+        series = self.series()
+        first, last = series.start_s or 0.0, series.end_s or 0.0
+        if self.span is None:
+            return Window(first, max(last, first + SPANS_S[0]))
+        job = self.replayed()
+        running = job.source.at_s if job is not None else last
+        end = running if self.ends_s is None else self.ends_s
+        return Window(end - SPANS_S[self.span], end)
+
+    def _draw(self, frame: Frame | None, age_s: float) -> None:
+        window, series = self.window(), self.series()
+        pane = self.query_one("#plots", Plots)
+        buckets = 2 * pane.columns(max(1, pane.content_size.width))
+        stretches = {name: series.stretch(name, *window, buckets) for name in self.channels}
+        self._axes = self._fitted(stretches)
+        plots = tuple(self._plot(BY_ID[name], stretches[name], window, buckets) for name in self.channels)
+        cursor = None if self.cursor_s is None else (self.cursor_s - window.from_s) / window.length_s
+        if cursor is not None and not 0.0 <= cursor <= 1.0:
+            cursor = self.cursor_s = None
+        times = (window.from_s, 0.5 * (window.from_s + window.to_s), window.to_s)
+        begin, middle, end = (self._time(time_s, frame) for time_s in times)
+        pane.show(PlotsView(plots, begin, middle, end, cursor,
+                            "" if self.cursor_s is None else self._time(self.cursor_s, frame), age_s > STALE_S,
+                            in_use()))
+        self.query_one("#trends-bar", SpanBar).show(
+            SpanView(self._span_words(window), self._states(), self.ends_s is not None))
+
+    def _fitted(self, stretches: dict[str, Stretch]) -> dict[str, tuple[float, float]]:
+        """Ends of the axes, as shown; channels of one group share them."""
+        axes: dict[str, tuple[float, float]] = {}
+        for name, stretch in stretches.items():
+            channel = BY_ID[name]
+            if self.fixed is not None and name in self.fixed:
+                axes[name] = self.fixed[name]
+                continue
+            unit = channel.unit(self.app.units)
+            alike = [sums(other) for one, other in stretches.items()
+                     if one == name or (channel.group and BY_ID[one].group == channel.group)]
+            known = [each for each in alike if each.low == each.low] or [sums(stretch)]
+            axes[name] = round_ends(min(each.low for each in known) * unit.per_si,
+                                    max(each.high for each in known) * unit.per_si, unit.decimals)
+        return axes
+
+    def _plot(self, channel: Channel, stretch: Stretch, window: Window, buckets: int) -> Plot:
+        unit = channel.unit(self.app.units)
+        low, high = self._axes[channel.id]
+        all_of_it = sums(stretch)
+        words = "" if all_of_it.low != all_of_it.low else _("min {low}   mean {mean}   max {high}").format(
+            low=unit.text(all_of_it.low), mean=unit.text(all_of_it.mean), high=unit.text(all_of_it.high))
+        gap_s = max(GAP_S, 3.0 * window.length_s / buckets)
+        at_s = window.to_s if self.cursor_s is None else self.cursor_s
+        return Plot(_(channel.label), unit.name, self._value(channel, unit, at_s), words,
+                    _plain(low, unit), _plain(0.5 * (low + high), unit), _plain(high, unit),
+                    _pieces(stretch, window, gap_s, unit, low, high),
+                    self.fixed is not None and channel.id in self.fixed)
+
+    def _value(self, channel: Channel, unit: Unit, at_s: float) -> str:
+        """The value in force at a time, as finely as it is held; nothing in a gap."""
+        before = self.series().stretch(channel.id, at_s - GAP_S, at_s, FINEST)
+        value = float(before.mean[-1]) if len(before.mean) else float("nan")
+        return "--" if value != value else unit.text(value)
+
+    def _time(self, time_s: float, frame: Frame | None) -> str:
+        """Time of day where it is known, else the run's own."""
+        clock = "" if frame is None else wall_clock(frame.row.utc, self.app.utc_offset_s, frame.row.time_s - time_s)
+        return clock or duration(time_s)
+
+    def _span_words(self, window: Window) -> str:
+        length = duration(window.length_s)
+        return _("whole run, {length}").format(length=length) if self.span is None else _("span {length}").format(
+            length=length)
+
+    def _states(self) -> tuple[str, ...]:
+        log = (_("log"),) if self.replayed() is not None else ()
+        fixed = (_("fixed scale"),) if self.fixed is not None else ()
+        return (*log, *fixed, _("FROZEN") if self.ends_s is not None else _("running"))
+
+    # --- what is pressed and clicked ----------------------------------------------------------------------------
+
+    def perform(self, action: Action) -> None:
+        super().perform(action)
+        self._at_once()
+
+    def toggle_freeze(self) -> None:
+        self.ends_s = self.window().to_s if self.ends_s is None else None
+        self.span = FIRST_SPAN if self.span is None and self.ends_s is not None else self.span
+
+    def toggle_scale(self) -> None:
+        self.fixed = dict(self._axes) if self.fixed is None else None
+
+    def ask_channels(self) -> None:
+        def tell(chosen: tuple[str, ...]) -> None:
+            self.channels, self.fixed = chosen, None
+            self._at_once()
+
+        self.app.push_screen(ChannelDialog(self.channels, self.app.units, tell))
+
+    def change_span(self, steps: int) -> None:
+        """Round the end, or round the cursor where it is set."""
+        before = self.window()
+        at = bisect_left(SPANS_S, before.length_s - 1.0) if self.span is None else self.span
+        self.span = max(0, min(len(SPANS_S) - 1, at + steps))
+        if self.cursor_s is not None and self.ends_s is not None:
+            share = (self.cursor_s - before.from_s) / before.length_s
+            self.ends_s = self.cursor_s + (1.0 - share) * SPANS_S[self.span]
+            self._stay_inside()
+
+    def _stay_inside(self) -> None:
+        series = self.series()
+        if self.ends_s is not None and series.start_s is not None and series.end_s is not None:
+            self.ends_s = max(min(series.start_s + SPANS_S[0], series.end_s), min(series.end_s, self.ends_s))
+
+    def cell_s(self) -> float:
+        pane = self.query_one("#plots", Plots)
+        return self.window().length_s / pane.columns(max(1, pane.content_size.width))
+
+    def move_cursor(self, by_s: float) -> None:
+        """A cursor freezes the plots: what it reads must not run away."""
+        self._hold()
+        window = self.window()
+        now = window.to_s if self.cursor_s is None else self.cursor_s
+        self.cursor_s = max(window.from_s, min(window.to_s, now + by_s))
+
+    def _hold(self) -> None:
+        if self.ends_s is None and self.span is not None:
+            self.ends_s = self.window().to_s
+
+    def scroll_span(self, share: float) -> None:
+        if self.span is None:
+            return
+        self._hold()
+        self.ends_s = (self.ends_s or 0.0) + share * self.window().length_s
+        self._stay_inside()
+
+    def _at_once(self) -> None:
+        self.plots.hurry()
+        self.tick(self.app.clock())
+
+    def on_plots_pointed(self, event: Plots.Pointed) -> None:
+        if not self.app.locked:
+            self._hold()
+            window = self.window()
+            self.cursor_s = window.from_s + max(0.0, min(1.0, event.share)) * window.length_s
+            self._at_once()
+
+    def on_plots_named(self, event: Plots.Named) -> None:
+        if not self.app.locked:
+            self.ask_channels()
+
+    def on_plots_wheeled(self, event: Plots.Wheeled) -> None:
+        if not self.app.locked:
+            self.change_span(-event.steps)
+            self._at_once()
+
+
+def _plain(shown: float, unit: Unit) -> str:
+    """An end of an axis, with no more decimals than it has."""
+    text = f"{shown + 0.0:.{unit.decimals + 1}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _pieces(stretch: Stretch, window: Window, gap_s: float, unit: Unit, low: float, high: float) -> tuple[Piece, ...]:
+    """A stretch on the span and the axis; unknown values and gaps break it."""
+    pieces: list[Piece] = []
+    last_s: float | None = None
+    for time_s, least, most in zip(stretch.time_s.tolist(), stretch.low.tolist(), stretch.high.tolist(), strict=True):
+        if least != least:
+            last_s = None
+            continue
+        joined = last_s is not None and time_s - last_s <= gap_s
+        pieces.append(Piece((time_s - window.from_s) / window.length_s, (least * unit.per_si - low) / (high - low),
+                            (most * unit.per_si - low) / (high - low), joined))
+        last_s = time_s
+    return tuple(pieces)

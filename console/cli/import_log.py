@@ -1,0 +1,119 @@
+"""`topdress import`: the log of any machine as a run log; with --guess the first import file for it."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from drivers.files.imports.guessed import Guess
+    from drivers.files.imports.mapping import ImportFile
+    from drivers.files.imports.raw import RawTable
+
+
+def import_log(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Text tables of any dialect, Excel, GeoJSON or "
+                                                "shapefile of points, ISOXML task with a time log, Parquet.")],
+    mapping: Annotated[Path | None, typer.Option(metavar="M.yaml", help="Import file: what the columns mean. With "
+                                                 "--guess: where to write it; default beside output or file.")] = None,
+    guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "
+                                        "nothing.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="An output that is there already may go.")] = False,
+) -> None:
+    """Bring in the log of any machine: a run log that diagnose and replay read."""
+    from drivers.files.imports.trouble import ImportTrouble
+    try:
+        if guess:
+            _guess(files, _place_of_guess(files, mapping, out))
+        elif out is None:
+            raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
+        else:
+            _import(files, mapping, out, overwrite)
+    except ImportTrouble as trouble:
+        for line in trouble.lines:
+            typer.echo(line, err=True)
+        raise typer.Exit(2) from None
+
+
+def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -> Path:
+    if mapping is not None:
+        return mapping
+    if out is not None and out.suffix.lower() in (".yaml", ".yml"):
+        return out
+    beside = out if out is not None else files[0]
+    return beside.with_name(f"{beside.stem}.import.yaml")
+
+
+def _guess(files: list[Path], place: Path) -> None:
+    from drivers.files.atomic import write_atomically
+    from drivers.files.imports.mapping_text import mapping_text
+    if place.exists():
+        raise CommandError(f"{place}: exists already: nothing is overwritten")
+    raw, found = _guessed(files)
+    count = len(found.doubts)
+    unsure = "nothing is unsure" if count == 0 else f"{count} {'line is' if count == 1 else 'lines are'} unsure"
+    names = " ".join(path.name for path in files)
+    head = [f"Guessed from {raw.path.name}: {unsure}. The keys: docs/import.md.",
+            f"Then: topdress import {names} --mapping {place.name} --out LOG.csv"]
+    write_atomically(place, mapping_text(found, head))
+    typer.echo(f"{place}: {unsure}")
+    for line in _open_questions(raw, found):
+        typer.echo(line)
+
+
+def _guessed(files: list[Path]) -> tuple[RawTable, Guess]:
+    from drivers.files.imports.guess import guess
+    from drivers.files.imports.read import read_raw
+    raw = read_raw(files[0])
+    return raw, guess(raw)
+
+
+def _open_questions(raw: RawTable, found: Guess) -> list[str]:
+    return [f"{raw.path}: {'.'.join(doubt.key)}: {doubt.text}" for doubt in found.doubts]
+
+
+def _import(files: list[Path], mapping_file: Path | None, out: Path, overwrite: bool) -> None:
+    from drivers.files.imports.convert import convert
+    from drivers.files.imports.join import joined
+    from drivers.files.imports.log_file import write_imported
+    from drivers.files.imports.read import read_raw
+    _may_write(files, mapping_file, out, overwrite)
+    first, mapping = _mapping(files, mapping_file)
+    parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
+             for path in files]
+    log = joined(parts, mapping.join)
+    for finding in (*(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings), *log.findings):
+        typer.echo(f"note: {finding}", err=True)
+    frame = write_imported(out, log, mapping, mapping_file)
+    seconds = float(frame["time_s"][-1])
+    typer.echo(f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}")
+
+
+def _mapping(files: list[Path], place: Path | None) -> tuple[RawTable | None, ImportFile]:
+    """The import file; without one, the guess where nothing of it is unsure, and the file by which it was made."""
+    from drivers.files.config import load
+    from drivers.files.imports.mapping import IMPORT
+    from drivers.files.imports.trouble import ImportTrouble
+    if place is not None:
+        return None, load(place, IMPORT).model
+    raw, found = _guessed(files)
+    if not found.sure:
+        raise ImportTrouble(*_open_questions(raw, found), f"{raw.path}: not imported: --guess writes an import file in "
+                            "which these lines can be put right")
+    return raw, found.mapping
+
+
+def _may_write(files: list[Path], mapping_file: Path | None, out: Path, overwrite: bool) -> None:
+    from drivers.files.atomic import sidecar
+    if out.suffix.lower() != ".csv":
+        raise CommandError(f"{out}: allowed is a name that ends in .csv")
+    inputs = {path.resolve() for path in files} | ({mapping_file.resolve()} if mapping_file else set())
+    for place in (out, sidecar(out)):
+        if place.resolve() in inputs:
+            raise CommandError(f"{place}: is an input itself: allowed is another --out")
+        if place.exists() and not overwrite:
+            raise CommandError(f"{place}: exists already: allowed with --overwrite")

@@ -1,0 +1,82 @@
+"""What a command is about to write, held against what it reads and what is there already, before anything is done."""
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import typer
+
+from console.cli.plain_errors import CommandError
+
+Force = Annotated[bool, typer.Option("--force", help="Replace what is there already (never what is read).")]
+
+LOOKED_BYTES = 65_536
+
+
+class Output(NamedTuple):
+    """Files that are written together.
+
+    `earlier`: whether those that are there are an earlier output of the same command, which can be made again: it is
+    replaced without being told.
+    """
+
+    files: tuple[Path, ...]
+    earlier: Callable[[], bool] = lambda: False
+
+
+def marked(file: Path, mark: bytes, with_it: Iterable[Path] = ()) -> Output:
+    """An output whose earlier ones say `mark` in the beginning of `file`."""
+    return Output((file, *with_it), lambda: _says(file, mark))
+
+
+def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bool) -> None:
+    """Nothing that is read is written over, no two outputs go to one place, what is there stays unless `force`.
+
+    Files are compared as such: links, relative paths and other spellings of a name are the same file.
+    Raises CommandError.
+    """
+    read = {identity: path for path in reads if (identity := _identity(path)) is not None}
+    taken: dict[str, Path] = {}
+    for output in writes:
+        for file in output.files:
+            identity = _identity(file)
+            source = None if identity is None else read.get(identity)
+            if source is not None:
+                same = "" if source == file else f", the same file as {source}"
+                raise CommandError(f"{file}: would be written over, and is read{same}: allowed is another place")
+            place = str(file.resolve()).casefold()          # of a file that is not there only the name is known
+            if place in taken:
+                raise CommandError(f"{file}: two outputs go there: allowed is a place for each")
+            taken[place] = file
+        there = next((file for file in output.files if os.path.lexists(file)), None)
+        if there is not None and not force and not output.earlier():
+            raise CommandError(f"{there}: exists already: nothing is overwritten (--force replaces it)")
+
+
+def log_files(log: Path) -> tuple[Path, Path]:
+    """A run log and what stands beside it."""
+    return log, log.with_suffix(".yaml")
+
+
+def named(where: str, folder: str) -> Path:
+    """The configuration file of a shipped name or path. Raises ConfigError."""
+    from drivers.files.config import resolve
+    return resolve(where, [folder])
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _says(file: Path, mark: bytes) -> bool:
+    try:
+        with file.open("rb") as opened:
+            return mark in opened.read(LOOKED_BYTES)
+    except OSError:
+        return False

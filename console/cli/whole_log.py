@@ -1,0 +1,52 @@
+"""A run log that stands under another name until it is whole; of one that is cancelled nothing stays."""
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from console.cli.outputs import Output, log_files
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from drivers.files.run_log import PlainLogWriter
+    from drivers.files.run_meta import RunMeta
+
+
+@contextlib.contextmanager
+def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
+    """Rows are appended in the block; at its end log and sidecar get their names. Raises OSError."""
+    from drivers.files.run_log import PlainLogWriter
+    writer = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta)
+    part = log_files(writer.path)
+    try:
+        try:
+            yield writer
+        finally:
+            writer.close()
+        for file, name in reversed(list(zip(part, log_files(path), strict=True))):
+            file.replace(name)
+    except BaseException:
+        for file in part:
+            file.unlink(missing_ok=True)
+        raise
+
+
+def log_output(log: Path, *with_it: Path) -> Output:
+    """The files of a computed log; an earlier one can be computed again, the log of a drive cannot.
+
+    Raises CommandError for a name that is none of a log.
+    """
+    if log.suffix != ".csv":
+        raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
+    return Output((*log_files(log), *with_it), lambda: _computed(log))
+
+
+def _computed(log: Path) -> bool:
+    from drivers.files.run_meta import meta_from_yaml
+    try:
+        meta = meta_from_yaml(log.with_suffix(".yaml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return "replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None)

@@ -1,0 +1,244 @@
+"""What the Calibrate screen has computed and saved: fits of bench tables, new machine files in the user's folder."""
+from __future__ import annotations
+
+import csv
+import datetime as dt
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import platformdirs
+
+from console.app.pages.calibrate.catch import CatchPoint
+from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
+from console.app.pages.calibrate.wheel import WheelSample
+from control.machine.machine import Machine
+
+if TYPE_CHECKING:
+    from control.calibration.bench_table import BenchTable
+    from control.calibration.least_squares import Interval
+    from control.calibration.wheel_fit import WheelFit
+
+CURVE_POINTS = 40
+MOST_BYTES = 1_000_000        # a bench table is small; larger CSV files are not offered
+SPREAD_MM = 0.5               # openings closer than this are one opening
+
+
+def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, folder: Path | None = None,
+                  tables: Sequence[Path] = ()) -> CalibrateJob:
+    """The calibrations of this machine.
+
+    wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where new machine files go;
+    the run logs' folder is beside it. tables: further folders in which lag tables are looked for.
+    """
+    place = folder or Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "machines"
+    look_in = (place.parent / "logs", place, Path.cwd(), *tables)
+    limits, points = machine.limits, machine.set_points
+    counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m
+    return CalibrateJob(
+        machine=machine.id, shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),
+        opening_mm=(limits.opening_low_mm, limits.opening_high_mm), set_shaft_rpm=points.shaft_rpm,
+        set_opening_mm=points.opening_mm, wheel_circumference_m=counted_m, most_kg=machine.flow.full_kg,
+        fit_catch=lambda caught: fit_catch(machine, caught), lag_tables=lambda: lag_tables(look_in),
+        open_lag_table=lambda path: open_lag_table(Path(path).expanduser()),
+        fit_lag=lambda path, label: fit_lag(machine, path, label),
+        fit_wheel=lambda samples: fit_wheel(machine, counted_m, samples),
+        save=lambda fitted, name: save(machine, fitted, name, place, counted_m),
+        name_for=lambda kind: free_name(machine, kind, place))
+
+
+# --- catch ------------------------------------------------------------------------------------------------------------
+
+
+def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Fitted:
+    """Flow per turn from weighed catches, with the line over opening (over shaft speed where only that was changed)."""
+    from scipy.stats import t as student
+
+    from control.calibration.flow_fit import fit_flow
+    _machine, flow = fit_flow(catch_table(caught, "catch test"), machine)
+    slope = flow.grams_per_rev_mm.value
+    offset = flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0
+    falloff = flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0
+    terms = 1 + (flow.zero_offset_g_rev is not None) + (flow.fill_falloff_percent is not None)
+    band = float(student.ppf(0.95, flow.rows_used - terms)) * flow.residual_sd_percent / 100.0 * (
+        1.0 + 1.0 / flow.rows_used) ** 0.5
+
+    def full(opening_mm: float) -> float:
+        return slope * opening_mm + offset
+
+    def fills(shaft_rpm: float) -> float:
+        return 1.0 - falloff / 100.0 * (shaft_rpm / 100.0) ** 3
+
+    low_mm, high_mm = flow.opening_mm
+    low_rpm, high_rpm = flow.shaft_rpm
+    by_speed = high_mm - low_mm < SPREAD_MM and high_rpm > low_rpm
+    middle_mm = sum(one.opening_mm for one in caught) / len(caught)
+    middle_rpm = sum(one.shaft_rpm for one in caught) / len(caught)
+    if by_speed:
+        points = tuple((one.shaft_rpm, one.grams_per_revolution * full(middle_mm) / full(one.opening_mm))
+                       for one in caught)
+        line = [(x, full(middle_mm) * fills(x)) for x in _steps(low_rpm, high_rpm)]
+    else:
+        points = tuple((one.opening_mm, one.grams_per_revolution * fills(middle_rpm) / fills(one.shaft_rpm))
+                       for one in caught)
+        line = [(x, full(x) * fills(middle_rpm)) for x in _steps(low_mm, high_mm)]
+    estimates = (_estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
+                 _estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
+                 _estimate("fill_falloff", flow.fill_falloff_percent, "%", 1))
+    return Fitted("catch", estimates, points, tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x, y in line),
+                  "shaft r/min" if by_speed else "opening mm", "g per turn",
+                  scatter=f"{flow.residual_sd_percent:.2f} %", source=tuple(caught))
+
+
+def catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
+    import numpy as np
+
+    from control.calibration.bench_table import BenchTable
+    names = ("shaft_rpm", "opening_mm", "duration_s", "mass_kg")
+    return BenchTable("catch", {name: np.array([getattr(one, name) for one in caught]) for name in names}, path=path)
+
+
+def catch_csv(caught: Sequence[CatchPoint]) -> str:
+    """A catch bench table: shaft_rpm and duration_s are such that their product is the counted revolutions."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("replicate", "shaft_rpm", "opening_mm", "duration_s", "mass_kg"))
+    for number, one in enumerate(caught, 1):
+        writer.writerow((number, f"{one.shaft_rpm:.4f}", f"{one.opening_mm:.3f}", f"{one.duration_s:.3f}",
+                         f"{one.mass_kg:.4f}"))
+    return text.getvalue()
+
+
+# --- lag --------------------------------------------------------------------------------------------------------------
+
+
+def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
+    """Lag tables in these folders, the newest first. What is no lag table is passed over."""
+    found = []
+    files = {path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")}
+    for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
+        if path.stat().st_size > MOST_BYTES or "shaft_rpm" not in _head(path):
+            continue
+        try:
+            found.append(open_lag_table(path))
+        except (ValueError, OSError):
+            continue
+    return found
+
+
+def _head(path: Path) -> str:
+    with path.open("rb") as file:
+        return file.read(500).decode("utf-8", "replace").split("\n")[0]
+
+
+def open_lag_table(path: Path) -> LagTable:
+    """Raises ValueError in one line where it is no lag table that can be fitted."""
+    from drivers.files.bench_table import read_bench_table
+    table = read_bench_table(path, "lag")
+    if not any(name in table.columns for name in ("lag_s", "drop_s", "lag_m")):
+        raise ValueError(f"{path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m")
+    labels = () if table.label is None else tuple(sorted(set(table.label.tolist())))
+    return LagTable(str(path), table.rows, labels)
+
+
+def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
+    """The lag line of a table, with its points in and outside the range."""
+    import numpy as np
+    from scipy.stats import t as student
+
+    from control.calibration import lag_fit
+    from drivers.files.bench_table import read_bench_table
+    table = read_bench_table(Path(path), "lag")
+    _machine, line = lag_fit.fit_lag(table, machine, label=label)
+    chosen = np.ones(table.rows, bool) if table.label is None else table.label == label
+    lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
+    if lags is None:
+        speed = table.speed_mps()
+        assert speed is not None            # fit_lag refuses a lag_m table without speeds
+        lags = table.columns["lag_m"] / speed
+    speeds = table.columns["shaft_rpm"]
+    chosen = chosen & np.isfinite(lags) & np.isfinite(speeds)
+    points = tuple((float(x), float(y)) for x, y in zip(speeds[chosen], lags[chosen], strict=True))
+    used = speeds[chosen & (speeds >= line.from_rpm - 1e-6) & (speeds <= line.to_rpm + 1e-6)]
+    middle, about = float(np.mean(used)), float(np.sum((used - np.mean(used)) ** 2))
+    quantile = float(student.ppf(0.95, line.rows_used - 2)) * line.residual_sd_s
+
+    def band(x: float) -> float:
+        return quantile * math.sqrt(1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about)
+
+    curve = tuple(CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
+                  for x in _steps(line.from_rpm, line.to_rpm))
+    return Fitted("lag", (_estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
+                          _estimate("intercept", line.intercept_s, "s", 3)), points, curve, "shaft r/min", "lag s",
+                  (line.from_rpm, line.to_rpm), f"{line.residual_sd_s:.3f} s", (path, label))
+
+
+# --- wheel ------------------------------------------------------------------------------------------------------------
+
+
+def fit_wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample]) -> Fitted:
+    """The circumference from a straight drive; counted_m: the one by which its wheel speed was counted."""
+    _machine, fit = _wheel(machine, counted_m, samples)
+    return Fitted("wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples))
+
+
+def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
+           today: str = "") -> tuple[Machine, WheelFit]:
+    import numpy as np
+
+    from control.calibration import wheel_fit
+    time_s, lat, lon, quality, speed, flowing = (np.array(column) for column in zip(*samples, strict=True))
+    log = wheel_fit.WheelLog(time_s, lat, lon, quality.astype(float), speed, flowing)
+    return wheel_fit.fit_wheel(log, machine, counted_m, "straight drive on the Calibrate page", date=today)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def free_name(machine: Machine, kind: str, folder: Path) -> str:
+    """`huanghai-catch-20260318`, with a number where that is taken."""
+    base = f"{machine.id}-{kind}-{dt.date.today():%Y%m%d}"
+    names = (base, *(f"{base}-{number}" for number in range(2, 1000)))
+    return next((name for name in names if not (folder / f"{name}.yaml").exists()), base)
+
+
+def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: float) -> str:
+    """Writes the new machine file, and beside it the table it comes from; returns its path.
+
+    Raises ValueError in one line where the name is taken, OSError where it cannot be written.
+    """
+    from control.calibration.flow_fit import fit_flow
+    from control.calibration.lag_fit import fit_lag as fit_line
+    from drivers.files import config
+    from drivers.files.atomic import write_atomically
+    from drivers.files.bench_table import read_bench_table
+    from drivers.files.kinds import MACHINE
+    path = folder / f"{name.removesuffix('.yaml')}.yaml"
+    table_path = path.with_suffix(".catch.csv")
+    for taken in (path, table_path) if fitted.kind == "catch" else (path,):
+        if taken.exists():
+            raise ValueError(f"{taken}: exists already: nothing is overwritten")
+    folder.mkdir(parents=True, exist_ok=True)
+    today = dt.date.today().isoformat()
+    if fitted.kind == "wheel":
+        new, _fit = _wheel(machine, counted_m, fitted.source, today)
+    elif fitted.kind == "lag":
+        table, label = fitted.source
+        new, _line = fit_line(read_bench_table(Path(table), "lag"), machine, label=label, date=today)
+    else:
+        write_atomically(table_path, catch_csv(fitted.source))
+        new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)
+    config.save(path, new, MACHINE)
+    return str(path)
+
+
+def _steps(low: float, high: float) -> list[float]:
+    return [low + (high - low) * k / (CURVE_POINTS - 1) for k in range(CURVE_POINTS)]
+
+
+def _estimate(name: Number, interval: Interval | None, unit: str, decimals: int) -> Estimate:
+    if interval is None:
+        return Estimate(name, None, None, None, unit, decimals)
+    return Estimate(name, interval.value, interval.low, interval.high, unit, decimals)

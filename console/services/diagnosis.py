@@ -1,0 +1,218 @@
+"""Files and long work of the Diagnosis page: a folder of logs, and one process for each diagnosis."""
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime as dt
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import platformdirs
+
+from console.app.pages.diagnosis.data import Export, Found, Source, Stop, Stopped, Tell, found_from
+from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from drivers.files.config import Loaded
+
+MOST_FILES = 200
+HEADER_BYTES = 8_192
+PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
+ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
+                                     "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")}        # a core stays for the loop
+
+
+def data_folder() -> Path:
+    """The user's own folder for what the program writes."""
+    return Path(platformdirs.user_data_dir("topdress", appauthor=False))
+
+
+def diagnosis_files(found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> DiagnosisFiles:
+    """With what the command line was given: the configuration files by kind, the simulated machine's effects."""
+    from drivers.files.kinds import MACHINE
+    folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
+    machine = found.get(MACHINE.format)
+    return DiagnosisFiles(folders, "huanghai" if machine is None else str(machine.path), effects)
+
+
+class DiagnosisFiles:
+    """`console.app.diagnosis_data.DiagnosisService` on real files.
+
+    folders: where logs and tables are looked for. machine: of data that names none. effects: planted in the simulated
+    machine of this console; a separating run is driven on a machine that has them.
+    """
+
+    def __init__(self, folders: Sequence[Path] | None = None, machine: str = "huanghai",
+                 effects: tuple[str, ...] = (), own: Path | None = None) -> None:
+        self.own = own or data_folder()
+        self.folders = tuple(dict.fromkeys((self.own / "logs", *(folders or (Path.cwd(),)))))
+        self.machine, self.effects = machine, effects
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._made = 0
+
+    # --- files ---------------------------------------------------------------------------------------------------
+
+    def sources(self, running_log: str) -> tuple[Source, ...]:
+        found: dict[Path, float] = {}
+        for folder in self.folders:
+            with contextlib.suppress(OSError):
+                for path in folder.glob("*.csv"):
+                    if not path.name.endswith(".truth.csv") and not path.name.startswith("."):
+                        with contextlib.suppress(OSError):
+                            found[path.resolve()] = path.stat().st_mtime
+        if running_log and Path(running_log).is_file():
+            found[Path(running_log).resolve()] = Path(running_log).stat().st_mtime
+        running = Path(running_log).resolve() if running_log else None
+        listed = []
+        for path in sorted(found, key=lambda one: -found[one])[:MOST_FILES]:
+            with contextlib.suppress(OSError, ValueError):
+                listed.append(_source(path)._replace(working=path == running))
+        return tuple(listed)
+
+    def source(self, path: str) -> Source:
+        if not path.strip():
+            raise ValueError("no file is named")
+        whole = Path(path.strip()).expanduser()
+        try:
+            return _source(whole.resolve())
+        except OSError as error:
+            raise ValueError(f"{whole}: {error.strerror or error}") from None
+
+    def machines(self) -> tuple[str, ...]:
+        from drivers.files.config import shipped
+        adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
+        return (*shipped("machines"), *adopted)
+
+    # --- long work -----------------------------------------------------------------------------------------------
+
+    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
+        return self._worked(Order(source.path, str(self._folder()), source.kind, machine, self.machine), tell, stop)
+
+    def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
+        if found.next_run is None or not found.next_run.id:
+            raise ValueError("this run cannot be driven on the simulated machine")
+        planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
+        return self._worked(Order(found.path, str(self._folder()), "run", None, self.machine, found.next_run.id,
+                                  planted), tell, stop)
+
+    def _worked(self, order: Order, tell: Tell, stop: Stop) -> Found:
+        orders = Path(order.folder) / "order.json"
+        orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
+        trouble = Path(order.folder) / "trouble.txt"
+        with trouble.open("wb") as heard, subprocess.Popen(
+                [sys.executable, *PROGRAM, str(orders)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=heard, env=os.environ | ONE_THREAD, start_new_session=True, text=True) as child:
+            stop.then(child.kill)
+            done, why = False, ""
+            assert child.stdout is not None
+            for line in child.stdout:
+                with contextlib.suppress(ValueError):
+                    said = json.loads(line)
+                    if "share" in said:
+                        tell(float(said["share"]), str(said["stage"]))
+                    done, why = bool(said.get("done", done)), str(said.get("error", why))
+        if stop.is_set():
+            raise Stopped
+        if not done:
+            lines = trouble.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise ValueError(why or (lines[-1] if lines else f"the diagnosis ended with code {child.returncode}"))
+        plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
+        return found_from(plain)._replace(folder=order.folder)
+
+    def _folder(self) -> Path:
+        if self._scratch is None:
+            self._scratch = tempfile.TemporaryDirectory(prefix="topdress-")
+        self._made += 1
+        folder = Path(self._scratch.name) / str(self._made)
+        folder.mkdir()
+        return folder
+
+    # --- what is kept --------------------------------------------------------------------------------------------
+
+    def adopt(self, found: Found) -> str:
+        made = Path(found.folder) / MACHINE_FILE
+        if not found.adoptable or not made.exists():
+            raise ValueError("nothing here can be adopted" + "".join(f"; {why}" for why in found.refused))
+        return _kept(made, self.own / "machines", f"{found.machine}-{dt.date.today().isoformat()}", ".yaml")
+
+    def export(self, found: Found, what: Export) -> str:
+        made = Path(found.folder) / (REPORT if what == "report" else RESULT)
+        if not made.exists():
+            raise ValueError("the report needs matplotlib: install topdress[report]")
+        stem = f"{Path(found.source).stem}-diagnosis"
+        return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
+
+    def write_run(self, found: Found) -> str:
+        from console.services.separating_run import drive_of
+        from drivers.files.config import load, save
+        from drivers.files.kinds import JOB, MACHINE
+        if found.next_run is None or not found.next_run.id:
+            raise ValueError("this run has no job file: do it by its steps")
+        machine = load(self.machine, MACHINE).model
+        drive = drive_of(found.next_run.id, load("demo", JOB).model, machine)
+        job = drive.job.model_copy(update={"title": found.next_run.plan})
+        path = _free(self.own / "jobs", job.id, ".yaml")
+        said = f"Separating run, {found.next_run.minutes:g} minutes, planned by a diagnosis of {found.source}.\n"
+        said += found.next_run.plan
+        if drive.orders is not None:
+            said += "\nShaft, opening and halts are the operator's to set: this file holds ground, speed and rate."
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(path, job, JOB, said)
+        return str(path)
+
+
+def _source(path: Path) -> Source:
+    """Raises OSError, and ValueError for a file that is neither a run log nor a bench table."""
+    status = path.stat()
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES).decode("utf-8-sig", errors="replace")
+    lines = [line for line in header.splitlines() if line.strip() and not line.startswith("#")]
+    names = tuple(name.strip().strip('"') for name in (lines[0] if lines else "").replace(";", ",").split(","))
+    kind: str | None = "run"
+    if "time_s" not in names:
+        from control.calibration.bench_table import recognise  # takes a second: only where there is such a file
+        kind = recognise(names)
+    if kind is None:
+        raise ValueError(f"{path}: neither a run log (column time_s) nor a bench table")
+    changed = dt.datetime.fromtimestamp(status.st_mtime).strftime("%Y-%m-%d %H:%M")
+    return Source(str(path), path.name, kind, changed, _size(status.st_size))
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
+
+
+def _as_planted(found: Found) -> str:
+    """The likeliest doubtful cause at its size, where this console planted nothing of its own."""
+    doubtful = [cause for cause in found.causes if cause.rivals and cause.value is not None] or [
+        cause for cause in found.causes if cause.value is not None]
+    if not doubtful:
+        return ""
+    cause = doubtful[0]
+    onset = "" if cause.onset_s is None else f"@{cause.onset_s:g}"
+    member = "" if cause.member is None else f"#{cause.member}"
+    return f"{cause.id}={cause.value:.4g}{onset}{member}"
+
+
+def _kept(made: Path, folder: Path, stem: str, ending: str) -> str:
+    from drivers.files.atomic import write_atomically
+    folder.mkdir(parents=True, exist_ok=True)
+    path = _free(folder, stem, ending)
+    write_atomically(path, made.read_bytes())
+    return str(path)
+
+
+def _free(folder: Path, stem: str, ending: str) -> Path:
+    """A name that nothing has yet: nothing is overwritten."""
+    path, number = folder / f"{stem}{ending}", 2
+    while path.exists():
+        path, number = folder / f"{stem}-{number}{ending}", number + 1
+    return path

@@ -1,0 +1,193 @@
+"""The Diagnosis page's heavy work as a process of its own: `python -m console.services.diagnosis_job FILE.json`.
+
+The file says what is to be done (`Order` below). While it works it writes {"share": 0.3, "stage": "flow"} lines on
+stdout, and at last {"done": true} or {"error": "one line"}. In the folder then lie view.json, result.json, report.html,
+and machine.yaml where something can be adopted. Ending the process cancels.
+"""
+from __future__ import annotations
+
+import dataclasses
+import datetime as dt
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from control.diagnosis.result import Diagnosis
+    from control.machine.machine import Machine
+
+Tell = Callable[[float, str], None]
+
+VIEW, RESULT, REPORT, MACHINE_FILE = "view.json", "result.json", "report.html", "machine.yaml"
+RUN_LOG = "separating.csv"
+DRIVING = 0.55                  # share of the whole that simulating takes
+LEAST_STEP = 0.004              # of the share, that is worth a line
+NICE = 10                       # the control loop comes first
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Order:
+    """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run first and diagnose
+    its log instead of `data`. planted: effects of the machine that drives it (grammar of `simulate --effect`)."""
+
+    data: str
+    folder: str
+    kind: str = "run"
+    machine: str | None = None
+    default_machine: str = "huanghai"
+    manoeuvre: str = ""
+    planted: tuple[str, ...] = ()
+    seed: int = 1
+
+
+def work(order: Order, tell: Tell) -> None:
+    """Everything; raises ValueError, OSError or a ConfigError of one line."""
+    machine = machine_of(order)
+    data, name, done = Path(order.data), Path(order.data).name, 0.0
+    if order.manoeuvre:
+        data = Path(order.folder) / RUN_LOG
+        name, done = data.name, DRIVING
+        drive(order, machine, data, lambda share, stage: tell(DRIVING * share, stage))
+
+    def later(share: float, stage: str) -> None:
+        tell(done + (1.0 - done) * share, stage)
+
+    _diagnosed(order, machine, data, name, later)
+
+
+def machine_of(order: Order) -> Machine:
+    """The machine that the data is held against."""
+    from drivers.files.config import load, validated
+    from drivers.files.kinds import MACHINE
+    from drivers.files.run_meta import meta_from_yaml
+    if order.machine is not None:
+        return load(order.machine, MACHINE).model
+    beside = Path(order.data).with_suffix(".yaml")
+    if order.kind == "run" and beside.exists():
+        meta = meta_from_yaml(beside.read_text(encoding="utf-8"))
+        if meta.machine is not None:
+            return validated(meta.machine, MACHINE, str(beside))
+    return load(order.default_machine, MACHINE).model
+
+
+def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
+    """The separating run on the simulated machine, as an ordinary run log."""
+    from console.services.separating_run import drive_of
+    from control.machine.planting import parse_planted
+    from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+    from control.simulation.closed_loop import simulated_run
+    from drivers.files.run_log import PlainLogWriter
+    from drivers.files.run_meta import run_meta
+    from drivers.files.setup import load_setup
+    dt_s = 0.05
+    setup = load_setup(order.default_machine, "demo", dt.date.today())
+    wanted = drive_of(order.manoeuvre, setup.job, machine)
+    job = with_simulated_field(wanted.job, machine)
+    plant = simulated_machine(machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted])
+    loop = control_loop(machine, setup.crop, setup.rule, job)
+    writer = PlainLogWriter(out, run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True)
+    try:
+        for number, step in enumerate(simulated_run(plant, loop, wanted.seconds, orders=wanted.orders)):
+            writer.append(step.tick.row)
+            if number % 200 == 0:
+                tell(number * dt_s / wanted.seconds, "driving")
+    finally:
+        writer.close()
+
+
+def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell) -> None:
+    from console.app.pages.diagnosis.data import to_plain
+    from console.services.diagnosis_view import found_of, mean_target
+    from drivers.files.atomic import write_atomically
+    folder = Path(order.folder)
+    tell(0.0, "reading")
+    target = None
+    tools: dict[str, Any]
+    if order.kind == "run":
+        from control.diagnosis.runs.diagnose import diagnose_run
+        from drivers.files.read_log import read_rows
+        log = read_rows(data)
+        columns = dict(log.columns)
+        found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
+        found = dataclasses.replace(found, findings=(*map(str, log.findings), *found.findings))
+        tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
+    else:
+        from control.diagnosis.tables.diagnose import diagnose_tables
+        from drivers.files.bench_table import read_bench_table
+        tables = [read_bench_table(data, order.kind)]
+        found = diagnose_tables(tables, machine, progress=lambda share, word: tell(0.85 * share, word))
+        tools = {"tables": tables, "machine": machine}
+    tell(0.86, "pictures")
+    view = found_of(found, tools, name, target, order.planted)
+    _extended(found, view.adoptable, machine, data, folder / MACHINE_FILE)
+    write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
+    write_atomically(folder / VIEW, json.dumps(to_plain(view)))
+    tell(0.9, "report")
+    _report(found, tools, folder / REPORT)
+
+
+def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
+    """Without matplotlib there is no report; the page says so when one is asked for."""
+    from console.reports.diagnosis_html import page
+    from console.reports.figure import NoPictures
+    from drivers.files.atomic import write_atomically
+    try:
+        write_atomically(path, page(found, tools | {"date": dt.date.today().isoformat()}))
+    except NoPictures:
+        path.unlink(missing_ok=True)
+
+
+def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, data: Path, path: Path) -> None:
+    """The machine file with what may be adopted, for the page to put in its place when the operator says so."""
+    from control.diagnosis.extend import extend
+    from drivers.files.config import save, sha256_of
+    from drivers.files.kinds import MACHINE
+    path.unlink(missing_ok=True)
+    if not adoptable:
+        return
+    kept = dataclasses.replace(found, causes=tuple(cause for cause in found.causes if cause.id in adoptable))
+    extended = extend(machine, kept, date=dt.date.today().isoformat(), sha256=sha256_of(data))
+    comment = "\n".join([f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",
+                         *(f"  {one}" for one in adoptable)])
+    save(path, extended, MACHINE, comment)
+
+
+def told() -> Tell:
+    """Progress lines on stdout, not more often than somebody can see."""
+    last = -1.0
+
+    def tell(share: float, stage: str) -> None:
+        nonlocal last
+        if share - last >= LEAST_STEP or share < last:
+            last = share
+            _say({"share": round(share, 3), "stage": stage})
+    return tell
+
+
+def _say(what: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
+
+
+def main(path: str) -> int:
+    from drivers.files.config import ConfigError
+    if hasattr(os, "nice"):
+        os.nice(NICE)
+    try:
+        said = json.loads(Path(path).read_text(encoding="utf-8"))
+        work(Order(**said | {"planted": tuple(said.get("planted", ()))}), told())
+    except ConfigError as error:
+        _say({"error": error.lines[0]})
+    except (ValueError, OSError) as error:
+        _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
+    else:
+        _say({"done": True})
+        return 0
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,199 @@
+"""A diagnosis as the Diagnosis page shows it: causes with their curves, channels before and after, what is refused."""
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from console.app.pages.diagnosis.data import (
+    CauseShown,
+    ChannelShown,
+    Curve,
+    Found,
+    GainShown,
+    RivalShown,
+    RunPlan,
+)
+from console.reports.binned import Array, Axis, Binned
+from console.reports.run_views import View, parts_of, run_views
+from console.reports.table_views import TableView, table_views
+from console.reports.verdict import others, title_of
+from console.services.separating_run import drivable
+from control.diagnosis.extend import adoptable
+from control.diagnosis.result import Cause, Diagnosis
+from control.diagnosis.runs.hypothesis import Part
+from control.machine.machine import CATALOGUE, Machine
+
+TIME_BINS, RATE_BINS, ROWS_IN_BIN = 40, 16, 6
+STRUCTURE_P = 0.01                  # below it a channel has more than noise
+_NO_PLACE = 0.005                   # m, less is not said
+
+
+def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_kg_ha: float | None,
+             planted: tuple[str, ...] = ()) -> Found:
+    """`tools`: as for the report, {"columns", "machine"} or {"tables", "machine"}."""
+    machine: Machine = tools["machine"]
+    views: tuple[View, ...] = run_views(tools["columns"], machine) if "columns" in tools else ()
+    tables = table_views(tools["tables"], machine, found.causes) if "tables" in tools else ()
+    parts = parts_of(found.causes)
+    causes = tuple(_cause(cause, mean_target_kg_ha, *_curves(cause, views, tables, parts)) for cause in found.causes)
+    kept, refused = sorted_out(found)
+    data = found.data
+    run = found.next_run
+    return Found(name, data.path, data.kind, data.machine, data.rows, data.duration_s, found.verdict, causes,
+                 _channels(found, views, tables, parts),
+                 tuple((left.channel, left.variable, left.explained_share) for left in found.unexplained),
+                 tuple(GainShown(g.channel, g.metric, g.before, g.after) for g in found.gain), found.findings,
+                 None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0),
+                 kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
+                 _left_curve(found, views, parts), "", planted)
+
+
+def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Ids that a machine file may take up, and a line for each cause that it may not."""
+    able = [cause.id for cause in adoptable(found)]
+    kept, refused = [], []
+    for cause in found.causes:
+        if cause.scope is not None:
+            refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
+        elif cause.onset_s is not None or CATALOGUE[cause.id].effect.onset_only:
+            refused.append(f"{cause.id}: began during the run: repair it, the model stays")
+        elif cause.id not in able:
+            refused.append(f"{cause.id}: its size is not known")
+        else:
+            kept.append(cause.id)
+    refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
+                for left in found.unexplained]
+    return tuple(kept), tuple(refused)
+
+
+def _cause(cause: Cause, mean_target_kg_ha: float | None, over: Curve | None, time: Curve | None) -> CauseShown:
+    percent = cause.field_cost.rate_error_percent
+    kg_ha = None if percent is None or mean_target_kg_ha is None else percent * mean_target_kg_ha / 100.0
+    place = cause.field_cost.place_error_m
+    rivals = tuple(RivalShown(one, title_of(one), share) for one, share in others(cause))
+    size = cause.size
+    return CauseShown(cause.id, title_of(cause.id), cause.advice, size.value, size.low, size.high, size.unit,
+                      cause.member, cause.onset_s, cause.probability, rivals, percent, kg_ha,
+                      None if place is None or abs(place) < _NO_PLACE else place, over, time)
+
+
+def _channels(found: Diagnosis, views: Sequence[View], tables: Sequence[TableView],
+              parts: tuple[Part, ...]) -> tuple[ChannelShown, ...]:
+    after: dict[str, float] = {}
+    for view in views:
+        if view.segments is None:
+            after[view.name] = _rms(view.residual(parts))
+    for table in tables:
+        after[table.channel] = _rms(table.after)
+    return tuple(ChannelShown(c.channel, c.unit, c.rmse, c.noise_floor, after.get(c.channel) if found.causes else None,
+                              c.structure_p < STRUCTURE_P) for c in found.channels)
+
+
+def _rms(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean((known - known.mean()) ** 2))) if len(known) else 0.0
+
+
+def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], parts: tuple[Part, ...]
+            ) -> tuple[Curve | None, Curve | None]:
+    own = parts_of([cause])
+    if not own:
+        return None, None
+    if tables:
+        return _of_table(cause, tables), None
+    best: tuple[float, View, Array] | None = None
+    for view in views:
+        if own[0] not in view.own(parts):
+            continue
+        effect = view.effect(parts, own[0])
+        shown = float(np.sqrt(np.sum(effect ** 2)) / max(1e-12, float(np.std(view.residual(parts)))))
+        shown *= 1e6 if view.name == CATALOGUE[cause.id].stage else 1.0        # its own stage where it shows there
+        if shown > 0.0 and (best is None or shown > best[0]):
+            best = shown, view, effect
+    if best is None:
+        return None, None
+    _shown, view, effect = best
+    onset = None if own[0].onset_s is None else own[0].onset_s / 60.0
+    return _curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset)
+
+
+def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[Part, ...]) -> Curve | None:
+    if not found.unexplained:
+        return None
+    left = found.unexplained[0]
+    view = next((v for v in views if v.name == left.channel and left.variable in v.axes), None)
+    return None if view is None else _curve(view, view.axes[left.variable], parts)
+
+
+def _curve(view: View, axis: Axis, parts: tuple[Part, ...]) -> Curve | None:
+    before, after = view.residual(()), view.residual(parts)
+    memory = view.memory(after)
+    label = axis.label or " / ".join(axis.names)
+    return _drawn(view.name, view.unit, label, view.means(axis, before, memory), view.means(axis, after, memory),
+                  axis.names)
+
+
+def _over_time(view: View, parts: tuple[Part, ...], onset_min: float | None) -> Curve | None:
+    """Means over even bins of the log's time, in minutes; of one head alone where the heads differ."""
+    minutes = view.time_s / 60.0
+    low, high = float(minutes.min()), float(minutes.max())
+    most = TIME_BINS if view.segments is None else RATE_BINS
+    count = max(2, min(most, len(minutes) // ROWS_IN_BIN))
+    width = (high - low) / count or 1.0
+    index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
+    cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
+    before, after = view.residual(()), view.residual(parts)
+    memory = view.memory(after)
+    curve = _drawn(view.name, view.unit, "time, min", view.means(cell, before, memory), view.means(cell, after, memory),
+                   (), onset_min)
+    if curve is None:
+        return None
+    return curve._replace(at=tuple(round(low + (place + 0.5) * width, 3) for place in curve.at))
+
+
+def _drawn(channel: str, unit: str, label: str, before: Binned, after: Binned, names: tuple[str, ...],
+           onset: float | None = None) -> Curve | None:
+    """Both at the same places: those that both have."""
+    mine = {round(float(x), 9): float(y) for x, y in zip(before.at, before.mean, strict=True)}
+    rows = [(float(x), mine[round(float(x), 9)], float(y), float(h))
+            for x, y, h in zip(after.at, after.mean, after.half, strict=True) if round(float(x), 9) in mine]
+    rows = [row for row in rows if all(math.isfinite(value) for value in row)]
+    if len(rows) < 2:
+        return None
+    at, old, new, half = zip(*sorted(rows), strict=True)
+    return Curve(channel, unit, label, at, old, new, half, names, onset)
+
+
+def _of_table(cause: Cause, tables: Sequence[TableView]) -> Curve | None:
+    """A bench table's misses along its main variable: means at each value, the spread of a mean as half."""
+    stage = CATALOGUE[cause.id].stage
+    usable = [table for table in tables if table.main and np.any(table.extended != table.nominal)]
+    usable.sort(key=lambda table: table.channel != stage)
+    if not usable:
+        return None
+    table = usable[0]
+    variable = np.asarray(table.variables[table.main], np.float64)
+    kinds, index = np.unique(variable, return_inverse=True)
+    if len(kinds) < 2:
+        return None
+
+    def means(values: Array) -> Array:
+        return np.asarray(np.bincount(index, values) / np.bincount(index))
+
+    after = means(table.after)
+    spread = np.sqrt(np.bincount(index, (table.after - after[index]) ** 2)) / np.bincount(index)
+    return Curve(table.channel, table.unit, table.main, tuple(kinds.tolist()), tuple(means(table.before).tolist()),
+                 tuple(after.tolist()), tuple((1.645 * spread).tolist()))
+
+
+def mean_target(columns: Mapping[str, Any]) -> float | None:
+    """Mean of the wanted rate while it was above zero, kg/ha; None where the log has none."""
+    wanted = columns.get("target_rate_kg_ha")
+    if wanted is None:
+        return None
+    wanted = np.asarray(wanted, np.float64)
+    wanted = wanted[np.isfinite(wanted) & (wanted > 0.0)]
+    return float(wanted.mean()) if len(wanted) else None

@@ -1,0 +1,325 @@
+"""What the Job screen has done: facts of the configuration, other files, exports, and going on after a power cut."""
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import platformdirs
+
+from console.app.pages.job.desk import GATHERING, READING, WRITING, Cancelled, Earlier, Facts, File, Offer, Progress
+from console.worker import resume
+from drivers.files.config import ConfigError, Loaded, load, load_any, save, shipped
+from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from console.link import Link, Where
+    from control.field.job import Job
+    from control.machine.machine import Machine
+
+OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
+MOST_FILES = 11             # in one list of choices
+
+
+def data_folder() -> Path:
+    return Path(platformdirs.user_data_dir("topdress", appauthor=False))
+
+
+class Launcher:
+    """Starts control workers, with the files as they were last chosen."""
+
+    def __init__(self, config: Sequence[str], effects: Sequence[str], seed: int, hz: float, log: str | None,
+                 trouble: Path) -> None:
+        self.config, self.effects, self.seed, self.hz, self.log = tuple(config), tuple(effects), seed, hz, log
+        self.trouble = trouble
+
+    def start(self, resumed: Path | None = None) -> Where:
+        """Raises WorkerFailed."""
+        from console.link import start_worker
+        arguments = [*_pairs("--config", self.config), *_pairs("--effect", self.effects), "--seed", str(self.seed),
+                     "--hz", f"{self.hz:g}"]
+        if self.log is not None:
+            arguments += ["--log", self.log]
+        if resumed is not None:
+            arguments += ["--resume", str(resumed)]
+        return start_worker(arguments, self.trouble)
+
+    async def link(self, resumed: Path | None = None) -> Link:
+        from console.link import Link
+        return Link(await asyncio.to_thread(self.start, resumed))
+
+    @property
+    def logs(self) -> Path:
+        """The folder in which logs are written."""
+        return data_folder() / "logs" if self.log is None else Path(self.log).parent
+
+    def adopt(self, log_path: str) -> None:
+        """Take the files of a worker that runs already: its log's sidecar names them."""
+        from drivers.files.run_meta import meta_from_yaml
+        try:
+            meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return
+        found = []
+        for file in meta.sha256:
+            try:
+                kind, _loaded = load_any(Path(file), KINDS)
+            except ConfigError:
+                continue
+            if kind in (JOB, MACHINE, CAB):
+                found.append(file)
+        self.config = tuple(found)
+
+
+class JobFiles:
+    """`console.app.job_desk.JobDesk` on real files."""
+
+    def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
+        """folder: of the user's own files; new job files go to its folder jobs."""
+        self._launcher = launcher
+        self._folder = folder or data_folder()
+
+    # --- facts --------------------------------------------------------------------------------------------------
+
+    def facts(self) -> Facts:
+        """Raises ValueError."""
+        from drivers.files.setup import setup_of
+        try:
+            found = self._found()
+            setup = setup_of(found, dt.date.today())
+            job_path, machine_path = _path_of(found, JOB.format, "demo"), _path_of(found, MACHINE.format, "huanghai")
+            crop = load(setup.job.crop, CROP, beside=setup.folder)
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+        job, machine = setup.job, setup.machine
+        name, area = self._field(job, machine, found)
+        nrich = job.ndvi_nrich if job.ndvi_nrich is not None else setup.crop.ndvi_nrich
+        return Facts(
+            job=job.title or job.id, job_file=str(job_path), crop=setup.crop.name, crop_file=str(crop.path),
+            crop_warnings=setup.crop.warnings, source=job.target.source.value, ndvi_nrich=nrich,
+            nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
+            fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
+            fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, field=name, field_ha=area,
+            machine=machine.title or machine.id, machine_file=str(machine_path), effects=_effects(machine),
+            shipped_machine=machine_path in shipped(MACHINE.folder).values(),
+            jobs=self._files("jobs", job_path), crops=self._files("crops", crop.path),
+            machines=self._files("machines", machine_path))
+
+    @staticmethod
+    def _field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> tuple[str, float | None]:
+        from control.field.boundary import Boundary
+        from control.simulation.assembly import with_simulated_field
+        cab = found.get(CAB.format)
+        if cab is None or getattr(cab.model, "virtual", False):
+            job = with_simulated_field(job, machine)
+        ground = job.field
+        return ground.title, Boundary(ground.boundary_m).area_ha if ground.boundary_m else None
+
+    def _files(self, folder: str, now: Path) -> tuple[File, ...]:
+        """The one in use, the user's own, the newest first, and those that are shipped."""
+        own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
+        own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+        found: dict[str, File] = {}
+        for path in (now, *own, *shipped(folder).values()):
+            found.setdefault(str(path), File(str(path), path.stem))
+        return tuple(found.values())[:MOST_FILES]
+
+    def free_bytes(self, log_path: str) -> int | None:
+        try:
+            return shutil.disk_usage(Path(log_path).parent).free
+        except OSError:
+            return None
+
+    # --- other files --------------------------------------------------------------------------------------------
+
+    def take(self, kind: str, value: str) -> None:
+        """Raises ValueError."""
+        try:
+            if kind == "crop":
+                load(Path(value), CROP)
+                self._new_job({"crop": value}, f"crop {Path(value).stem}")
+                return
+            wanted = {"job": JOB, "machine": MACHINE}[kind]
+            load(Path(value), wanted)
+            self._replace(wanted.format, value)
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+
+    def take_strip(self, ndvi: float) -> str:
+        """Raises ValueError."""
+        try:
+            return self._new_job({"ndvi_nrich": ndvi}, f"N-rich strip: NDVI {ndvi:.3f}")
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+
+    def _new_job(self, changes: dict[str, object], comment: str) -> str:
+        found = self._found()
+        path = _path_of(found, JOB.format, "demo")
+        job = load(path, JOB).model
+        beside = path.parent
+        target = job.target.model_copy(update={
+            name: str((beside / value).resolve()) for name in ("map", "plants")
+            if (value := getattr(job.target, name)) is not None})
+        crop = str((beside / job.crop).resolve()) if _is_path(job.crop) else job.crop
+        name = f"{job.id.split('-')[0]}-{dt.datetime.now():%Y%m%d-%H%M%S}"
+        new = job.model_copy(update={"target": target, "crop": crop, "id": name} | changes)
+        place = self._folder / "jobs" / f"{name}.yaml"
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            save(place, new, JOB, f"From {path.name}. {comment}")
+        except OSError as error:
+            raise ValueError(f"{place}: {error.strerror or error}") from None
+        self._check(JOB.format, str(place))
+        self._replace(JOB.format, str(place))
+        return str(place)
+
+    def _check(self, kind: str, value: str) -> None:
+        """The new set of files together. Raises ConfigError."""
+        from drivers.files.setup import by_kind, setup_of
+        setup_of(by_kind(self._with(kind, value)), dt.date.today())
+
+    def _replace(self, kind: str, value: str) -> None:
+        self._check(kind, value)
+        self._launcher.config = self._with(kind, value)
+
+    def _with(self, kind: str, value: str) -> tuple[str, ...]:
+        kept = [str(one.path) for format_, one in self._found().items() if format_ != kind]
+        return (*kept, value)
+
+    def _found(self) -> dict[str, Loaded[BaseModel]]:
+        from drivers.files.setup import by_kind
+        return by_kind(self._launcher.config)
+
+    async def restart(self) -> Link:
+        return await self._launcher.link()
+
+    # --- export and report --------------------------------------------------------------------------------------
+
+    def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+        """Raises ValueError, OSError."""
+        from drivers.files.exports.as_applied import ExportError, as_applied
+        from drivers.files.exports.write import write_as_applied
+        from drivers.files.read_log import LogError, read_log
+        logs = self._parts(log_path)
+        written: list[str] = []
+        steps = 3 * len(logs)
+        for number, log in enumerate(logs):
+            try:
+                for step, what in enumerate((READING, GATHERING, WRITING)):
+                    if cancelled():
+                        return tuple(written)
+                    progress(3 * number + step, steps, what)
+                    if what == READING:
+                        recorded = read_log(log)
+                    elif what == GATHERING:
+                        applied = as_applied(recorded)
+                    else:
+                        out = log.with_name(f"{log.stem}-applied{ending}")
+                        write_as_applied(applied, out)
+                        written.append(str(out))
+            except (ExportError, LogError) as error:
+                if len(logs) == 1 or (log == logs[-1] and not written):
+                    raise ValueError(str(error).splitlines()[0]) from None
+        return tuple(written)
+
+    def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+        """Raises ValueError, OSError."""
+        from console.reports.figure import need_matplotlib
+        from console.reports.job_page import MOST_STRETCHES, job_page
+        from drivers.files.atomic import write_atomically
+        from drivers.files.exports.as_applied import DEFAULT_EVERY_S, ExportError, as_applied
+        from drivers.files.read_log import LogError, read_log
+        from drivers.files.run_meta import software_version
+        need_matplotlib()
+        logs = self._parts(log_path)
+        written: list[str] = []
+        for number, log in enumerate(logs):
+            try:
+                progress(3 * number, 3 * len(logs), READING)
+                recorded = read_log(log)
+                if cancelled():
+                    break
+                progress(3 * number + 1, 3 * len(logs), GATHERING)
+                applied = as_applied(recorded)
+                every_s = max(DEFAULT_EVERY_S, applied.totals.worked_s / MOST_STRETCHES)
+                if every_s > DEFAULT_EVERY_S:
+                    applied = as_applied(recorded, every_s=every_s)
+                if cancelled():
+                    break
+                progress(3 * number + 2, 3 * len(logs), WRITING)
+                out = log.with_name(f"{log.stem}-report.html")
+                write_atomically(out, job_page(applied, f"topdress {software_version()}"))
+                written.append(str(out))
+            except (ExportError, LogError) as error:
+                if len(logs) == 1 or (log == logs[-1] and not written):
+                    raise ValueError(str(error).splitlines()[0]) from None
+        return tuple(written)
+
+    @staticmethod
+    def _parts(log_path: str) -> tuple[Path, ...]:
+        """The logs of the job, oldest first."""
+        log = Path(log_path)
+        try:
+            before = resume.read(resume.beside(log)).logs_before
+        except (OSError, ValueError):
+            before = ()
+        return (*(path for path in map(Path, before) if path.exists()), log)
+
+    # --- power cuts ---------------------------------------------------------------------------------------------
+
+    def earlier(self, log_path: str) -> Earlier | None:
+        try:
+            kept = resume.read(resume.beside(log_path))
+        except (OSError, ValueError):
+            return None
+        return Earlier(kept.alarms, kept.track)
+
+    def offer(self) -> Offer | None:
+        found = resume.newest(self._launcher.logs)
+        if found is None:
+            return None
+        path, kept = found
+        try:
+            saved = dt.datetime.fromisoformat(kept.saved_utc)
+        except ValueError:
+            return None
+        if dt.datetime.now(dt.UTC) - saved > dt.timedelta(days=OFFERED_DAYS):
+            return None
+        return Offer(str(path), kept.began_utc, kept.saved_utc, kept.job, kept.area_ha)
+
+    async def resume(self, offer: Offer) -> Link:
+        """With the files that the job had. Raises WorkerFailed, ValueError, OSError."""
+        kept = resume.read(Path(offer.path))
+        launcher = self._launcher
+        launcher.config, launcher.effects = kept.config, kept.effects
+        launcher.seed, launcher.hz = kept.seed, kept.hz
+        return await launcher.link(Path(offer.path))
+
+    async def anew(self, offer: Offer) -> Link:
+        """Raises WorkerFailed, ValueError, OSError."""
+        resume.finish(Path(offer.path))
+        return await self._launcher.link()
+
+
+def _path_of(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
+    folder = {JOB.format: JOB.folder, MACHINE.format: MACHINE.folder}[kind]
+    return found[kind].path if kind in found else shipped(folder)[nominal]
+
+
+def _effects(machine: Machine) -> tuple[str, ...]:
+    """Adopted effects with the data that they come from."""
+    return tuple(f"{one.id} {one.size:+g} {one.unit}".rstrip() + (f"  ({one.data}, {one.date})" if one.data else "")
+                 for one in machine.adopted)
+
+
+def _is_path(name: str) -> bool:
+    return "/" in name or "\\" in name or name.lower().endswith((".yaml", ".yml"))
+
+
+def _pairs(option: str, values: Sequence[str]) -> list[str]:
+    return [word for value in values for word in (option, value)]

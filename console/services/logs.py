@@ -1,0 +1,26 @@
+"""The logs that the Replay page can open: those of the user's folder and of the present one."""
+from __future__ import annotations
+
+from pathlib import Path
+
+from console.app.pages.replay.log_files import LogFile
+from console.app.replay_job import ReplayJob
+from console.services.diagnosis import DiagnosisFiles
+
+SHOWN = 9                     # as many as one digit chooses
+
+
+class RunLogs:
+    """`console.app.log_files.LogFiles` on real files."""
+
+    def __init__(self, files: DiagnosisFiles | None = None) -> None:
+        self._files = files or DiagnosisFiles()
+
+    def logs(self) -> tuple[LogFile, ...]:
+        runs = [one for one in self._files.sources("") if one.kind == "run"]
+        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in runs[:SHOWN])
+
+    def open(self, path: str) -> ReplayJob:
+        from console.services.replay_frames import replay_job
+        from drivers.files.read_log import read_rows
+        return replay_job(read_rows(Path(path)))

@@ -1,0 +1,102 @@
+"""A run log as frames for the Replay screen, as recorded or as it would have been decided."""
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from console.app.replay_job import Cancelled, ReplayJob, Tell, WhatIf
+from console.app.replay_source import ReplaySource
+from console.frame import Frame
+from console.services.field import plane_of_job
+from control.geodesy import TangentPlane
+from control.log_row import LogRow
+from control.orders import Alarm
+from control.safety import ALARMS
+
+if TYPE_CHECKING:
+    from drivers.files.read_log import RunLog
+
+TOLD_EVERY = 64           # rows
+
+
+def replay_job(recorded: RunLog) -> ReplayJob:
+    """The log opened for the Replay screen, with its what-if."""
+    from drivers.files.config import shipped
+    frames = list(frames_of(recorded.rows(), recorded))
+    return ReplayJob(ReplaySource(frames, time.monotonic), recorded.path.name,
+                     tuple(str(finding) for finding in recorded.findings),
+                     partial(_decided_anew, recorded),
+                     tuple(shipped("crops")), tuple(shipped("machines")))
+
+
+def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4) -> Iterator[Frame]:
+    """One frame a row. Area and mass are summed from the rows; alarms begin where they first stand."""
+    meta = recorded.meta
+    machine = dict(meta.machine or {}) if meta else {}
+    crop = dict(meta.crop or {}) if meta else {}
+    job = dict(meta.job or {}) if meta else {}
+    width_m = float(dict(machine.get("geometry", {})).get("working_width_m", width_m))
+    ahead_m = float(dict(machine.get("geometry", {})).get("antenna_m", 2.0))
+    plane = plane_of_job(meta, recorded.path.parent) if meta is not None else None
+    since: dict[str, float] = {}
+    area = mass = 0.0
+    last_s: float | None = None
+    place: tuple[float, float] | None = None
+    for number, row in enumerate(rows):
+        dt = 0.0 if last_s is None else max(0.0, row.time_s - last_s)
+        last_s = row.time_s
+        if row.lat_deg is not None and row.lon_deg is not None:
+            plane = plane or TangentPlane(row.lat_deg, row.lon_deg)
+            place = _outlet(plane, row, ahead_m)
+        speed, rate = row.speed_used_mps or row.speed_mps, row.applied_rate_kg_ha
+        if speed and rate and dt < 5.0:
+            area += speed * width_m * dt / 10_000.0
+            mass += rate * speed * width_m * dt / 10_000.0
+        ids = [name for name in (row.alarms or "").split(";") if name in ALARMS]
+        since = {name: since.get(name, row.time_s) for name in ids}
+        alarms = tuple(Alarm(name, ALARMS[name].severity, since[name]) for name in ids)
+        yield Frame(seq=number, at_s=row.time_s, row=row, alarms=alarms, area_ha=area, applied_kg=mass,
+                    job=str(job.get("title") or job.get("id") or ""),
+                    machine=str(machine.get("title") or machine.get("id") or ""), crop=str(crop.get("name") or ""),
+                    log_path=str(recorded.path), simulated=bool(meta and meta.seed is not None), place_m=place,
+                    gnss_age_s=None if row.lat_deg is None else 0.0)
+
+
+def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
+    from control.geodesy import offset
+    antenna = plane.to_m(row.lat_deg or 0.0, row.lon_deg or 0.0)
+    back = antenna if row.heading_deg is None else offset(antenna, row.heading_deg, -ahead_m)
+    return float(back[0]), float(back[1])
+
+
+def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell: Tell) -> Sequence[Frame]:
+    """Frames of the control loop run again over the log's measurements; those so far when it is cancelled.
+
+    Raises ValueError in one line.
+    """
+    import dataclasses
+
+    from console.services.rerun import rerun, setup_of
+    from control.agronomy.noa import prepare
+    from control.orders import Strategy
+    from drivers.files.config import load
+    from drivers.files.kinds import CROP
+    setup = setup_of(recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None)
+    if options.crop:
+        crop = load(options.crop, CROP).model
+        setup = dataclasses.replace(setup, crop=crop, rule=prepare(crop, setup.job.days, setup.job.ndvi_nrich))
+    rows = (tick.row for tick in rerun(recorded, setup))
+    return list(frames_of(_watched(rows, len(recorded), cancelled, tell), recorded,
+                          setup.machine.geometry.working_width_m))
+
+
+def _watched(rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell) -> Iterator[LogRow]:
+    """The rows, up to where it is cancelled; what is done is told now and then."""
+    for number, row in enumerate(rows):
+        if cancelled():
+            return
+        if number % TOLD_EVERY == 0:
+            tell(number / max(1, count))
+        yield row

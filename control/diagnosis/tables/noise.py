@@ -1,0 +1,133 @@
+"""The noise of one measured column: its size, rows far from their replicates, settings that scatter more."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from .piece import Array, BoolArray, IntArray, Piece
+
+# Outliers are winsorised: drawn in to so many robust s.d. (1.4826 median absolute deviations) from the median of their
+# replicates (3.5: Iglewicz and Hoaglin 1993).
+MAX_ROBUST_SD = 3.5
+ROBUST_SD = 1.4826
+MIN_ROWS_TO_WINSORISE = 4   # replicates at a setting, below which its median is no better known than the row
+
+# Brown-Forsythe test (1974) of equal variances: below this p, settings get weights of their own.
+UNEQUAL_P = 0.005
+MIN_ROWS_PER_VARIANCE = 5   # replicates at a setting, below which its variance is not compared
+MIN_SD_SHARE = 0.2          # of the common s.d.: no setting counts as quieter than that
+
+MIN_PURE_DOF = 5            # degrees of freedom of the replicates, from which on they alone give the noise
+
+
+class Noise(NamedTuple):
+    """The noise of a piece of n rows, in the unit of the piece."""
+
+    winsorised: Array               # (n,) observed, outliers drawn in
+    sd: Array                       # (n,)
+    outliers: IntArray              # rows drawn in
+    min_variance: float             # share of sd**2 below which the rows' variance is not believed to be
+    unequal_p: float | None         # Brown-Forsythe; None: too few replicates
+    setting_sd: tuple[tuple[int, int, float], ...]      # setting, rows, s.d.
+
+
+def noise_of(piece: Piece, setting: IntArray, nominal: Array) -> Noise:
+    """Noise of the rows from replicates (pure error), else about a smooth fit of what the model leaves.
+
+    Of the relative noises that the piece allows (constant, a share of the value) the likeliest is taken.
+    """
+    tried = [_with(piece, setting, nominal, spread) for spread in piece.spreads]
+    return max(tried, key=lambda one: one[1])[0]
+
+
+def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tuple[Noise, float]:
+    """Noise if the rows' relative noise is `spread`, and the log-likelihood of that."""
+    relative = (piece.observed - nominal) / spread
+    counts = np.bincount(setting)
+    medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
+    winsorised, outliers = _winsorised(relative, medians, setting, counts)
+    means = np.bincount(setting, winsorised) / counts
+    inside = winsorised - means[setting]
+    pure_dof = int(np.sum(counts - 1))
+    if pure_dof >= MIN_PURE_DOF:
+        repeated = counts[setting] > 1
+        sd, dof = float(np.sqrt(np.sum(inside ** 2) / pure_dof)), pure_dof
+        log_spread = float(np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated]))
+    else:
+        sd, dof = _sd_about_smooth(piece, winsorised), len(winsorised)
+        log_spread = float(np.sum(np.log(spread)))
+    rounding = quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
+    sd = max(sd, rounding, 1e-9)
+    min_variance = 1.0 if pure_dof >= MIN_PURE_DOF else min(1.0, rounding / sd) ** 2
+    by_setting = tuple((k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
+                       for k in range(len(counts)))
+    unequal_p = _brown_forsythe(relative, setting, counts)
+    factor = np.ones(len(relative))
+    if unequal_p is not None and unequal_p < UNEQUAL_P:
+        factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
+    return (Noise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance, unequal_p, by_setting),
+            -dof * float(np.log(sd)) - log_spread)
+
+
+def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntArray) -> tuple[Array, IntArray]:
+    """Rows with outliers among their replicates drawn in, and which those are."""
+    away = relative - medians[setting]
+    enough: BoolArray = counts[setting] >= MIN_ROWS_TO_WINSORISE
+    if not enough.any():
+        return relative, np.zeros(0, np.int64)
+    shrink = np.sqrt(np.maximum(1, counts[setting] - 1) / counts[setting])
+    common = ROBUST_SD * float(np.median(np.abs(away[enough]) / shrink[enough]))
+    limit = np.full(len(relative), np.inf)
+    for k in np.unique(setting[enough]):
+        rows = setting == k
+        limit[rows] = MAX_ROBUST_SD * max(common, ROBUST_SD * float(np.median(np.abs(away[rows]))))
+    limit[limit == 0.0] = np.inf            # replicates without scatter say nothing of what is far
+    outliers = np.flatnonzero(np.abs(away) > limit)
+    winsorised = relative.copy()
+    winsorised[outliers] = medians[setting[outliers]] + np.sign(away[outliers]) * limit[outliers]
+    return winsorised, outliers
+
+
+def _sd_about_smooth(piece: Piece, relative: Array) -> float:
+    """S.d. about a low polynomial in every varying setting, labels apart; at most a third of the rows are spent."""
+    smooth, rank = smoothed(piece, relative)
+    return float(np.sqrt(np.sum((relative - smooth) ** 2) / max(1, len(relative) - rank)))
+
+
+def smoothed(piece: Piece, values: Array) -> tuple[Array, int]:
+    """Values (n,) by a low polynomial in the settings, labels apart, and how many columns that took."""
+    columns = [np.where(piece.group == text, 1.0, 0.0) for text in dict.fromkeys(piece.group.tolist())]
+    for power in (1, 2):
+        columns += [((v - v.mean()) / np.std(v)) ** power for v in piece.variables.values()]
+    design = np.column_stack(columns[:max(1, len(values) // 3)])
+    fit, *_ = np.linalg.lstsq(design, values, rcond=None)
+    return np.asarray(design @ fit), int(np.linalg.matrix_rank(design))
+
+
+def resolution_of(values: Array) -> float:
+    """The last printed digit."""
+    return next((10.0 ** -digits for digits in range(7) if _multiples(values, 10.0 ** -digits)), 0.0)
+
+
+def quantum_of(values: Array) -> float:
+    """The coarsest of 1, 2, 2.5, 5 times a power of ten that all values are multiples of; 0: none."""
+    steps = [step * 10.0 ** -digits for digits in range(7) for step in (5.0, 2.5, 2.0, 1.0)]
+    return next((step for step in steps if _multiples(values, step)), 0.0)
+
+
+def _multiples(values: Array, step: float) -> bool:
+    return bool(np.all(np.abs(values - np.round(values / step) * step) < 1e-8))
+
+
+def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray) -> float | None:
+    """p of the Brown-Forsythe test: F test of absolute deviations from the medians. None: too few replicates."""
+    kinds = [k for k in range(len(counts)) if counts[k] >= MIN_ROWS_PER_VARIANCE]
+    if len(kinds) < 2:
+        return None
+    parts = [np.abs(values[setting == k] - np.median(values[setting == k])) for k in kinds]
+    total = np.concatenate(parts)
+    between = sum(len(p) * (p.mean() - total.mean()) ** 2 for p in parts) / (len(parts) - 1)
+    within = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts) / max(1, len(total) - len(parts))
+    return float(fisher.sf(between / within, len(parts) - 1, len(total) - len(parts))) if within > 0.0 else None

@@ -1,0 +1,253 @@
+"""The result of a diagnosis of bench tables: its causes, channels and next run, and what is said in words."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+from control.calibration.bench_table import LAGS, BenchTable
+from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENCY, PLACE_LEVER_ARM, ROWS
+from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size
+from control.machine.machine import CATALOGUE
+
+from .clock import Clock
+from .cost import field_cost
+from .evidence import label_contrasts
+from .experiments import Pair, Plan, separating
+from .noise import MAX_ROBUST_SD, UNEQUAL_P
+from .piece import BoolArray, Candidate, Piece, SizedEffect
+from .problem import Problem
+from .selection import Selected, Selection
+from .sizes import settings_differ
+from .verdict import Judgement
+
+UNKNOWN = "unknown"             # a rival that is no effect of the catalogue
+METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
+CONTRAST_P = 0.01               # below it labels are said to differ
+OUTSTANDING = 2.0               # times the common scatter, from which on a setting is pointed out
+MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
+MIN_INFLATION_SAID = 1.05       # of the intervals
+MIN_ROWS_SAID = 4
+
+
+def causes_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
+    """Named effects and the clearest coarse clock, largest consequence in the field first."""
+    speed = _speed(tables)
+    selection = judgement.selection
+    causes = [_cause(problem, one, selection.dof, speed, suspected=bool(why))
+              for one, why in zip(selection.selected, judgement.suspected, strict=True)]
+    clocks = [clock for clock in problem.clocks if clock is not None and clock.shown]
+    if clocks:
+        causes.append(_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
+
+    def consequence(cause: Cause) -> float:
+        return (abs(cause.field_cost.rate_error_percent or 0.0)
+                + METRES_OF_A_PERCENT * abs(cause.field_cost.place_error_m or 0.0))
+
+    return tuple(sorted(causes, key=consequence, reverse=True))
+
+
+def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, suspected: bool) -> Cause:
+    candidate, size = one.effect
+    effect = CATALOGUE[candidate.id].effect
+    half = float(student.ppf(0.95, dof)) * one.se
+    rivals = tuple(Rival(r.candidate.id, r.probability) for r in one.rivals)
+    probability = one.probability
+    if ROWS[candidate.id].constant_time and any(clock is not None and clock.undecided for clock in problem.clocks):
+        probability, rivals = _halved(probability, rivals, LAG_COARSE_CLOCK.id)
+    if suspected:
+        probability, rivals = _halved(probability, rivals, UNKNOWN)
+    return Cause(candidate.id, Size(size, size - half, size + half, effect.unit), None, probability, rivals,
+                 candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
+                 scope=None if candidate.scope is None else _group_name(problem, candidate.scope))
+
+
+def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[float, tuple[Rival, ...]]:
+    """Nothing known tells the other from all that is said: it gets half."""
+    return 0.5 * probability, (Rival(other, 0.5), *(Rival(r.id, 0.5 * r.probability) for r in rivals))
+
+
+def _clock_cause(problem: Problem, clock: Clock, speed: float | None) -> Cause:
+    effect = CATALOGUE[LAG_COARSE_CLOCK.id].effect
+    step = SizedEffect(Candidate(LAG_COARSE_CLOCK.id), clock.step_s)
+    return Cause(LAG_COARSE_CLOCK.id, Size(clock.step_s, clock.low_s, clock.high_s, effect.unit), None, 1.0 - clock.p,
+                 (), None, effect.advice, field_cost(problem.machine, step, speed))
+
+
+def _speed(tables: Sequence[BenchTable]) -> float | None:
+    speeds = [s for table in tables if (s := table.speed_mps()) is not None]
+    return float(np.nanmean(np.concatenate(speeds))) if speeds else None
+
+
+def channels_of(problem: Problem, structure_p: float) -> tuple[Channel, ...]:
+    """How well the nominal model predicts each channel."""
+    out = []
+    for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
+        inside = [k for k, piece in enumerate(problem.pieces) if piece.channel == channel]
+        rows = np.isin(problem.piece, inside)
+        observed = np.concatenate([problem.pieces[k].observed for k in inside])
+        off = observed - problem.nominal[rows]
+        varies = float(np.sum((observed - observed.mean()) ** 2))
+        explained = 1.0 - float(np.sum(off ** 2)) / varies if varies > 0.0 else 0.0
+        out.append(Channel(channel, problem.pieces[inside[0]].unit, len(off), float(off.mean()),
+                           float(np.sqrt(np.mean(off ** 2))), float(np.sqrt(np.mean(problem.sd[rows] ** 2))),
+                           max(0.0, explained), min(1.0, structure_p)))
+    return tuple(out)
+
+
+def next_run_of(problem: Problem, judgement: Judgement) -> NextRun | None:
+    """The tests that would separate the rivals; None where nothing is ambiguous."""
+    selection = judgement.selection
+
+    def anywhere(effect: SizedEffect) -> SizedEffect:
+        return effect._replace(candidate=effect.candidate._replace(scope=None))
+
+    plan = separating(problem.machine, [
+        [anywhere(one.effect), *(anywhere(SizedEffect(r.candidate, r.size)) for r in one.rivals)]
+        for one in selection.selected])
+    if plan is not None:
+        return _next_run(plan)
+    doubtful = [candidate.id for candidate, why in zip(selection.candidates, judgement.suspected, strict=True) if why]
+    if not doubtful:
+        return None
+    return NextRun(f"this data cannot tell {', '.join(doubtful)} from something else",
+                   "repeat this test with three or more settings at which the effect would show")
+
+
+def _next_run(plan: Plan) -> NextRun:
+    why = f"this data cannot tell {_names(plan.pairs)} apart"
+    if not plan.tests:
+        return NextRun(why, "no bench test of the program's list separates them at the sizes found; repeat this test "
+                            "with ten times as many rows")
+    why += f"; the tests planned set them at least {plan.apart_sd:.0f} s.d. apart"
+    if plan.unsettled:
+        why += "; still open after them: " + ", ".join(f"{a.candidate.id} from {b.candidate.id}"
+                                                       for a, b in plan.unsettled)
+    return NextRun(why, "; then ".join(f"{k}. {test.steps} ({test.minutes:.0f} min)"
+                                       for k, test in enumerate(plan.tests, 1)),
+                   id="+".join(test.id for test in plan.tests), minutes=sum(test.minutes for test in plan.tests),
+                   steps=tuple(test.steps for test in plan.tests))
+
+
+def _names(pairs: Sequence[Pair]) -> str:
+    return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
+
+
+def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[str, ...]:
+    """Plain sentences about the rows themselves; columns that could not be judged first."""
+    selection, structure = judgement.selection, judgement.structure
+    ids = {candidate.id for candidate in selection.candidates}
+    out = [text for table in tables for text in _not_judged_sentences(table)]
+    if judgement.verdict == "not_judged":
+        out += [f"{piece.name}: not judged: no effect within its bounds could have shown in these rows"
+                for piece in problem.pieces]
+    out += [text for table in tables for text in table.findings]
+    for index, piece in enumerate(problem.pieces):
+        out += _noise_sentences(problem, index, piece)
+    out += _label_sentences(problem)
+    out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
+            if clock is not None and clock.shown]
+    out += [f"{candidate.id} {size:+.3g} holds in the rows of {_group_name(problem, candidate.scope)} only"
+            for candidate, size in selection.effects if candidate.scope is not None]
+    out += _lack_of_fit_sentences(problem, selection)
+    if structure is not None and structure.shown and selection.selected:
+        out.append(f"beside what is named, {structure.channel} still depends on {structure.variable} "
+                   f"(p {structure.p:.2g}, {100 * structure.share:.0f} % of what is left)")
+    out += [f"{one.effect.candidate.id}: settings left out are not predicted better with it: it may be something else"
+            for one, why in zip(selection.selected, judgement.suspected, strict=True) if why == "held_out"]
+    out += [f"{one.effect.candidate.id}: an effect whose size would be out of its bounds fits as well: it may be "
+            "something else" for one, why in zip(selection.selected, judgement.suspected, strict=True)
+            if why == "bounds"]
+    if judgement.verdict == "unexplained":
+        out += _nearest_sentences(selection)
+    if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
+        out.append(f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a place table; a lag "
+                   "table tells them apart")
+    if len(problem.observed) < MIN_ROWS_SAID:
+        out.append(f"only {len(problem.observed)} rows: only large effects can be shown")
+    return tuple(out)
+
+
+def _not_judged_sentences(table: BenchTable) -> list[str]:
+    """Measured columns without a number."""
+    return [f"{f'{table.path} {name}'.strip()}: not judged: no row has a number" for name in LAGS
+            if table.kind == "lag" and name in table.columns and not np.isfinite(table.columns[name]).any()]
+
+
+def _nearest_sentences(selection: Selection) -> list[str]:
+    """The effect that comes nearest to what is unexplained, and why it is not named."""
+    if not selection.refused:
+        return []
+    nearest = selection.refused[0].id
+    entry = CATALOGUE[nearest]
+    return [f"nearest effect: {nearest}, but its size would have to lie outside {entry.low:g} to {entry.high:g} "
+            f"{entry.effect.unit}" + (", or be negative" if ROWS[nearest].only_adds else "")]
+
+
+def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:
+    """Outliers, and settings that scatter more than others."""
+    out = []
+    noise = problem.noise[index]
+    if len(noise.outliers):
+        shown = ", ".join(f"{piece.observed[k]:g}" for k in noise.outliers[:MAX_SHOWN_ROWS])
+        out.append(f"{piece.name}: {len(noise.outliers)} of {len(piece.observed)} rows lie far from their replicates "
+                   f"({shown} {piece.unit}) and count only as far as {MAX_ROBUST_SD:g} robust s.d.")
+    if noise.unequal_p is None or noise.unequal_p >= UNEQUAL_P:
+        return out
+    own = problem.setting[problem.piece == index]
+    first = int(own.min())
+    usual = float(np.median([s for _, _, s in noise.setting_sd]))
+    loud = [(k, s) for k, rows, s in noise.setting_sd if s > OUTSTANDING * usual and rows > 2]
+    loud.sort(key=lambda one: -one[1])
+    told = "; ".join(f"{_setting(piece, own == k + first)}: {s:.3g}" for k, s in loud[:MAX_SHOWN_SETTINGS])
+    out.append(f"{piece.name}: the scatter is not the same everywhere (p {noise.unequal_p:.2g}): usually "
+               f"{usual:.3g} {piece.unit}" + (f", at {told}" if told else "") + "; rows are weighted accordingly")
+    return out
+
+
+def _label_sentences(problem: Problem) -> list[str]:
+    out = []
+    for piece, one, other, difference, half, p in label_contrasts(problem):
+        word = "differs from" if p < CONTRAST_P else "does not differ from"
+        out.append(f"{piece.name}: {piece.label_column} {other} {word} {one} beyond the model: {difference:+.3g} "
+                   f"{piece.unit} ({difference - half:+.3g} to {difference + half:+.3g}), p {p:.2g}")
+    return out
+
+
+def _clock_sentence(name: str, clock: Clock) -> str:
+    return (f"{name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine {clock.heaping:.2f}): one time "
+            f"may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not")
+
+
+def _lack_of_fit_sentences(problem: Problem, selection: Selection) -> list[str]:
+    """Replicates at one setting share something that the model does not have."""
+    if selection.inflation <= MIN_INFLATION_SAID:
+        return []
+    rest = problem.observed - problem.predicted(selection.effects)
+    out = []
+    for index, piece in enumerate(problem.pieces):
+        inside = problem.piece == index
+        setting = problem.setting[inside]
+        if not settings_differ((rest / problem.sd)[inside], setting):
+            continue
+        means = sorted((float(rest[inside][setting == k].mean()), _setting(piece, setting == k))
+                       for k in np.unique(setting))
+        (low, at_low), (high, at_high) = means[0], means[-1]
+        out.append(f"{piece.name}: settings differ by more than their replicates do (intervals are "
+                   f"{selection.inflation:.1f} times wider for it): from {low:+.3g} {piece.unit} at {at_low} to "
+                   f"{high:+.3g} at {at_high}")
+    return out
+
+
+def _setting(piece: Piece, rows: BoolArray) -> str:
+    at = int(np.flatnonzero(rows)[0])
+    parts = [f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"]
+    return " ".join([*parts, str(piece.group[at])]).strip()
+
+
+def _group_name(problem: Problem, scope: int) -> str:
+    """The table, by its file's name, and the label."""
+    table, text = problem.group_names[scope]
+    short = table.replace("\\", "/").rsplit("/", 1)[-1] or "the table"
+    return f"{short} {text}".strip()

@@ -1,0 +1,102 @@
+"""Lag tables: response, drop time, both, or the distance they make at the written speed (lag paper eq 1, 6)."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.calibration.bench_table import LAGS, BenchTable
+from control.calibration.response import ramp_s, response_s
+from control.diagnosis.effects import (
+    LAG_ASYMMETRY,
+    LAG_FIRST_FILL,
+    LAG_OFFSET,
+    LAG_REBOUND,
+    LAG_SPEED_SCALE,
+    ROWS,
+    SHAFT_DEAD_TIME,
+)
+from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.machine.fall import drop_s
+from control.machine.machine import Machine
+
+from .labels import Roles, column_of, labels_of, roles_of
+
+FORMS_OVER_RPM = ((60.0, 1.0), (70.0, 0.5), (70.0, 2.0), (75.0, 1.0), (80.0, 1.0))    # (from, power) of a rise
+
+
+def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+    """One piece for each measured column."""
+    return tuple(_piece(table, machine, name) for name in LAGS
+                 if name in table.columns and np.isfinite(table.columns[name]).sum() > 0)
+
+
+def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
+    keep = np.isfinite(table.columns[name])
+    rpm = table.columns["shaft_rpm"][keep]
+    speed = table.speed_mps()
+    speed = None if speed is None else speed[keep]
+    observed = table.columns[name][keep]
+    if name == "lag_m":
+        assert speed is not None
+        observed = observed / speed
+    label = labels_of(table)[keep]
+    roles = roles_of(label)
+    rig = name == "drop_s" and "response_s" in table.columns
+    by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
+
+    def predict(m: Machine) -> Array:
+        scale = 1.0 + m.fall.speed_scale_percent / 100.0 if by_distance else 1.0
+        return predicted(m, rpm, name, roles) * scale + (_ramps(m, rpm) if rig else 0.0)
+
+    drops = name != "response_s"
+    nuisances = {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
+    variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
+    if speed is not None:
+        variables["speed_mps"] = speed
+    # A distance is read to a constant error in m: its time is the noisier the slower it was driven.
+    spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
+    return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
+                 column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
+                 varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm)} if drops else {}, clocked=name != "lag_m")
+
+
+def _ids(name: str, roles: Roles) -> tuple[str, ...]:
+    """Effects that a column of lags can show."""
+    drops = (LAG_OFFSET, LAG_REBOUND) if name != "response_s" else ()
+    response = (SHAFT_DEAD_TIME,) if name != "drop_s" else ()
+    by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
+    distance = (LAG_SPEED_SCALE,) if name == "lag_m" else ()
+    return tuple(row.id for row in (*drops, *response, *(by_label if drops else ()), *distance))
+
+
+def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
+    """Those that may hold for one label only; none where the labels say how a change began.
+
+    Times of one label may have been read off distances, whose written speed may be wrong.
+    """
+    if roles.known:
+        return ()
+    ids = [*_ids(name, roles), *([LAG_SPEED_SCALE.id] if name == "lag_s" else [])]
+    return tuple(i for i in ids if "lag" in ROWS[i].scoped_in)
+
+
+def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
+    """Lag of each row, s: the machine's own model with its effects, but for the scale of distances."""
+    fall = machine.fall
+    total = np.zeros(len(rpm))
+    if name != "drop_s":
+        total += [response_s(machine, n) for n in rpm.tolist()]
+    if name != "response_s":
+        total += [drop_s(fall, n) for n in rpm.tolist()]
+        total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
+    return total
+
+
+def _ramps(machine: Machine, rpm: Array) -> Array:
+    """What a lag rig adds to each drop time, s: it counts from 2 r/min on, while the shaft still speeds up."""
+    speeds, place = np.unique(rpm, return_inverse=True)
+    return np.array([ramp_s(machine, machine.fall, n) for n in speeds.tolist()])[place]
+
+
+def rises(rpm: Array) -> Array:
+    """Other shapes that a rise at high shaft speed may have, (n, k)."""
+    return np.column_stack([np.maximum(0.0, rpm - start) ** power for start, power in FORMS_OVER_RPM])

@@ -1,0 +1,55 @@
+"""Place tables: landed minus wanted along the travel (lag paper, tables 5 and 6)."""
+from __future__ import annotations
+
+import numpy as np
+
+from control.calibration.bench_table import BenchTable
+from control.diagnosis.effects import (
+    LAG_ASYMMETRY,
+    LAG_FIRST_FILL,
+    LAG_REBOUND,
+    PLACE_LATENCY,
+    PLACE_LEVER_ARM,
+)
+from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.machine.machine import Machine
+
+from .labels import column_of, labels_of, roles_of
+from .lag import predicted, rises
+
+UNCORRECTED = "before"
+
+
+def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+    """One piece: miss_m = v (lag - corrected lag + latency) + lever arm.
+
+    A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and lever arm say the same
+    with less; where a lag table with distances beside them asks for it, the misses have their say.
+
+    The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled `before`, else what the machine
+    file in use says.
+    """
+    rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
+    assert speed is not None
+    label = labels_of(table)
+    roles = roles_of(label)
+    corrected = np.where(label == UNCORRECTED, 0.0, predicted(machine, rpm, "lag_s", roles))
+    if "corrected_lag_s" in table.columns:
+        given = table.columns["corrected_lag_s"]
+        corrected = np.where(np.isfinite(given), given, corrected)
+
+    def predict(m: Machine) -> Array:
+        true_mps = speed * (1.0 + m.fall.speed_scale_percent / 100.0)
+        lag = predicted(m, rpm, "lag_s", roles)
+        return true_mps * (lag + m.fall.latency_s - corrected) + m.fall.lever_arm_m
+
+    by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
+    effects = (PLACE_LEVER_ARM, PLACE_LATENCY, LAG_REBOUND, *by_label)
+    variables = {"shaft_rpm": rpm, "speed_mps": speed,
+                 "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
+                 "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
+    return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
+                  label, column_of(table), tuple(Candidate(row.id) for row in effects),
+                  tuple(row.id for row in effects if table.kind in row.scoped_in), varying(variables),
+                  {"dead_time": speed * machine.tolerance.dead_time_s},
+                  {LAG_REBOUND.id: rises(rpm) * speed[:, None]}),)

@@ -1,0 +1,7 @@
+"""One tick of control: measurements in, commands and a log row out."""
+from __future__ import annotations
+
+from control.loop.loop import ControlLoop
+from control.loop.tick import Tick
+
+__all__ = ["ControlLoop", "Tick"]

@@ -1,0 +1,134 @@
+"""What lies along the way ahead: the field's edge, its headland, ground that is done, the map, the canopy."""
+from __future__ import annotations
+
+from math import cos, inf, radians, sin
+
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule
+from control.field.coverage import Coverage
+from control.field.job import Job
+from control.loop.canopy_heads import CanopyHeads
+from control.loop.moment import Choices, Moment
+from control.machine.change_lag import Lag
+from control.machine.fall import drop_s
+from control.machine.machine import Machine
+from control.orders import TargetSource
+from control.readings import Measurements
+from control.sensing import Sensed, travelled_ahead_m
+from control.targets.canopy import CanopyDecisions
+from control.targets.fence import OUTSIDE, Fence, Fenced
+from control.targets.map_profile import MapProfile
+from control.targets.overlap import LONGEST_M, Overlap
+from control.targets.profile import Everywhere, Profile, Stretches, Target
+from control.targets.unspread import Unspread
+
+CELL_M = 0.2                    # of the bitmap of ground that is done
+DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
+
+
+class Ahead:
+    """Looked at once a tick; then asked for the profile of targets that holds."""
+
+    def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None, headland: Fence | None,
+                 prescription: MapProfile | None) -> None:
+        geometry, width_m = machine.geometry, machine.geometry.working_width_m
+        self._machine = machine
+        self.fence = fence
+        self.map = prescription
+        rate = job.field.headland_rate_kg_ha
+        self._headland = None if rate is None else headland
+        self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
+        self.overlap = Overlap(Coverage(width_m, min(CELL_M, width_m / 6.0), longest_m=LONGEST_M), geometry.outlets)
+        self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
+            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha)))
+        self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
+
+    def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
+        """Changes up to `fired_to_m` of the track have been made, and stay where they were seen."""
+        self.heads.look(m, sensed)
+        self._look_at_edges(sensed, fired_to_m)
+        self._look_at_done(m, sensed, fired_to_m, no_double)
+        self._look_at_map(sensed, fired_to_m)
+
+    def jumped(self) -> None:
+        """The position has jumped: what was seen ahead lay elsewhere."""
+        self.overlap.moved()
+        if self.map is not None:
+            self.map.lost()
+
+    def _look_at_edges(self, sensed: Sensed, fired_to_m: float) -> None:
+        for fence in (self.fence, self._headland):
+            if fence is None:
+                continue
+            if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+                fence.lost()
+            else:
+                fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, fired_to_m)
+
+    def _look_at_done(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
+        """Note what lands here, and look for ground ahead that has its material."""
+        place = None
+        if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
+            place = (sensed.east_m, sensed.north_m)
+        rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
+        turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm
+        self.overlap.note(sensed.time_s, place, sensed.heading_deg, turns,
+                          drop_s(self._machine.fall, rpm) if turns else 0.0)
+        if no_double:
+            self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)
+
+    def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
+        if self.map is None:
+            return
+        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None or not sensed.position_ok:
+            self.map.lost()
+            return
+        turn_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
+        self.map.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, fired_to_m, turn_deg_m)
+
+    def profile(self, choices: Choices, may_outside: bool, spread_to_m: float = -inf) -> Profile:
+        """Targets along the track: chosen, not where something lies already, not outside. spread_to_m: where the
+        machine has backed up, nothing more before this place."""
+        wanted = self._chosen(choices)
+        if self._headland is not None:
+            wanted = Fenced(wanted, self._headland, self._headland_target)
+        if choices.no_double:
+            wanted = Fenced(wanted, self.overlap, Target(0.0, choices.source))
+        if spread_to_m > -inf:
+            wanted = Unspread(wanted, spread_to_m, choices.source)
+        return wanted if self.fence is None or may_outside else Fenced(wanted, self.fence)
+
+    def _chosen(self, choices: Choices) -> Profile:
+        if choices.source is TargetSource.CANOPY:
+            return self.heads.decisions.stretches
+        if choices.source is TargetSource.MAP and self.map is not None:
+            return self.map
+        if choices.source is TargetSource.POINT:
+            return DOSES_ONLY
+        if choices.source is TargetSource.MANUAL:
+            return Everywhere(Target(choices.manual_rate_kg_ha, TargetSource.MANUAL))
+        return self._fallback
+
+    def landing_inside(self, moment: Moment, holding: Target, stop: Lag, may_outside: bool) -> bool | None:
+        """Whether what is released now lands inside the field; None where no field is known."""
+        sensed = moment.sensed
+        if self.fence is None:
+            return None
+        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+            return False
+        if not sensed.backwards and not may_outside:
+            return holding != OUTSIDE
+        ahead_m = travelled_ahead_m(moment.speed_mps, sensed.acceleration_mps2, stop.total_s)
+        if not sensed.backwards:
+            return self.fence.inside(sensed.track_m + ahead_m)
+        angle = radians(sensed.heading_deg)
+        return (self.fence.contains(sensed.east_m, sensed.north_m) and self.fence.contains(
+            sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)))
+
+    def is_done(self, place_m: float) -> bool:
+        """Whether a place of the track has its material."""
+        return not self.overlap.inside(place_m)
+
+    def is_headland(self, place_m: float) -> bool:
+        """Whether a place of the track lies on a headland that has a rate of its own."""
+        return self._headland is not None and not self._headland.inside(place_m)

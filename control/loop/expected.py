@@ -1,0 +1,32 @@
+"""Where shaft and gate should be by now: the drives as the model knows them, told the untrimmed set-points."""
+from __future__ import annotations
+
+from control.machine.gate import GateInput, gate_start, gate_step
+from control.machine.machine import Machine
+from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.metering.strategies import Pair
+from control.readings import DriveCommand
+
+
+class ExpectedDrives:
+    """`pair`: shaft speed and opening expected now."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self.begin(machine.set_points.opening_mm, 0.0)
+
+    def begin(self, opening_mm: float, now_s: float) -> None:
+        """The shaft stands, the gate is here."""
+        self._shaft = shaft_start(0.0, now_s)
+        self._gate = gate_start(opening_mm, now_s)
+        self.pair = Pair(0.0, opening_mm)
+
+    def step(self, command: DriveCommand, supply_v: float | None, dt_s: float) -> None:
+        """`command`: without trims; `supply_v` None: not measured."""
+        if dt_s <= 0.0:
+            return
+        supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v
+        self._shaft, shaft = shaft_step(self._machine.shaft, self._shaft,
+                                        ShaftInput(command.shaft_rpm, self.pair.opening_mm, supply), dt_s)
+        self._gate, gate = gate_step(self._machine.gate, self._gate, GateInput(command.opening_mm), dt_s)
+        self.pair = Pair(shaft.rpm, gate.opening_mm)

@@ -1,0 +1,351 @@
+"""One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
+from __future__ import annotations
+
+from math import inf
+
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule
+from control.field.coverage import Raster
+from control.field.job import Job
+from control.field.totals import Sums, Totaliser, Totals
+from control.geodesy import TangentPlane
+from control.loop.ahead import Ahead
+from control.loop.backing import Backing
+from control.loop.canopy_heads import LATENCY_S
+from control.loop.doses import Doses
+from control.loop.expected import ExpectedDrives
+from control.loop.moment import Decision, Metered, Moment
+from control.loop.ordered import Operator
+from control.loop.reach import Reach
+from control.loop.row import head_ndvi, log_row
+from control.loop.situation import situation
+from control.loop.tick import Tick
+from control.machine.change_lag import ChangeLags, Lag
+from control.machine.machine import Machine
+from control.metering.inverse import Conditions, flow_kg_s
+from control.metering.setting import Setting
+from control.metering.strategies import Pair
+from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
+from control.orders import Answer, Order, State, Strategy, TargetSource
+from control.readings import DriveCommand, Measurements, Reading
+from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
+from control.sensing import Sensed, Sensing, speed_ahead_mps
+from control.targets.fence import OUTSIDE, Fence
+from control.targets.lag_correction import ChangeQueue
+from control.targets.map_profile import MapProfile
+from control.targets.point import Threshold
+from control.targets.point_source import PointSource
+from control.targets.profile import Change, Target
+
+LONGEST_TICK_S = 1.0
+SLOWEST_MPS = 0.3               # below, flow over speed means nothing
+
+
+class ControlLoop:
+    """One run of one machine on one job. Call `order` between ticks, `tick` once per control period."""
+
+    def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
+                 has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
+                 prescription: MapProfile | None = None, points: PointSource | None = None,
+                 headland: Fence | None = None) -> None:
+        self.machine = machine
+        self.crop = crop
+        self.job = job
+        limits = machine.limits
+        self._drive_limits = DriveLimits(limits.shaft_low_rpm, limits.shaft_high_rpm,
+                                         limits.opening_low_mm, limits.opening_high_mm)
+        self.safety = Safety(safety_limits or SafetyLimits(hopper_low_kg=limits.hopper_low_kg), has_work_switch)
+        self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points))
+        self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription)
+        self._doses = None if points is None else Doses(machine, points, self._ahead, self._drive_limits)
+        self._backing = Backing(machine)
+        self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
+        self._lags = ChangeLags(machine)
+        self._setting = Setting(machine, job.strategy)
+        self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
+        self._flow_trim = FlowTrim(TrimLimits())
+        self._expected = ExpectedDrives(machine)
+        self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
+                                  prescription is not None, self._started)
+        self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
+        self._command: DriveCommand | None = None       # of the tick before
+        self._events: list[str] = []                    # of the next row
+        self._refused_s: float | None = None            # epoch of GNSS that was refused last
+        self._time_s: float | None = None               # of the tick before
+        self._begun_s = 0.0
+        self._metres_left_m: float | None = None
+
+    # -- the run ---------------------------------------------------------------------------------------------------
+
+    @property
+    def strategy(self) -> Strategy:
+        return self._setting.strategy
+
+    @property
+    def totals(self) -> Totals:
+        """Area, product, nitrogen and evenness so far. Takes some 50 us: not for every tick."""
+        covered = self._ahead.overlap.covered
+        totals = self._totals.snapshot()._replace(
+            covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha, metres_left_m=self._metres_left_m)
+        return totals if self._doses is None else self._doses.counted(totals)
+
+    @property
+    def sums(self) -> Sums:
+        """What a later loop needs to go on with the totals. Takes some 50 us: not for every tick."""
+        return self._totals.sums
+
+    @property
+    def flow_trim(self) -> float:
+        return self._flow_trim.value
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """On which places are told; None before the first fix where neither field nor map has one."""
+        return self._sensing.plane
+
+    @property
+    def dose_ahead_m(self) -> float:
+        """How far ahead of the outlet the plant of the newest dose stood when it was ordered."""
+        return 0.0 if self._doses is None else self._doses.ahead_m
+
+    @property
+    def threshold(self) -> Threshold | None:
+        """Of point mode, as learned."""
+        return None if self._doses is None else self._doses.points.mode.threshold
+
+    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None) -> None:
+        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread."""
+        self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
+        self._flow_trim.value = flow_trim
+        if self._sensing.plane is None:
+            self._sensing.plane = plane
+        self._ahead.overlap.seed(done)
+
+    def target_at(self, track_m: float) -> Target:
+        """The target that holds at a place of the track, fence included: what the ground was meant to get."""
+        return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(track_m)
+
+    def order(self, order: Order) -> Answer:
+        """Obey or refuse; `Answer.why` says why."""
+        answer, event = self._operator.order(order, self._time_s or 0.0)
+        if event:
+            self._events.append(event)
+        return answer
+
+    def _started(self) -> None:
+        """The operator wants flow from here on, also where some lies already."""
+        self._backing.forget()
+        self._ahead.overlap.started()
+
+    # -- one tick --------------------------------------------------------------------------------------------------
+
+    def tick(self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True) -> Tick:
+        """console_age_s: since the operating console was heard; None: none is needed. log_ok: rows reach the disk."""
+        moment = self._look(m)
+        decision = self._decide(moment)
+        metered = self._meter(moment, decision)
+        choices, allow = self._operator.choices, self.safety.memory.allow
+        inside = self._ahead.landing_inside(moment, decision.holding, decision.stop, allow.outside)
+        between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
+        verdict = self.safety.check(moment.m.time_s, situation(
+            moment, decision, metered, choices, self._ahead.heads, inside, between, console_age_s, log_ok))
+        command = self._command_of(moment, decision, verdict)
+        self._follow(moment, decision, metered, verdict, command)
+        return self._told(moment, decision, metered, verdict, command)
+
+    def _look(self, m: Measurements) -> Moment:
+        """Where the machine is, how fast, and what lies ahead."""
+        m, dt_s = self._at_time(m)
+        sensed = self._sensing.update(m)
+        self._note_jump(m, sensed)
+        self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
+        if self._doses is not None:
+            self._doses.look(m, sensed)
+        return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0)
+
+    def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
+        """The measurements and the time since the tick before. A clock that goes back stands still here, so that
+        readings grow old and flow stops."""
+        if self._time_s is None:
+            self._time_s = self._begun_s = m.time_s
+            read = self._opening(m)
+            self._expected.begin(self.machine.set_points.opening_mm if read is None else read.value, m.time_s)
+        elif not self._time_s <= m.time_s < inf:
+            m = m._replace(time_s=self._time_s)
+        dt_s = min(LONGEST_TICK_S, m.time_s - self._time_s)
+        self._time_s = m.time_s
+        return m, dt_s
+
+    def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
+        """Epochs that were refused become events; where a new place was taken, what was seen ahead lay elsewhere."""
+        if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
+            self._refused_s = m.gnss.time_s
+            self._events.append(f"position_refused {sensed.refused_m:.0f}")
+        if sensed.moved_m is not None:
+            self._events.append(f"position_moved {sensed.moved_m:.0f}")
+            self._ahead.jumped()
+            self._queue.restart(Target(0.0, self._operator.choices.source), sensed.track_m)
+
+    def _decide(self, moment: Moment) -> Decision:
+        """The target that what is released now must meet, and the pair that meets it."""
+        choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
+        allow = self.safety.memory.allow
+        reach = Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead)
+        if self._backing.look(sensed, allow.reverse):
+            self._queue.restart(Target(0.0, choices.source), sensed.track_m)
+        profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
+        fired = () if sensed.backwards else tuple(self._queue.advance(profile, now, sensed.track_m, reach))
+        by_point = self._doses is not None and choices.source is TargetSource.POINT
+        holding = self._queue.holding
+        if by_point and self._doses is not None:
+            holding = self._doses.target(sensed, allow.outside)
+        rate = min(self.crop.max_rate_kg_ha, holding.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0))
+        lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
+        speed_then = speed_ahead_mps(moment.speed_mps, sensed.acceleration_mps2, lag.total_s)
+        wanted_kg_s = rate * self.machine.geometry.working_width_m * speed_then / 10_000.0
+        pair = self._setting.pair(wanted_kg_s, now, self._expected.pair, moment.conditions)
+        stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
+        return Decision(holding, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point)
+
+    def _meter(self, moment: Moment, decision: Decision) -> Metered:
+        """What leaves the outlets now."""
+        m, c = moment.m, moment.conditions
+        opening, flow = self._opening(m), None
+        if m.shaft_rpm is not None and opening is not None:
+            flow = flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, opening.value),
+                             c._replace(flow_trim=1.0))
+        should = flow_kg_s(self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c)
+        rate = decision.rate_kg_ha
+        if decision.by_point and self._doses is not None:
+            rate = self._doses.rate_kg_ha(c)
+        self._metres_left_m = self._metres_left(m.hopper_kg, rate)
+        return Metered(flow, self._over_ground(flow, moment.speed_mps), c.flow_trim,
+                       self._over_ground(should, moment.speed_mps), self._metres_left_m)
+
+    def _command_of(self, moment: Moment, decision: Decision, verdict: Verdict) -> DriveCommand:
+        """What the drives are told, through the last gate."""
+        if verdict.state is State.CALIBRATING:
+            asked = self._calibrating()
+        elif decision.by_point:
+            asked = self._setting.by_hand(0.0, self.machine.set_points.opening_mm)
+        else:
+            asked = self._setting.command(decision.pair, moment.conditions, self._drive_trim, self._command)
+        command = limited(asked, self._drive_limits, verdict.flow_allowed,
+                          None if self._command is None else self._command.opening_mm)
+        if decision.by_point and self._doses is not None:
+            dose, events = self._doses.due(moment, self._operator.choices, verdict)
+            self._events += events
+            command = command._replace(dose=dose)
+        return command
+
+    def _follow(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+                command: DriveCommand) -> None:
+        """Trims, expectation and totals follow what was commanded and measured."""
+        m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
+        calibrating = verdict.state is State.CALIBRATING
+        if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
+            expected = self._expected.pair
+            self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
+        if metered.flow_kg_s is not None and self._operator.choices.flow_trim_on:
+            self._flow_trim.update(now, dt_s, metered.flow_kg_s, m.hopper_kg)
+        bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
+        self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
+                            moment.conditions.supply_v, dt_s)
+        applied = metered.rate_kg_ha
+        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
+            self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
+                             None if decision.by_point else decision.rate_kg_ha)
+        self._backing.note_landing(m.shaft_rpm, sensed)
+        self._command = command
+
+    def _told(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+              command: DriveCommand) -> Tick:
+        """The row, and what the console shows."""
+        choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
+        ndvi = head_ndvi(moment.m)
+        events, self._events = self._events, []
+        threshold = self.threshold if decision.by_point else None
+        return Tick(
+            row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,
+                        ndvi, heads.decisions.ndvi, events),
+            command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
+            allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
+            dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
+            usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
+            area_ha=self._totals.area_ha, applied_kg=self._totals.applied_kg,
+            bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
+            threshold_m=None if threshold is None else threshold.at(moment.speed_mps))
+
+    # -- parts of the steps ----------------------------------------------------------------------------------------
+
+    def _conditions(self, m: Measurements) -> Conditions:
+        return Conditions(m.time_s - self._begun_s,
+                          None if m.hopper_kg is None else m.hopper_kg.value,
+                          0.0 if m.pitch_deg is None else m.pitch_deg.value,
+                          None if m.supply_v is None else m.supply_v.value,
+                          self._operator.refilled,
+                          self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0)
+
+    def _opening(self, m: Measurements) -> Reading | None:
+        """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""
+        read = m.opening_mm
+        return None if read is None else read._replace(value=read.value - self.machine.gate.offset_mm)
+
+    def _over_ground(self, flow_kg_s: float | None, speed_mps: float) -> float | None:
+        """kg/ha from flow and ground speed; None where nobody can tell, unless nothing flows."""
+        if flow_kg_s is None:
+            return None
+        if speed_mps < SLOWEST_MPS:
+            return 0.0 if flow_kg_s <= 0.0 else None
+        return flow_kg_s * 10_000.0 / (self.machine.geometry.working_width_m * speed_mps)
+
+    def _metres_left(self, hopper: Reading | None, rate_kg_ha: float) -> float | None:
+        if hopper is None or rate_kg_ha <= 0.0:
+            return None
+        return max(0.0, hopper.value) / (rate_kg_ha * self.machine.geometry.working_width_m / 10_000.0)
+
+    def _usable_mps(self, lag: Lag) -> float:
+        """Highest speed at which a change is still made in time; infinite where no speed is too high."""
+        source = self._operator.choices.source
+        if self._doses is not None and source is TargetSource.POINT:
+            return self._doses.points.fastest_mps
+        if source is not TargetSource.CANOPY:
+            return inf
+        return self.machine.geometry.heads_m / (lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S)
+
+    def _calibrating(self) -> DriveCommand:
+        """What a calibrating run asks for."""
+        wanted, last = self._operator.bench, self._command or DriveCommand(0.0, self._expected.pair.opening_mm)
+        return self._setting.by_hand(
+            wanted.shaft_rpm, last.opening_mm if wanted.opening_mm is None else wanted.opening_mm)
+
+    def _bench_run(self, command: DriveCommand) -> BenchRun:
+        memory, now = self.safety.memory, self._time_s or 0.0
+        return BenchRun(command.shaft_rpm, command.opening_mm, now - memory.entered_s, memory.calibrate_until_s - now)
+
+    def _notes(self, moment: Moment, decision: Decision) -> tuple[str, ...]:
+        """What else is to be said of this tick."""
+        sensed, pair, choices = moment.sensed, decision.pair, self._operator.choices
+        lands_m = sensed.track_m + moment.speed_mps * decision.lag.total_s
+        notes = [f"limited_{pair.limited}"] if pair.limited else []
+        if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
+            notes.append("lag_out_of_range")
+        if decision.by_point and self._doses is not None:
+            done = self._doses.dosed_earlier(sensed, choices.no_double)
+        else:
+            done = choices.no_double and decision.rate_kg_ha <= 0.0 and self._ahead.is_done(lands_m)
+        if done:
+            notes.append("already_spread")
+        if self._ahead.is_headland(lands_m):
+            notes.append("on_headland")
+        return tuple(notes)
+
+
+def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None) -> TangentPlane | None:
+    """Of the plant list, else of the map, else of the field; None where none has one."""
+    if points is not None and points.plane is not None:
+        return points.plane
+    if prescription is not None:
+        return prescription.plane
+    ground = job.field
+    return TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if ground.boundary_m else None

@@ -1,0 +1,57 @@
+"""The values that the steps of a tick hand on to each other. All frozen."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.machine.change_lag import Lag
+from control.metering.inverse import Conditions
+from control.metering.strategies import Pair
+from control.orders import TargetSource
+from control.readings import Measurements
+from control.sensing import Sensed
+from control.targets.lag_correction import Fired
+from control.targets.profile import Target
+
+
+class Choices(NamedTuple):
+    """What the operator has chosen, the job's own choices at first."""
+
+    source: TargetSource
+    manual_rate_kg_ha: float
+    look_ahead: bool
+    flow_trim_on: bool
+    no_double: bool                 # ground that has its material gets no more
+    nudge_percent: float = 0.0
+
+
+class Moment(NamedTuple):
+    """What is known when a tick begins to decide."""
+
+    m: Measurements
+    sensed: Sensed
+    conditions: Conditions
+    dt_s: float                     # since the tick before, at most 1 s
+    speed_mps: float                # 0 where it is not known
+
+
+class Decision(NamedTuple):
+    """What the machine is to do, before safety is asked."""
+
+    holding: Target
+    rate_kg_ha: float               # of `holding`, nudged, at most the crop's limit
+    lag: Lag                        # of a small change from what is held
+    stop: Lag                       # of a stop
+    pair: Pair
+    usable_mps: float               # highest speed at which changes are still made in time; infinite: any
+    fired: tuple[Fired, ...]
+    by_point: bool
+
+
+class Metered(NamedTuple):
+    """What leaves the outlets, by measured shaft and opening through the model; None: not known."""
+
+    flow_kg_s: float | None         # without the scale's correction
+    rate_kg_ha: float | None        # the same over the ground
+    trim: float                     # the scale's correction
+    expected_rate_kg_ha: float | None   # from the shaft and the opening that the set-points should give by now
+    metres_left_m: float | None     # until the hopper is empty

@@ -1,0 +1,126 @@
+"""The operator's orders to the loop: what each changes, and what it is refused for. Those of safety go on to it."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any
+
+from control.agronomy.crop import Crop
+from control.field.job import Job
+from control.loop.moment import Choices
+from control.metering.setting import Setting
+from control.metering.trims import FlowTrim
+from control.orders import Answer, Do, Order, State, Strategy, TargetSource
+from control.safety import BenchSetting, Safety, after_setting
+from control.targets.point_source import PointSource
+
+NUDGE_PERCENT = 30.0
+FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
+YES = Answer(True)
+
+
+class Operator:
+    """What the operator has chosen. `started`: called when safety has accepted START."""
+
+    def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, flow_trim: FlowTrim,
+                 points: PointSource | None, has_map: bool, started: Callable[[], None]) -> None:
+        self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
+                               job.flow_trim, job.no_double)
+        self.bench = BenchSetting()
+        self.refilled = False
+        self._crop = crop
+        self._safety = safety
+        self._setting = setting
+        self._flow_trim = flow_trim
+        self._points = points
+        self._started = started
+        placed = ((TargetSource.MAP, has_map), (TargetSource.POINT, points is not None))
+        self._sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
+                         *(source for source, there in placed if there))
+
+    def order(self, order: Order, now_s: float) -> tuple[Answer, str]:
+        """Obey or refuse; the answer, and the row's event, empty where there is none."""
+        before = self._safety.state
+        answer = _HANDLERS.get(order.do, Operator._of_safety)(self, order, now_s)
+        held_down = order.do is Do.CALIBRATE and before is State.CALIBRATING       # the button is still down
+        if not answer.accepted or held_down or order.do is Do.ACKNOWLEDGE:
+            return answer, ""
+        return answer, order.do.value if order.value is None else f"{order.do.value} {order.value}".replace(";", ",")
+
+    def _strategy(self, order: Order, now_s: float) -> Answer:
+        if order.value not in list(Strategy):
+            return Answer(False, "unknown_strategy")
+        self._setting.switch(Strategy(str(order.value)), now_s)
+        return YES
+
+    def _source(self, order: Order, now_s: float) -> Answer:
+        """Map and point only where the job has them."""
+        if order.value not in self._sources:
+            return Answer(False, "source_not_ready")
+        self.choices = self.choices._replace(source=TargetSource(str(order.value)))
+        return YES
+
+    def _nudge(self, order: Order, now_s: float) -> Answer:
+        percent = _number(order)
+        if percent is None or not abs(percent) <= NUDGE_PERCENT:
+            return Answer(False, "nudge_out_of_range")
+        self.choices = self.choices._replace(nudge_percent=percent)
+        return YES
+
+    def _manual_rate(self, order: Order, now_s: float) -> Answer:
+        rate = _number(order)
+        if rate is None or not 0.0 <= rate <= self._crop.max_rate_kg_ha:
+            return Answer(False, "rate_out_of_range")
+        self.choices = self.choices._replace(manual_rate_kg_ha=rate)
+        return YES
+
+    def _switch(self, order: Order, now_s: float) -> Answer:
+        if not isinstance(order.value, bool):
+            return Answer(False, "yes_or_no")
+        chosen: dict[str, Any] = {_SWITCHES[order.do]: order.value}
+        self.choices = self.choices._replace(**chosen)
+        return YES
+
+    def _dose_error(self, order: Order, now_s: float) -> Answer:
+        error_m = _number(order)
+        if error_m is None or abs(error_m) > FARTHEST_DOSE_M:
+            return Answer(False, "dose_error_out_of_range")
+        if self._points is None or not self._points.learn(error_m, now_s):
+            return Answer(False, "no_dose_landed")
+        return YES
+
+    def _bench_setting(self, order: Order, now_s: float) -> Answer:
+        self.bench, answer = after_setting(self.bench, order, self._safety.state)
+        return answer
+
+    def _mark(self, order: Order, now_s: float) -> Answer:
+        return YES
+
+    def _of_safety(self, order: Order, now_s: float) -> Answer:
+        """An order that safety answers, and what one that it accepted means here."""
+        before = self._safety.state
+        answer = self._safety.order(order, now_s)
+        if not answer.accepted:
+            return answer
+        if order.do is Do.REFILL:
+            self.refilled = True
+            self._flow_trim.restart()
+        elif order.do is Do.CALIBRATE and before is not State.CALIBRATING:
+            self.bench = BenchSetting()
+        elif order.do is Do.START:
+            self._started()
+        return answer
+
+
+def _number(order: Order) -> float | None:
+    value = order.value
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value) else None
+
+
+_SWITCHES = {Do.LOOK_AHEAD: "look_ahead", Do.FLOW_TRIM: "flow_trim_on", Do.NO_DOUBLE: "no_double"}
+_HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
+    Do.STRATEGY: Operator._strategy, Do.SOURCE: Operator._source, Do.NUDGE: Operator._nudge,
+    Do.MANUAL_RATE: Operator._manual_rate, **dict.fromkeys(_SWITCHES, Operator._switch),
+    Do.DOSE_ERROR: Operator._dose_error, Do.CALIBRATE_SHAFT: Operator._bench_setting,
+    Do.CALIBRATE_OPENING: Operator._bench_setting, Do.MARK: Operator._mark,
+}

@@ -1,0 +1,29 @@
+"""What safety is told of a tick."""
+from __future__ import annotations
+
+from control.loop.canopy_heads import CanopyHeads
+from control.loop.moment import Choices, Decision, Metered, Moment
+from control.orders import TargetSource
+from control.safety import Situation
+
+
+def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, heads: CanopyHeads,
+              landing_inside: bool | None, between_doses: bool, console_age_s: float | None,
+              log_ok: bool) -> Situation:
+    """`between_doses`: a rate means nothing there, and is not told."""
+    m, sensed = moment.m, moment.sensed
+    needs_heads = choices.source is TargetSource.CANOPY
+    heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []
+    applied = None if between_doses or metered.rate_kg_ha is None else metered.rate_kg_ha * metered.trim
+    return Situation(
+        measurements=m, speed_used_mps=sensed.speed_mps, gnss_period_s=sensed.gnss_period_s,
+        wheel_standstill=sensed.wheel_standstill, target_source=choices.source, position_ok=sensed.position_ok,
+        landing_inside=landing_inside,
+        valid_heads=heads.valid if needs_heads else None,
+        ndvi_age_s=sensed.time_s - max(heard) if heard else None,
+        expected_rate_kg_ha=None if between_doses else metered.expected_rate_kg_ha,
+        applied_rate_kg_ha=applied,
+        expected_flow_kg_s=0.0 if metered.flow_kg_s is None else metered.flow_kg_s * metered.trim,
+        target_rate_kg_ha=decision.rate_kg_ha, metres_left_m=metered.metres_left_m,
+        usable_speed_mps=decision.usable_mps if moment.speed_mps > decision.usable_mps else None,
+        console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m)

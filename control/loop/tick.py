@@ -1,0 +1,77 @@
+"""What one tick yields."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.log_row import LogRow
+from control.loop.moment import Choices
+from control.orders import Alarm, State
+from control.readings import DriveCommand
+from control.safety import Allowances, BenchRun, Verdict
+from control.sensing import Sensed
+from control.targets.lag_correction import Fired
+
+
+class Tick(NamedTuple):
+    """The parts of a tick as they were made. What the console's frame shows is named here as it is there."""
+
+    row: LogRow
+    command: DriveCommand
+    sensed: Sensed
+    verdict: Verdict
+    choices: Choices
+    allow: Allowances
+    fired: tuple[Fired, ...]
+    notes: tuple[str, ...]
+    dropped_heads: tuple[int, ...]          # 1-based
+    head_ndvi: tuple[float | None, ...]     # as many as there are heads, left to right; None: silent
+    metres_left_m: float | None
+    usable_speed_mps: float | None          # highest usable speed, where the present one is above it
+    area_ha: float
+    applied_kg: float
+    bench: BenchRun | None                  # while calibrating
+    threshold_m: float | None               # of point mode, as learned, at this speed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drives have power."""
+        return self.verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        return self.verdict.alarms
+
+    @property
+    def why_no_flow(self) -> tuple[str, ...]:
+        return self.verdict.why_no_flow
+
+    @property
+    def why_state(self) -> str:
+        """An order, an alarm id, or one of STATE_REASONS."""
+        return self.verdict.why_state
+
+    @property
+    def gnss_age_s(self) -> float | None:
+        return self.sensed.gnss_age_s
+
+    @property
+    def gnss_hz(self) -> float | None:
+        return 1.0 / self.sensed.gnss_period_s if self.sensed.gnss_age_s is not None else None
+
+    @property
+    def place_m(self) -> tuple[float, float] | None:
+        """Outlet, east and north."""
+        east, north = self.sensed.east_m, self.sensed.north_m
+        return None if east is None or north is None else (east, north)
+
+    @property
+    def look_ahead(self) -> bool:
+        return self.choices.look_ahead
+
+    @property
+    def flow_trim_on(self) -> bool:
+        return self.choices.flow_trim_on
+
+    @property
+    def no_double(self) -> bool:
+        return self.choices.no_double

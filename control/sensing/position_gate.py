@@ -1,0 +1,121 @@
+"""Which GNSS places can be believed: the gate on the innovation.
+
+The innovation is the distance between the place that GNSS tells and the one that dead reckoning predicts from the last
+place taken. Its square over its variance, the normalised innovation squared, has a chi-square distribution with two
+degrees of freedom when all is well; an epoch beyond `GATE` is ruled out (Bar-Shalom, Li and Kirubarajan, Estimation
+with Applications to Tracking and Navigation, 2001, section 5.4). Epochs that are ruled out but agree with each other,
+by the same gate, are a new place: the receiver was started anew, the machine was carried, or reckoning was wrong.
+"""
+from __future__ import annotations
+
+from math import hypot, isfinite
+from typing import NamedTuple
+
+from control.geodesy import Place
+
+GATE = 27.6                     # chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
+SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}     # 1 s.d. of a place by its fix quality. Wide: the antenna sways, errors persist
+PLAIN_SPREAD_M = 3.0            # all other qualities; times HDOP. From plain to RTK a place may jump 16 m
+HDOP_MOST = 10.0
+TIMING_S = 0.1                  # epochs come late by uneven times
+WAY_SHARE = 0.25                # of the way since: speed, slip, and the course in a turn, which is filtered
+RECKONED_S = 2.0                # longer ago, the course since then is not known: any place within the way is possible
+FASTEST_MPS = 30.0              # speed not known: no faster than this, on a lorry
+AGREE_EPOCHS = 3                # a new place: so many epochs that agree with each other ...
+AGREE_S = 1.0                   # ... over this time
+
+
+class Judged(NamedTuple):
+    """`off_m`: how far the place lies from the nearest one that is possible; infinite where it is no number."""
+
+    taken: bool
+    off_m: float
+    anew: bool = False          # taken though dead reckoning says otherwise
+
+
+class _Mark(NamedTuple):
+    """A place told by GNSS, and what the reckoning had counted then."""
+
+    place: Place
+    spread_m: float
+    time_s: float
+    way_m: float
+    east_m: float
+    north_m: float
+    lost: int
+
+
+class PositionGate:
+    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is told."""
+
+    def __init__(self) -> None:
+        self._taken: _Mark | None = None
+        self._other: _Mark | None = None        # first of the refused epochs that agree with each other
+        self._agreeing = 0
+        self._way_m = 0.0                       # reckoned since the beginning: distance, and its two components
+        self._east_m = 0.0
+        self._north_m = 0.0
+        self._lost = 0                          # ticks whose heading was not known
+
+    def moved(self, way_m: float, east_m: float, north_m: float) -> None:
+        """The way of a tick as it is reckoned: length, and its two components."""
+        self._way_m += way_m
+        self._east_m += east_m
+        self._north_m += north_m
+
+    def lost(self, speed_mps: float | None, dt_s: float) -> None:
+        """A tick whose heading, or speed (None), is not known."""
+        self._lost += 1
+        self._way_m += (FASTEST_MPS if speed_mps is None else speed_mps) * dt_s
+
+    def on_plane(self, place: Place) -> None:
+        """Another plane: on it, the place last taken is here."""
+        if self._taken is not None:
+            self._taken = self._taken._replace(place=place)
+
+    def judge(self, place: Place, quality: int, hdop: float | None, speed_mps: float | None, time_s: float) -> Judged:
+        """Whether a new epoch's place (east, north on one plane, m) is taken."""
+        now = _Mark(place, _spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m, self._lost)
+        timing_m = TIMING_S * (speed_mps or 0.0)
+        if self._taken is None:
+            return self._take(now, 0.0)
+        off_m = _off_m(self._taken, now)
+        if _passes(off_m, self._taken, now, timing_m):
+            return self._take(now, off_m)
+        if self._other is None or not _passes(_off_m(self._other, now), self._other, now, timing_m):
+            self._other, self._agreeing = now, 1
+            return Judged(False, off_m)
+        self._agreeing += 1
+        if self._agreeing < AGREE_EPOCHS or time_s - self._other.time_s < AGREE_S - 1e-6:
+            return Judged(False, off_m)
+        return self._take(now, off_m, anew=True)
+
+    def _take(self, mark: _Mark, off_m: float, anew: bool = False) -> Judged:
+        if not (isfinite(mark.place[0]) and isfinite(mark.place[1])):
+            return Judged(False, float("inf"))
+        self._taken, self._other, self._agreeing = mark, None, 0
+        return Judged(True, off_m, anew)
+
+
+def _off_m(before: _Mark, now: _Mark) -> float:
+    """The innovation, m; infinite where a place is no number."""
+    east, north = now.place[0] - before.place[0], now.place[1] - before.place[1]
+    reckoned = now.lost == before.lost and now.time_s - before.time_s <= RECKONED_S
+    if reckoned:
+        off_m = hypot(east - (now.east_m - before.east_m), north - (now.north_m - before.north_m))
+    else:
+        off_m = max(0.0, hypot(east, north) - (now.way_m - before.way_m))
+    return off_m if isfinite(off_m) else float("inf")
+
+
+def _passes(off_m: float, before: _Mark, now: _Mark, timing_m: float) -> bool:
+    way_m = WAY_SHARE * (now.way_m - before.way_m)
+    variance = before.spread_m ** 2 + now.spread_m ** 2 + way_m ** 2 + timing_m ** 2
+    return off_m * off_m <= GATE * variance
+
+
+def _spread_m(quality: int, hdop: float | None) -> float:
+    known = SPREAD_M.get(quality)
+    if known is not None:
+        return known
+    return PLAIN_SPREAD_M * min(HDOP_MOST, max(1.0, hdop if hdop is not None and isfinite(hdop) else 1.0))

@@ -1,0 +1,280 @@
+"""Which speed and which place control uses.
+
+The wheel tells changes of speed quickly, GNSS tells its level without slip: the wheel, corrected by a slowly learned
+ratio, drives the filter `speed_used`; either alone serves when the other is silent.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, exp, isfinite, radians, sin
+from typing import NamedTuple
+
+from control.geodesy import TangentPlane
+from control.readings import AHEAD_S, GnssFix, Measurements, is_fresh
+from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
+
+FILTER_TAU_S = 0.25             # filter `speed_used`, second order: its step response is half-way after 0.2 s;
+                                # a steady acceleration passes without delay
+DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
+                                # another, and a forecast that goes on for the whole lag overshoots at the end of it
+RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
+WHEEL_HOLDS_S = 0.5             # a wheel speed
+STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
+HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
+DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long
+HEADING_FROM_MPS = 0.3          # below, course over ground is noise
+HEADING_TAU_S = 0.5             # filter `heading`: first order
+STOOD_BELOW_MPS = 0.3           # slower than this, the direction of travel may turn round unseen
+COURSE_FROM_MPS = 0.2           # GNSS speed from which its course tells the direction of travel
+BACKWARDS_DEG = 120.0           # a course that differs by more across a standstill is the other direction
+FIRST_EPOCHS = 2                # a plane that began with a wrong place is known by having had no more than these
+
+
+class Sensed(NamedTuple):
+    time_s: float
+    speed_mps: float | None             # the one control uses; None: both silent too long
+    acceleration_mps2: float
+    speed_source: str                   # both, gnss, wheel, held, none
+    track_m: float                      # distance the outlet has travelled; backing up takes it back
+    east_m: float | None                # outlet
+    north_m: float | None
+    heading_deg: float | None           # where the machine points, also when it backs up
+    turn_deg_s: float
+    position_ok: bool
+    gnss_age_s: float | None
+    gnss_period_s: float
+    wheel_standstill: bool
+    backwards: bool
+    refused_m: float | None = None      # the newest epoch was ruled out: how far it lies from where it can be
+    moved_m: float | None = None        # in this tick a place was taken this far from where it was thought to be
+
+
+@dataclass(frozen=True)
+class SensingLimits:
+    gnss_silent_s: float = 0.5          # at least
+    gnss_silent_periods: float = 2.5
+
+
+class Sensing:
+    """One per run; `update` once a tick."""
+
+    def __init__(self, antenna_m: float, plane: TangentPlane | None, limits: SensingLimits | None = None) -> None:
+        self.plane = plane
+        self._antenna_m = antenna_m
+        self._limits = limits or SensingLimits()
+        self._time_s: float | None = None
+        self._speed = 0.0
+        self._acceleration = 0.0
+        self._filtered_s: float | None = None       # time of the sample last taken in
+        self._ratio = 1.0
+        self._track_m = 0.0
+        self._fix_s: float | None = None
+        self._period_s = 0.2
+        self._heading: float | None = None
+        self._course: float | None = None
+        self._turn = 0.0
+        self._east: float | None = None             # antenna
+        self._north: float | None = None
+        self._heard_s: float | None = None
+        self._wheel_s: float | None = None
+        self._direction = _Direction()
+        self._gate = PositionGate()
+        self._placed_s: float | None = None         # epoch of the place last taken
+        self._refused_m: float | None = None
+        self._own_epochs: int | None = None         # taken on a plane that the first of them began
+
+    def update(self, m: Measurements) -> Sensed:
+        m = _believable(m)
+        now = m.time_s
+        dt = 0.0 if self._time_s is None else max(0.0, now - self._time_s)
+        self._time_s = now
+        fix_new = m.gnss is not None and m.gnss.time_s != self._fix_s and m.gnss.time_s <= now + AHEAD_S
+        if fix_new and m.gnss is not None and self._fix_s is not None:
+            gap = m.gnss.time_s - self._fix_s
+            if 0.0 < gap < 2.0:
+                self._period_s += 0.1 * (gap - self._period_s)
+        gnss_age = None if m.gnss is None else now - m.gnss.time_s
+        silent_s = max(self._limits.gnss_silent_s, self._limits.gnss_silent_periods * self._period_s)
+        gnss_ok = m.gnss is not None and is_fresh(m.gnss.time_s, now, silent_s)
+        gnss_speed = m.gnss.speed_mps if m.gnss is not None and gnss_ok else None
+        wheel = m.wheel_speed_mps
+        wheel_ok = wheel is not None and is_fresh(wheel.time_s, now, WHEEL_HOLDS_S)
+        standstill = wheel is not None and (wheel.value <= 0.0 or now - wheel.time_s > STANDSTILL_S)
+        wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
+        source = self._take_speed(m, now, dt, gnss_speed, wheel_ok and not wheel_faulty, fix_new)
+        speed = self._speed if source != "none" else None
+        self._track_m += self._direction.moved_m(
+            (speed or 0.0) * dt, standstill or (speed or 0.0) < STOOD_BELOW_MPS, m.gnss if fix_new else None)
+        moved_m = self._take_place(m, speed, dt, fix_new)
+        if fix_new and m.gnss is not None:
+            self._fix_s = m.gnss.time_s
+        position_ok = (self._east is not None and self._heading is not None and self._placed_s is not None
+                       and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
+                       and (m.gnss is None or m.gnss.fix_quality > 0))
+        east, north = self._outlet()
+        return Sensed(now, speed, self._acceleration, source, self._track_m, east, north, self._heading, self._turn,
+                      position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
+                      self._refused_m, moved_m)
+
+    def _take_speed(self, m: Measurements, now: float, dt: float, gnss_mps: float | None, wheel_ok: bool,
+                    fix_new: bool) -> str:
+        sample: float | None = None
+        source = "none"
+        wheel = m.wheel_speed_mps
+        if wheel_ok and wheel is not None:
+            if gnss_mps is not None and fix_new and wheel.value > 0.5 and gnss_mps > 0.5:
+                share = 1.0 - exp(-self._period_s / RATIO_TAU_S)
+                self._ratio += share * (min(1.3, max(0.7, gnss_mps / wheel.value)) - self._ratio)
+            if wheel.time_s != self._wheel_s:
+                sample = wheel.value * self._ratio
+                self._wheel_s = wheel.time_s
+            source = "both" if gnss_mps is not None else "wheel"
+        elif gnss_mps is not None:
+            sample = gnss_mps if fix_new else None
+            source = "gnss"
+        if source == "none":
+            if self._heard_s is not None and now - self._heard_s <= HELD_SPEED_S:
+                return "held"
+            self._acceleration = 0.0
+            return "none"
+        self._heard_s = now
+        self._speed = max(0.0, self._speed + self._acceleration * dt)
+        if sample is not None:
+            self._filter(sample, now)
+        return source
+
+    def _filter(self, sample: float, now: float) -> None:
+        gap = 0.0 if self._filtered_s is None else now - self._filtered_s
+        self._filtered_s = now
+        if not 0.0 < gap < 1.0:
+            self._speed, self._acceleration = sample, 0.0
+            return
+        keep = exp(-gap / FILTER_TAU_S)
+        error = sample - self._speed
+        self._speed = max(0.0, self._speed + (1.0 - keep * keep) * error)
+        self._acceleration += (1.0 - keep) * (1.0 - keep) / gap * error
+        if sample == 0.0 and self._speed < 0.05:
+            self._speed, self._acceleration = 0.0, 0.0
+
+    def _take_place(self, m: Measurements, speed: float | None, dt: float, fix_new: bool) -> float | None:
+        """The place of a new epoch that is possible, else reckoned on. How far off the old place was, where the new
+        one is taken in spite of it."""
+        fix, backwards = m.gnss, self._direction.backwards
+        east_m = north_m = 0.0
+        if self._heading is None or speed is None:
+            self._gate.lost(speed, dt)
+        else:
+            way = -speed * dt if backwards else speed * dt
+            east_m, north_m = way * sin(radians(self._heading)), way * cos(radians(self._heading))
+            self._gate.moved(abs(way), east_m, north_m)
+        if fix_new and fix is not None:
+            judged = self._judged(fix, speed)
+            self._refused_m = None if judged is None or judged.taken else judged.off_m
+            if judged is not None and judged.taken:
+                if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= HEADING_FROM_MPS:
+                    self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
+                return judged.off_m if judged.anew else None
+        if self._east is not None and self._north is not None:
+            self._east += east_m
+            self._north += north_m
+        return None
+
+    def _judged(self, fix: GnssFix, speed: float | None) -> Judged | None:
+        """A new epoch through the gate; when it is taken, the antenna is there. None: it tells no place."""
+        if fix.fix_quality <= 0:
+            return None
+        if not (-90.0 <= fix.lat_deg <= 90.0 and -180.0 <= fix.lon_deg <= 180.0):
+            return Judged(False, float("inf"))
+        if self.plane is None:
+            self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
+        place = self.plane.to_m(fix.lat_deg, fix.lon_deg)
+        judged = self._gate.judge(place, fix.fix_quality, fix.hdop, speed, fix.time_s)
+        if not judged.taken:
+            return judged
+        if judged.anew and self._own_epochs is not None and self._own_epochs <= FIRST_EPOCHS:
+            self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
+            place = (0.0, 0.0)
+            self._gate.on_plane(place)
+        if self._own_epochs is not None:
+            self._own_epochs += 1
+        self._east, self._north = place
+        self._placed_s = fix.time_s
+        return judged
+
+    def _take_heading(self, course: float) -> None:
+        if self._heading is None:
+            self._heading = course % 360.0
+            return
+        keep = exp(-self._period_s / HEADING_TAU_S)
+        off = (course - self._heading + 180.0) % 360.0 - 180.0
+        turned = (1.0 - keep) * off
+        if abs(off) > 90.0:
+            turned = off
+        self._turn = keep * self._turn + (1.0 - keep) * turned / self._period_s
+        self._heading = (self._heading + turned) % 360.0
+
+    def _outlet(self) -> tuple[float | None, float | None]:
+        if self._east is None or self._north is None or self._heading is None:
+            return self._east, self._north
+        angle = radians(self._heading)
+        return self._east - self._antenna_m * sin(angle), self._north - self._antenna_m * cos(angle)
+
+
+def _believable(m: Measurements) -> Measurements:
+    """The measurements without speeds and courses that are no numbers, or faster than anything that spreads."""
+    wheel, fix = m.wheel_speed_mps, m.gnss
+    if wheel is not None and not wheel.value <= FASTEST_MPS:
+        m = m._replace(wheel_speed_mps=None)
+    if fix is not None and fix.speed_mps is not None and not 0.0 <= fix.speed_mps <= FASTEST_MPS:
+        fix = fix._replace(speed_mps=None, heading_deg=None)
+    if fix is not None and fix.heading_deg is not None and not isfinite(fix.heading_deg):
+        fix = fix._replace(heading_deg=None)
+    return m if fix is m.gnss else m._replace(gnss=fix)
+
+
+class _Direction:
+    """Forwards or backwards: the wheel cannot tell, the GNSS course flips across a standstill when it changes.
+
+    The way made between the standstill and the first course after it is put right once the direction is known.
+    """
+
+    def __init__(self) -> None:
+        self.backwards = False
+        self._course_deg: float | None = None
+        self._stood = False
+        self._unsure_m = 0.0            # signed as if the direction had not changed
+
+    def moved_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
+        """Signed way of this tick. `way_m`: unsigned; `fix`: a new one, or None."""
+        signed = -way_m if self.backwards else way_m
+        self._stood = self._stood or slow
+        self._unsure_m = self._unsure_m + signed if self._stood else 0.0
+        if fix is None or fix.speed_mps is None or fix.heading_deg is None:
+            return signed
+        if fix.speed_mps < COURSE_FROM_MPS:
+            self._stood = True
+            return signed
+        if (self._stood and self._course_deg is not None
+                and abs((fix.heading_deg - self._course_deg + 180.0) % 360.0 - 180.0) > BACKWARDS_DEG):
+            self.backwards = not self.backwards
+            signed -= 2.0 * self._unsure_m
+        self._course_deg, self._stood, self._unsure_m = fix.heading_deg, slow, 0.0
+        return signed
+
+
+def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
+    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
+    it, at least half of what the present speed would give."""
+    a = min(1.0, max(-1.0, acceleration_mps2))
+    more_m = a * DIES_OUT_S * (time_s - DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S)))
+    return speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
+
+
+def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
+    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
+    stays within 50-150 % of the present speed."""
+    a = min(1.0, max(-1.0, acceleration_mps2))
+    more = a * DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S))
+    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
+
+

@@ -1,0 +1,37 @@
+"""What the main programs of both boards have in common on an RP2040 (Raspberry Pi Pico): serial line, clock, rounds."""
+import time
+
+import machine  # type: ignore[import-not-found]
+
+
+class Board:
+    """The serial line on UART 0 and a clock that never runs over; pin layers inherit from it first."""
+
+    def __init__(self, rxbuf: int, txbuf: int) -> None:
+        self._uart = machine.UART(0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=rxbuf, txbuf=txbuf)
+        self._now_us = 0
+        self._ticks = time.ticks_us()   # type: ignore[attr-defined]
+
+    def now_us(self) -> int:
+        """Out of a clock that does run over; to be asked more often than that."""
+        ticks = time.ticks_us()         # type: ignore[attr-defined]
+        self._now_us += int(time.ticks_diff(ticks, self._ticks))     # type: ignore[attr-defined]
+        self._ticks = ticks
+        return self._now_us
+
+    def at_us(self, ticks: int) -> int:
+        """A time that an interrupt noted, on this clock; soon after: later its own clock has run over."""
+        now_us = self.now_us()
+        return now_us - max(0, int(time.ticks_diff(self._ticks, ticks)))     # type: ignore[attr-defined]
+
+    def read(self) -> bytes:
+        return self._uart.read() or b""
+
+    def write(self, data: bytes) -> None:
+        self._uart.write(data)
+
+    def rest(self, begun_us: int, round_us: int) -> None:
+        """Wait for the end of a round."""
+        rest_us = round_us - (self.now_us() - begun_us)
+        if rest_us > 0:
+            time.sleep_us(rest_us)      # type: ignore[attr-defined]

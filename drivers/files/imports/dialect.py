@@ -1,0 +1,112 @@
+"""How a text file is written: encoding, separator, decimal sign, where the table begins."""
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from typing import NamedTuple
+
+from drivers.files.imports.header import Layout, is_value, layout_of
+from drivers.files.imports.mapping import Delimiter, Source
+from drivers.files.imports.trouble import ImportTrouble, listed
+
+SAMPLE_LINES = 300
+SAMPLE_BYTES = 400_000
+DELIMITERS: dict[Delimiter, str] = {";": ";", "tab": "\t", ",": ",", "|": "|", "blank": " "}
+_HIGH = re.compile(rb"[\x80-\xff]+")
+
+
+class Dialect(NamedTuple):
+    encoding: str
+    delimiter: Delimiter
+    decimal_comma: bool
+    layout: Layout
+    rows: list[list[str]]       # the sample, split
+
+
+def encoding_of(data: bytes) -> str:
+    """By byte order marks, zero bytes and the runs of bytes above 127.
+
+    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on: all runs are even. A Latin letter
+    with an accent is one byte among plain ones.
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if data.startswith(codecs.BOM_UTF8):
+        return "utf-8-sig"
+    start = data[:SAMPLE_BYTES]
+    even, odd = start[0:4000:2].count(0), start[1:4000:2].count(0)
+    if max(even, odd) > 0.3 * len(start[:4000:2]):
+        return "utf-16-le" if odd > even else "utf-16-be"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start, final=len(data) <= len(start))
+    except UnicodeDecodeError:
+        pass
+    else:
+        return "utf-8"
+    runs = _HIGH.findall(start)
+    chinese = sum(len(run) % 2 == 0 and all(byte >= 0xA1 for byte in run) for run in runs)
+    if chinese > 0.5 * len(runs):
+        return "gb18030"
+    undefined = set(start) & {0x81, 0x8D, 0x8F, 0x90, 0x9D}
+    return "latin-1" if undefined else "cp1252"
+
+
+def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
+    """How the lines of `sample` are to be split; what is said stands. Raises ImportTrouble."""
+    lines = sample.splitlines()[:SAMPLE_LINES]
+    told = re.match(r"^\"?sep=(.)\"?$", lines[0], re.IGNORECASE) if lines else None
+    wanted: list[Delimiter] = [said.delimiter] if said.delimiter else (
+        [name for name, sign in DELIMITERS.items() if told and sign == told[1]] or list(DELIMITERS))
+    best: tuple[float, Dialect] | None = None
+    for delimiter in wanted:
+        rows = split(lines, delimiter)
+        layout = _layout(rows, said)
+        if layout is None:
+            continue
+        body = [row for row in rows[layout.body:] if row]
+        width = max((len(row) for row in body), key=[len(row) for row in body].count)
+        even = sum(len(row) == width for row in body) / len(body)
+        cells = [cell for row in body for cell in row if cell.strip()]
+        values = sum(map(is_value, cells)) / max(1, len(cells))
+        comma = said.decimal == "," if said.decimal else DELIMITERS[delimiter] != "," and _has_comma(body)
+        points = even + values + 0.2 * min(width - 1, 5) + (layout.header >= 0) - (delimiter == "blank") - (width == 1)
+        if best is None or points > best[0]:
+            best = points, Dialect(encoding, delimiter, comma, layout, rows)
+    if best is None:
+        first = lines[0][:40].strip() if lines else ""
+        raise ImportTrouble(f"{label}: no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
+                            "allowed is a table with a header row and rows of numbers")
+    if best[1].layout.header < 0 and not said.names:
+        first = listed(best[1].rows[best[1].layout.body], 4)
+        raise ImportTrouble(f"{label}: no header row: the first row is {first}: allowed is a row that names the "
+                            "columns, or source.names in the import file")
+    return best[1]
+
+
+def split(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
+    """Lines into cells without blanks around; quotes as usual in CSV."""
+    if delimiter == "blank":
+        return [line.split() for line in lines]
+    return [[cell.strip() for cell in row]
+            for row in csv.reader((line.replace("\0", "") for line in lines), delimiter=DELIMITERS[delimiter])]
+
+
+def _layout(rows: list[list[str]], said: Source) -> Layout | None:
+    found = layout_of(rows)
+    if said.title_rows is None:
+        return found
+    if said.title_rows >= len(rows):
+        return None
+    if said.names:
+        return Layout(-1, None, said.title_rows)
+    header = said.title_rows
+    rest = layout_of(rows[header:])
+    unit_row = said.unit_row if said.unit_row is not None else rest is not None and rest.units == 1
+    return Layout(header, header + 1 if unit_row else None, header + (2 if unit_row else 1))
+
+
+def _has_comma(body: list[list[str]]) -> bool:
+    with_comma = [cell for row in body for cell in row if cell.rfind(",") > cell.rfind(".")]
+    numbers = [cell for cell in with_comma if is_value(cell)]
+    return len(numbers) > 0.5 * len(with_comma) if with_comma else False

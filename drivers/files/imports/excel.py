@@ -1,0 +1,87 @@
+"""Excel workbooks (.xlsx, .xlsm, .xls, .xlsb, .ods): one sheet, with its title rows, header and row of units."""
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from python_calamine import CalamineError, CalamineWorkbook
+
+from drivers.files.imports.dialect import SAMPLE_LINES
+from drivers.files.imports.header import Layout, layout_of, named
+from drivers.files.imports.mapping import Source
+from drivers.files.imports.raw import RawTable, unique
+from drivers.files.imports.trouble import ImportTrouble, listed
+
+SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
+
+
+def read_excel(path: Path, said: Source) -> RawTable:
+    """Raises ImportTrouble, OSError. Without a sheet named, the one sheet that holds a table."""
+    try:
+        with CalamineWorkbook.from_path(str(path)) as book:
+            sheets = [said.sheet] if said.sheet else book.sheet_names
+            if said.sheet and said.sheet not in book.sheet_names:
+                raise ImportTrouble(f"{path}: source.sheet {said.sheet}: allowed {listed(book.sheet_names)}")
+            tables = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in sheets}
+    except CalamineError as error:
+        raise ImportTrouble(f"{path}: not readable as a workbook: {error}") from None
+    found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
+    if not found:
+        raise ImportTrouble(f"{path}: no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
+    if len(found) > 1:
+        raise ImportTrouble(f"{path}: {len(found)} sheets hold tables: say source.sheet in the import file; allowed "
+                            f"{listed(found)}")
+    [(sheet, (rows, layout))] = found.items()
+    return _table(path, said, sheet, rows, layout)
+
+
+def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
+    if said.title_rows is not None:
+        header = said.title_rows
+        unit_row = said.unit_row is True
+        below = header + (2 if unit_row else 1)
+        return Layout(header, header + 1 if unit_row else None, below) if below < len(rows) else None
+    return layout_of([[_as_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
+
+
+def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: Layout) -> RawTable:
+    if layout.header < 0 and not said.names:
+        raise ImportTrouble(f"{path}: sheet {sheet}: no header row: allowed is a row that names the columns, or "
+                            "source.names in the import file")
+    cells = list(said.names) if said.names else [_as_text(cell).strip() for cell in rows[layout.header]]
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    names = unique(cells)
+    units = {name: unit for name, cell in zip(names, cells, strict=True) if (unit := named(cell)[1]) is not None}
+    if layout.units is not None:
+        units |= {name: word for name, cell in zip(names, rows[layout.units], strict=False)
+                  if (word := _as_text(cell).strip("()[]- "))}
+    body = [row for row in rows[layout.body:] if any(cell != "" for cell in row)]
+    if not body:
+        raise ImportTrouble(f"{path}: sheet {sheet}: no rows below the header")
+    columns = list(zip(*body, strict=False))[:len(names)]
+    frame = pl.DataFrame([_series(name, values) for name, values in zip(names, columns, strict=True)])
+    source = said.model_copy(update={"kind": "excel", "sheet": sheet, "title_rows": max(layout.header, 0),
+                                     "unit_row": layout.units is not None})
+    return RawTable(path, frame, source, units, layout.body + 1)
+
+
+def _series(name: str, values: tuple[Any, ...]) -> pl.Series:
+    kinds = {type(value) for value in values if value != ""}
+    if kinds <= {float, int, bool}:
+        return pl.Series(name, [None if value == "" else float(value) for value in values], pl.Float64)
+    if kinds <= {dt.datetime, dt.date}:
+        times = [None if value == "" else value if isinstance(value, dt.datetime)
+                 else dt.datetime.combine(value, dt.time()) for value in values]
+        return pl.Series(name, times, pl.Datetime("us"))
+    return pl.Series(name, [_as_text(value) for value in values], pl.String)
+
+
+def _as_text(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, float):
+        return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+    return str(value)

@@ -1,0 +1,57 @@
+"""A first import file by looking at a table: by names, by units, by ranges, by physics. What is not sure is said."""
+from __future__ import annotations
+
+from control.log_row import COLUMNS
+from drivers.files.imports.guess_checks import check
+from drivers.files.imports.guess_columns import candidates_of, chosen_of, column_of, extras_with_sentinels
+from drivers.files.imports.guess_time import guess_times
+from drivers.files.imports.guessed import Doubt, Guess
+from drivers.files.imports.header import named
+from drivers.files.imports.mapping import Column, ImportFile, Working
+from drivers.files.imports.raw import RawTable
+from drivers.files.imports.words import EITHER_WAY, ON, folded, says, subject_of
+
+
+def guess(raw: RawTable) -> Guess:
+    """Raises ImportTrouble where the table has no times that can be read at all."""
+    time = guess_times(raw)
+    out = Guess(ImportFile(source=raw.source, time=time.times, columns={}))
+    out.reasons[("time",)] = time.why
+    if time.doubt:
+        out.doubts.append(Doubt(("time",), time.doubt))
+    used = {time.times.column, time.times.date_column}
+    chosen = chosen_of(candidates_of(raw, used), out)
+    columns: dict[str, Column] = {}
+    for target in (name for name in COLUMNS if name in chosen):
+        column = column_of(chosen[target], out)
+        if column is not None:
+            columns[target] = column
+    columns |= extras_with_sentinels(raw, {one.source for one in chosen.values()} | used)
+    working = _working(raw, columns, out, used)
+    out.mapping = ImportFile(source=raw.source, time=time.times, columns=columns, working=working)
+    check(raw, out, chosen)
+    if not any(name in COLUMNS for name in out.mapping.columns):
+        out.doubts.append(Doubt(("columns",), "no column was recognised: say which column of the file is which"))
+    return out
+
+
+def _working(raw: RawTable, columns: dict[str, Column], out: Guess, used: set[str | None]) -> Working | None:
+    """A switch or a word that says when the machine worked."""
+    taken = {column.source for column in columns.values()} | used
+    if "state" in columns or "work_switch" in columns:
+        return None
+    for source in raw.names:
+        plain = folded(named(source)[0])
+        subject = subject_of(plain, None)
+        if source in taken or subject is None or subject.id != "work":
+            continue
+        kinds = [str(value).strip() for value in raw.frame[source].drop_nulls().unique().head(12) if str(value).strip()]
+        on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON]
+        if len(kinds) > 6 or len(on) != 1:
+            continue
+        mark: float | str = float(on[0]) if on[0].removesuffix(".0").isdigit() else on[0]
+        out.reasons[("working",)] = f"{source} is one of {', '.join(sorted(kinds))}"
+        if says(plain, EITHER_WAY):
+            out.doubts.append(Doubt(("working",), f"{source}: is {on[0]} working, or lifted?"))
+        return Working(column=source, equals=(mark,))
+    return None

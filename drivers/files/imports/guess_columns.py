@@ -1,0 +1,191 @@
+"""Which column of a file is which of the log: by names, by units, by ranges."""
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.log_row import COLUMNS, TEXT_COLUMNS
+from drivers.files.imports import physics
+from drivers.files.imports.convert import extra_name
+from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess, Key
+from drivers.files.imports.header import named
+from drivers.files.imports.mapping import NOT_MAPPED, Column
+from drivers.files.imports.numbers import numbers
+from drivers.files.imports.raw import RawTable
+from drivers.files.imports.units import quantity_of, unit_named
+from drivers.files.imports.words import (
+    COMMAND,
+    PLAINLY_READING,
+    RAW_COMMAND,
+    READING,
+    Subject,
+    folded,
+    says,
+    subject_of,
+)
+from drivers.files.log_values import PLAUSIBLE
+
+MOVING_MPS = 0.3
+TOO_FAST = 60.0                 # no machine works at such a speed in km/h or any larger unit: a rotation
+FAST_MPS = 8.0                  # no spreader works at more than 29 km/h: such a number is km/h, or no ground speed
+DEGREES = ("latitude", "longitude", "heading")      # what these are in needs no word
+IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
+_LOG_UNITS = {"speed": "m/s", "rotation": "r/min", "length": "mm", "mass": "kg", "rate": "kg/ha", "angle": "deg",
+              "voltage": "V", "share": "%", "time": "s"}
+
+
+def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[Candidate]:
+    """The columns that may be some column of the log, but for those in use."""
+    found = [one for name in raw.names if name not in set(used) and (one := _candidate(raw, name)) is not None]
+    _tell_roles(found)
+    return found
+
+
+def _candidate(raw: RawTable, name: str) -> Candidate | None:
+    if raw.frame[name].dtype.is_temporal():
+        return None
+    plain = folded(named(name)[0])
+    unit = unit_named(raw.units[name]) if name in raw.units else None
+    if name in COLUMNS and name not in NOT_MAPPED:
+        return Candidate(name, name, None, implied=True, exact=True, values=_values(raw, name))
+    subject = subject_of(plain, unit.quantity if unit else None)
+    if subject is None or not subject.reading or subject.id == "work":
+        return None
+    role = "command" if says(plain, COMMAND) else "reading" if says(plain, READING) else ""
+    if says(plain, READING) and says(plain, COMMAND) and not says(plain, RAW_COMMAND):
+        role = "reading" if says(plain, PLAINLY_READING) else "command"
+    target = _target(subject, plain, role)
+    values = _values(raw, name)
+    if not np.isfinite(values).any() and target not in TEXT_COLUMNS:
+        return None
+    implied = quantity_of(target) is None or subject.id in DEGREES or (
+        subject.id == "shaft" and says(plain, IN_RPM))
+    if subject.id == "speed" and unit is None and _too_fast(values):
+        target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
+    elif subject.id == "speed" and role == "command":
+        return None                     # a ground speed that somebody wants
+    return Candidate(name, target, unit, implied and unit is None, role, values=values)
+
+
+def _target(subject: Subject, plain: str, role: str) -> str:
+    if subject.id == "ndvi" and plain[-1:] in "123456":
+        return f"ndvi_{plain[-1]}"
+    return subject.command if role == "command" and subject.command else subject.reading
+
+
+def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
+    found = numbers(raw.frame[name], raw.decimal_comma)
+    return found.values.to_numpy() if found.bad <= 0.5 * max(1, found.values.len()) else np.empty(0)
+
+
+def _too_fast(values: NDArray[np.float64]) -> bool:
+    moving = np.abs(values[np.isfinite(values)])
+    moving = moving[moving > MOVING_MPS]
+    return bool(moving.size and np.median(moving) > TOO_FAST)
+
+
+def _tell_roles(candidates: list[Candidate]) -> None:
+    """Of two columns of one kind and no word which is which: the one that the other follows is the command."""
+    for command, reading in PAIRS:
+        alike = [one for one in candidates if one.target == reading and one.role == ""]
+        if len(alike) != 2 or any(one.target == command or (one.target == reading and one.role) for one in candidates):
+            continue
+        found = physics.answer(alike[0].values, alike[1].values)
+        if found is not None and found.lag != 0 and found.strength > physics.LEAST_CORRELATION:
+            first = alike[0] if found.lag > 0 else alike[1]
+            first.target, first.role = command, "by physics"
+
+
+def chosen_of(candidates: list[Candidate], out: Guess) -> dict[str, Candidate]:
+    """The best candidate of each log column; where several fit as well, the first and a doubt."""
+    by_target: dict[str, list[Candidate]] = {}
+    for one in candidates:
+        by_target.setdefault(one.target, []).append(one)
+    chosen = {}
+    for target, several in by_target.items():
+        several = sorted(several, key=lambda one: one.weight, reverse=True)
+        best = chosen[target] = several[0]
+        rivals = [one.source for one in several[1:] if one.weight == best.weight
+                  or one.source.startswith(f"{best.source} (")]         # of the same name
+        if rivals:
+            out.doubts.append(Doubt(("columns", target), f"{' and '.join(rivals)} would fit as well as {best.source}"))
+        if best.role == "by physics":
+            out.doubts.append(Doubt(("columns", target), f"no word says that {best.source} is the command: the other "
+                                    "column follows it"))
+    return chosen
+
+
+def column_of(one: Candidate, out: Guess) -> Column | None:
+    """The import file's words for a candidate; None where a number is wanting that the file does not hold."""
+    key: Key = ("columns", one.target)
+    quantity = quantity_of(one.target)
+    if one.exact or one.target in TEXT_COLUMNS:
+        out.reasons[key] = "the log's own name"
+        return Column.of(one.source, missing=_missing(one))
+    if one.unit is None:
+        return _without_unit(one, quantity, out)
+    out.reasons[key] = "name and unit of the header"
+    if one.unit.quantity == quantity or (quantity is None and one.unit.name == "%"):
+        return Column.of(one.source, unit=one.unit.name, missing=_missing(one, one.unit.factor))
+    if one.unit.name == "%" and quantity == "angle":
+        return Column.of(one.source, unit="slope %", missing=_missing(one))
+    if one.unit.name == "%" and quantity is not None:
+        out.doubts.append(Doubt(key, f"{one.source} is in %: the file does not say what 100 % is in "
+                                f"{_LOG_UNITS[quantity]}"))
+        out.open[one.target] = f'{{from: {_quoted(one.source)}, unit: "%", full: }}'
+        return None
+    if quantity == "rate" and one.unit.quantity == "flow":
+        out.doubts.append(Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file"))
+        out.open[one.target] = f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}     # and, on top, width_m: "
+        return None
+    return None
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _without_unit(one: Candidate, quantity: str | None, out: Guess) -> Column | None:
+    key: Key = ("columns", one.target)
+    missing = _missing(one)
+    if one.implied or quantity is None:
+        out.reasons[key] = "the name"
+        return Column.of(one.source, missing=missing)
+    known = one.values[np.isfinite(one.values) & ~np.isin(one.values, missing)]
+    unit = _LOG_UNITS[quantity]
+    if quantity == "voltage":
+        unit = "mV" if np.median(np.abs(known)) > 500.0 else "V"
+        out.reasons[key] = f"no unit: {unit} by the range ({known.min():g} to {known.max():g})"
+        return Column.of(one.source, unit=unit, missing=missing)
+    if quantity == "angle":
+        out.reasons[key] = "the name"
+        if known.size and np.abs(known).max() < 1.6:
+            out.doubts.append(Doubt(key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})"))
+        return Column.of(one.source, unit="deg", missing=missing)
+    moving = known[known > MOVING_MPS]
+    if quantity == "speed" and moving.size and np.median(moving) > FAST_MPS:
+        unit = "km/h"
+    spread = f"{known.min():g} to {known.max():g}" if known.size else "no values"
+    out.doubts.append(Doubt(key, f"no unit in the header: taken for {unit} ({spread})"))
+    return Column.of(one.source, unit=unit, missing=missing)
+
+
+def _missing(one: Candidate, factor: float = 1.0) -> tuple[float, ...]:
+    low, high = PLAUSIBLE.get(one.target, (-np.inf, np.inf))
+    factor = factor if np.isfinite(factor) else 1.0
+    return tuple(physics.sentinels(one.values, (low / factor, high / factor))) if one.values.size else ()
+
+
+def extras_with_sentinels(raw: RawTable, used: Iterable[str | None]) -> dict[str, Column]:
+    """Columns beyond the log's own are kept as they are; those with numbers that stand for nothing are named for it."""
+    columns: dict[str, Column] = {}
+    for source in raw.names:
+        if source in set(used) or raw.frame[source].dtype.is_temporal():
+            continue
+        marks = physics.sentinels(_values(raw, source), (-np.inf, np.inf))
+        name = extra_name(source, raw.units.get(source))
+        if marks and name not in columns:
+            columns[name] = Column.of(source, missing=tuple(marks))
+    return columns

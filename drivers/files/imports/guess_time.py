@@ -1,0 +1,164 @@
+"""Which column tells the time, and how: by name, by unit, by how its texts read, by how its numbers run."""
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import polars as pl
+
+from drivers.files.imports.header import named
+from drivers.files.imports.mapping import Counts, Times
+from drivers.files.imports.numbers import numbers
+from drivers.files.imports.raw import RawTable
+from drivers.files.imports.times import read_texts
+from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.units import unit_named
+from drivers.files.imports.words import DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says
+
+_DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y.%m.%d", "%Y年%m月%d日",
+          "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%Y%m%d")
+_TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
+_A_NUMBER = r"^[-+]?\d+([.,]\d+)?$"
+_SAMPLE = 2000
+_READS = 0.95               # of the texts that are there
+_LEAST_STEP_S = 60.0        # no machine logs more rarely: whole numbers with larger steps are milliseconds
+_WHOLE_STEP = 5.0           # whole numbers with steps from here on are rather milliseconds
+
+
+class TimeGuess(NamedTuple):
+    times: Times
+    why: str
+    doubt: str = ""
+
+
+def guess_times(raw: RawTable) -> TimeGuess:
+    """The best guess; a doubt says what is not sure of it."""
+    names = {name: folded(named(name)[0]) for name in raw.names}
+    stamped = [name for name in raw.names if raw.frame[name].dtype.is_temporal()]
+    called = [name for name in raw.names if says(names[name], TIME) and not says(names[name], NO_TIME)]
+    dated = [name for name in raw.names if says(names[name], DATE) and name not in called]
+    for name in [*stamped, *sorted(called, key=lambda one: not says(names[one], PLAINLY_TIME))]:
+        found = _of_column(raw, name, names[name], dated)
+        if found is not None:
+            return found
+    for name in raw.names:
+        if raw.frame[name].dtype == pl.String and (found := _of_texts(raw, name, names[name], dated)) is not None:
+            return found._replace(doubt=f"column {name} is not called a time, but reads as one")
+    for name in raw.names:
+        if _runs_evenly(raw, name) and (found := _of_numbers(raw, name)) is not None:
+            return found._replace(doubt=f"no column is called a time; {name} alone grows evenly from row to row")
+    return TimeGuess(Times(counts="rows", step_s=1.0), "no column tells the time",
+                     "no column tells the time: rows counted, one each second; say how far apart they are")
+
+
+def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+    series = raw.frame[name]
+    if series.dtype.is_temporal():
+        zone = getattr(series.dtype, "time_zone", None)
+        return TimeGuess(Times(column=name, zone="UTC" if zone is None and says(plain, UTC) else None), "times by type")
+    texts = _of_texts(raw, name, plain, dated) if series.dtype == pl.String else None
+    return texts or _of_numbers(raw, name)
+
+
+def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+    texts = raw.frame[name].head(_SAMPLE).str.strip_chars()
+    texts = texts.filter(texts != "")
+    if not texts.len() or texts.str.contains(_A_NUMBER).all():
+        return None
+    zone = "UTC" if says(plain, UTC) else None
+    if _reads(texts, None):
+        return TimeGuess(Times(column=name, zone=None if _has_offset(texts) else zone), "reads as ISO 8601")
+    if dated and not raw.frame[dated[0]].dtype.is_temporal():
+        days = raw.frame[dated[0]].head(_SAMPLE).str.strip_chars()
+        both = pl.Series(days.to_frame().select(pl.col(days.name) + " ").to_series() + raw.frame[name].head(_SAMPLE))
+        found = _formats(both.filter(both.is_not_null()), [f"{d} {t}" for d, t in product(_DATES, _TIMES)])
+        if found:
+            return _dated(Times(column=name, date_column=dated[0], format=found[0], zone=zone), found, both)
+    elif dated:
+        found = _formats(texts, list(_TIMES))
+        if found:
+            times = Times(column=name, date_column=dated[0], format=f"%Y-%m-%d {found[0]}", zone=zone)
+            return TimeGuess(times, "day and time")
+    found = _formats(texts, [f"{d}{sep}{t}" for d, t, sep in product(_DATES, _TIMES, (" ", "T"))])
+    if found:
+        return _dated(Times(column=name, format=found[0], zone=zone), found, texts)
+    found = _formats(texts, list(_TIMES[:5]))
+    return TimeGuess(Times(column=name, format=found[0]), f"reads as {found[0]}") if found else None
+
+
+def _dated(times: Times, found: list[str], texts: pl.Series) -> TimeGuess:
+    """Day and month may stand either way round: the way in which the times hang together, and a doubt."""
+    other = [form for form in found[1:] if form.replace("%m", "%d") == found[0].replace("%m", "%d")
+             and not read_texts(texts, form, None).us.equals(read_texts(texts, found[0], None).us)]
+    if not other:
+        return TimeGuess(times, f"reads as {times.format}")
+    spans = {form: _span(read_texts(texts, form, None).us) for form in (found[0], other[0])}
+    best = min(spans, key=lambda form: spans[form])
+    return TimeGuess(times.model_copy(update={"format": best}), f"reads as {best}",
+                     f"{found[0]} and {other[0]} both read: which is the day?")
+
+
+def _span(us: pl.Series) -> int:
+    known = us.drop_nulls()
+    return int(known.max()) - int(known.min())          # type: ignore[arg-type]
+
+
+def _formats(texts: pl.Series, forms: list[str]) -> list[str]:
+    few = texts.head(20)
+    return [form for form in forms if _reads(few, form) and _reads(texts, form)]
+
+
+def _reads(texts: pl.Series, form: str | None) -> bool:
+    try:
+        return texts.len() > 0 and float(read_texts(texts, form, None).us.is_not_null().mean() or 0.0) >= _READS  # type: ignore[arg-type]
+    except ImportTrouble:
+        return False
+
+
+def _has_offset(texts: pl.Series) -> bool:
+    return read_texts(texts, None, None).kind == "utc"
+
+
+def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
+    found = numbers(raw.frame[name], raw.decimal_comma)
+    known = found.values.drop_nulls()
+    if found.bad > 0.05 * found.values.len() or known.len() < 2:
+        return None
+    unit = unit_named(raw.units.get(name, ""))
+    first, steps = float(known[0]), known.diff().drop_nulls()
+    step = float(steps.filter(steps > 0).median() or 0.0)       # type: ignore[arg-type]
+    whole = bool((known == known.round(0)).all())
+
+    def sure(counts: Counts, why: str, doubt: str = "") -> TimeGuess:
+        return TimeGuess(Times(column=name, counts=counts), why, doubt)
+    if 1e9 <= first < 4e9:
+        return sure("unix_s", "seconds since 1970")
+    if 1e12 <= first < 4e12:
+        return sure("unix_ms", "milliseconds since 1970")
+    if 1e15 <= first < 4e15:
+        return sure("unix_us", "microseconds since 1970")
+    if unit is not None and unit.quantity == "time":
+        counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]     # type: ignore[assignment]
+        return sure(counts, "the unit in the header")
+    if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
+        return sure("excel_day", "days as spreadsheets count them")
+    if says(folded(name), ("millis",)):
+        return sure("ms", "the name")
+    if says(folded(name), ("micros",)):
+        return sure("us", "the name")
+    if whole and step >= 1000.0 * _LEAST_STEP_S:
+        return sure("us", "whole numbers with large steps", f"no unit: steps of {step:g}: microseconds, milliseconds?")
+    if whole and step >= _LEAST_STEP_S:
+        return sure("ms", f"whole numbers, steps of {step:g}")
+    if whole and step >= _WHOLE_STEP:
+        return sure("ms", "whole numbers", f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?")
+    return sure("s", f"numbers with steps of {step:g}")
+
+
+def _runs_evenly(raw: RawTable, name: str) -> bool:
+    values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values
+    steps = values.diff().drop_nulls()
+    if values.null_count() or not steps.len() or not (steps > 0).all():
+        return False
+    middle = float(steps.median() or 0.0)                       # type: ignore[arg-type]
+    return float(((steps - middle).abs() < 0.5 * middle).mean() or 0.0) > 0.9       # type: ignore[arg-type]

@@ -1,0 +1,53 @@
+"""What a guess holds: the import file, what of it is unsure, and why the rest is as it is."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.files.imports.mapping import ImportFile
+from drivers.files.imports.units import Unit
+
+Key = tuple[str, ...]
+
+PAIRS = (("shaft_rpm_cmd", "shaft_rpm"), ("opening_mm_cmd", "opening_mm"), ("target_rate_kg_ha", "applied_rate_kg_ha"))
+
+
+class Doubt(NamedTuple):
+    """`key`: of the import file; `text`: why it is not sure."""
+
+    key: Key
+    text: str
+
+
+@dataclass
+class Guess:
+    """`reasons`: why each key is as it is. `open`: columns that need a number from outside the file, as YAML text."""
+
+    mapping: ImportFile
+    doubts: list[Doubt] = field(default_factory=list)
+    reasons: dict[Key, str] = field(default_factory=dict)
+    open: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def sure(self) -> bool:
+        return not self.doubts
+
+
+@dataclass
+class Candidate:
+    """A column of the file (`source`) that may be a column of the log (`target`). `values`: as the file has them."""
+
+    source: str
+    target: str
+    unit: Unit | None
+    implied: bool = False           # the unit is told by the name
+    role: str = ""                  # command, reading, or not told
+    exact: bool = False
+    values: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def weight(self) -> tuple[bool, bool, bool]:
+        return self.exact, self.unit is not None or self.implied, self.role != ""

@@ -1,0 +1,101 @@
+"""Where a table begins: title rows, the header, a row of units, the first row of numbers. And a name with its unit."""
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from drivers.files.imports.units import unit_named
+from drivers.files.table import NOTHING
+
+_NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,   ]\d{3})+[.,]\d+)([eE][-+]?\d+)?$")
+_TIME = re.compile(r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d{1,2}[:时]\d{2}([:分]\d{2})?"
+                   r"|^\d{8}T?\d{0,6}$")
+_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
+_LAST = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
+_FEW = 0.5                  # of the cells of a header or a row of data that are filled
+
+
+class Layout(NamedTuple):
+    """Rows from 0. `header` -1: none."""
+
+    header: int
+    units: int | None
+    body: int
+
+
+def named(text: str) -> tuple[str, str | None]:
+    """A header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`, `Drehzahl in U/min`, `leftRpm`.
+
+    The name is the whole cell where the unit cannot be told from it.
+    """
+    plain = unicodedata.normalize("NFKC", text).strip()
+    found = _BRACKETS.match(plain)
+    if found and unit_named(found["unit"]) is not None and found["name"]:
+        return found["name"].strip(), found["unit"]
+    words = re.sub(r"(?<=[a-z])(?=[A-Z][a-z]+$)", " ", plain) if plain.isascii() and "_" not in plain else plain
+    for candidate in (_last_two(words), _LAST.match(words)):
+        if candidate is None:
+            continue
+        unit = unit_named(candidate["unit"].replace("_", "/")) or unit_named(candidate["unit"])
+        told = candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
+        if unit is not None and told:
+            return re.sub(r"\s+in$", "", candidate["name"]).strip(" _,"), candidate["unit"]
+    return plain, None
+
+
+def _last_two(words: str) -> re.Match[str] | None:
+    """A unit of two parts written as one name: `rate_kg_ha`."""
+    return re.match(r"^(?P<name>.*?)[_ ]+(?P<unit>[A-Za-z]{1,4}[_/][A-Za-z0-9]{1,4})$", words)
+
+
+def is_value(cell: str) -> bool:
+    """A number or a time, not a name."""
+    text = cell.strip()
+    return bool(_NUMBER.match(text)) or bool(_TIME.match(text))
+
+
+def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
+    """Where header, units and data stand among the first rows; None where no row holds data."""
+    width = _usual_width(rows)
+    body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data(row)), None)
+    if body is None:
+        return None
+    above = [k for k in range(body) if len(rows[k]) == width
+             and (_filled(rows[k]) > _FEW * width or is_unit_row(rows[k]))]
+    near = [k for k in above if all(_is_blank(rows[j]) for j in range(k + 1, body) if j not in above)]
+    if not near:
+        return Layout(-1, None, body)
+    last = near[-1]
+    units = last if len(near) > 1 and is_unit_row(rows[last]) else None
+    return Layout(near[-2] if units is not None else last, units, body)
+
+
+def is_unit_row(row: Sequence[str]) -> bool:
+    """Whether most filled cells are units; a dash or empty brackets stand for none."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    units = [cell for cell in cells if unit_named(cell) is not None]
+    nothing = [cell for cell in cells if cell.strip("()[]- ") == ""]
+    return bool(units) and len(units) + len(nothing) > _FEW * len(cells)
+
+
+def _usual_width(rows: Sequence[Sequence[str]]) -> int:
+    """Of the rows with more than one cell, as titles have; of all, where there is none."""
+    widths = [len(row) for row in rows if not _is_blank(row)] or [0]
+    several = [width for width in widths if width > 1] or widths
+    return max(set(several), key=lambda w: (several.count(w), w))
+
+
+def _is_data(row: Sequence[str]) -> bool:
+    cells = [cell for cell in row if cell.strip()]
+    values = sum(is_value(cell) or cell.strip().lower() in NOTHING for cell in cells)
+    return bool(cells) and any(is_value(cell) for cell in cells) and 2 * values >= len(cells)
+
+
+def _filled(row: Sequence[str]) -> int:
+    return sum(bool(cell.strip()) for cell in row)
+
+
+def _is_blank(row: Sequence[str]) -> bool:
+    return _filled(row) == 0

@@ -1,0 +1,198 @@
+"""Import file "topdress-import/1": what the columns of a foreign log mean. The keys are explained in docs/import.md."""
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+from zoneinfo import ZoneInfo, available_timezones
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
+from drivers.files.config import Kind
+from drivers.files.config_words import nearest
+from drivers.files.imports.units import names_of, quantity_of, unit_named
+
+EXTRA_START = "x_"
+_EXTRA = re.compile(r"^x_\w+$")
+NOT_MAPPED = frozenset({"time_s"})      # made from the times of the file
+MADE_BY_WORKING = "state"
+
+Delimiter = Literal[",", ";", "tab", "|", "blank"]
+Counts = Literal["text", "s", "ms", "us", "min", "h", "unix_s", "unix_ms", "unix_us", "excel_day", "rows"]
+SourceKind = Literal["text", "excel", "geojson", "shapefile", "isoxml", "parquet"]
+Name = Annotated[str, Field(min_length=1)]
+Missing = tuple[float | str, ...]
+
+
+class Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Source(Part):
+    """How the file is to be read; what is left out is found by looking at it."""
+
+    kind: SourceKind | None = None
+    encoding: Name | None = None
+    delimiter: Delimiter | None = None
+    decimal: Literal[".", ","] | None = None
+    title_rows: Annotated[int | None, Field(ge=0, le=1000, description="lines before the header")] = None
+    unit_row: Annotated[bool | None, Field(description="whether the row below the header holds units")] = None
+    names: Annotated[tuple[Name, ...] | None, Field(description="the columns of a file without a header")] = None
+    sheet: Name | None = None
+    task_log: Annotated[Name | None, Field(description="of a task file with several, e.g. TLG00001")] = None
+
+
+class Times(Part):
+    """Which column tells the time, and how."""
+
+    column: Name | None = None
+    date_column: Annotated[Name | None, Field(description="the day, where column holds the time of day only")] = None
+    counts: Counts = "text"
+    format: Annotated[Name | None, Field(description="of texts, as strptime has it; left out: ISO 8601")] = None
+    zone: Annotated[Name | None, Field(description="of local times: Europe/Berlin, UTC, +08:00")] = None
+    step_s: Annotated[float | None, Field(gt=0.0, le=3600.0, json_schema_extra={"unit": "s"},
+                                          description="with counts: rows")] = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Times:
+        if self.counts == "rows" and (self.step_s is None or self.column is not None):
+            raise ValueError("time: counts rows: allowed with step_s and without a column")
+        if self.counts != "rows" and self.column is None:
+            raise ValueError("time: no column: allowed is a column of the file, or counts: rows with step_s")
+        if self.counts != "rows" and self.step_s is not None:
+            raise ValueError(f"time.step_s {self.step_s:g}: allowed with counts: rows only")
+        if self.format is not None and self.counts != "text":
+            raise ValueError(f"time.format {self.format}: allowed with counts: text only")
+        if self.zone is not None and not is_zone(self.zone):
+            raise ValueError(f"time.zone {self.zone}: allowed a name such as Europe/Berlin, UTC, or an offset such as "
+                             f"+08:00{nearest(self.zone, available_timezones())}")
+        return self
+
+
+class Column(Part):
+    """One column of the log: sign x (number x scale + offset), in `unit`."""
+
+    source: Annotated[Name | None, Field(alias="from", description="column of the file")] = None
+    constant: Annotated[float | None, Field(description="in the place of a column, in the log's unit")] = None
+    unit: Annotated[Name | None, Field(description="of scaled numbers; left out: the log's")] = None
+    scale: float = 1.0
+    offset: float = 0.0
+    sign: Literal[1, -1] = 1
+    full: Annotated[float | None, Field(gt=0.0, description="with unit %: 100 % in the log's unit")] = None
+    missing: Annotated[Missing, Field(description="numbers or texts that stand for not known")] = ()
+    valid: Annotated[tuple[float, float] | None, Field(description="lowest and highest number of the file that can "
+                                                       "be")] = None
+
+    @classmethod
+    def of(cls, source: str, unit: str | None = None, missing: Missing = ()) -> Column:
+        """A column of the file, as `from` says it."""
+        return cls.model_validate({"from": source, "unit": unit, "missing": missing})
+
+    @model_validator(mode="after")
+    def _one_origin(self) -> Column:
+        if (self.source is None) == (self.constant is None):
+            raise ValueError("from, constant: allowed is one of them")
+        if self.scale == 0.0:
+            raise ValueError("scale 0: allowed is any other number")
+        if self.valid is not None and self.valid[0] >= self.valid[1]:
+            raise ValueError(f"valid {self.valid[0]:g}, {self.valid[1]:g}: allowed the lowest before the highest")
+        if self.unit is not None and unit_named(self.unit) is None:
+            raise ValueError(f"unit {self.unit}: not known; allowed e.g. km/h, r/min, mm, kg/ha (all: docs/import.md)")
+        return self
+
+
+class Working(Part):
+    """What counts as working: `state` of the log is working where it holds, else ready."""
+
+    column: Name
+    equals: tuple[float | str, ...] = ()
+    above: float | None = None
+    below: float | None = None
+
+    @model_validator(mode="after")
+    def _a_condition(self) -> Working:
+        if not self.equals and self.above is None and self.below is None:
+            raise ValueError("working: no condition: allowed are equals, above, below")
+        if self.equals and (self.above is not None or self.below is not None):
+            raise ValueError("working: equals with above or below: allowed is one of the two")
+        return self
+
+
+class Join(Part):
+    """Several files in one log."""
+
+    order: Annotated[Literal["clock", "runs"] | None, Field(
+        description="clock: by their times; runs: one after the other; left out: clock where times allow it")] = None
+    gap_s: Annotated[float, Field(gt=0.0, le=86_400.0, json_schema_extra={"unit": "s"})] = 60.0
+
+
+class ImportFile(Part):
+    """Import file "topdress-import/1"."""
+
+    source: Source = Source()
+    time: Times
+    columns: Annotated[dict[str, Column], Field(description="log column -> where it comes from; names beyond the "
+                                                f"log's own begin with {EXTRA_START}")]
+    working: Working | None = None
+    rows: Annotated[Literal["answer_next_row", "answer_in_row"], Field(
+        description="answer_in_row: a row holds a command and what it settled at")] = "answer_next_row"
+    missing: Annotated[Missing, Field(description="stand for not known in every column")] = ()
+    width_m: Annotated[float | None, Field(gt=0.0, le=100.0, json_schema_extra={"unit": "m"},
+                                           description="working width, for rates told as a flow of mass")] = None
+    extra: Annotated[Literal["keep", "drop"], Field(description="columns that nothing here names")] = "keep"
+    join: Join = Join()
+
+    @model_validator(mode="after")
+    def _fits_the_log(self) -> ImportFile:
+        for name, column in self.columns.items():
+            _check_name(name)
+            _check_unit(name, column, self.width_m)
+        if self.working is not None and MADE_BY_WORKING in self.columns:
+            raise ValueError("working: columns.state stands there too: allowed is one of them")
+        return self
+
+
+IMPORT = Kind("topdress-import/1", "imports", ImportFile)
+
+
+def is_zone(name: str) -> bool:
+    """Whether it names a time zone or an offset from UTC such as +08:00."""
+    if re.fullmatch(r"[-+](0\d|1[0-4]):[0-5]\d", name):
+        return True
+    try:
+        ZoneInfo(name)
+    except (KeyError, ValueError, OSError):
+        return False
+    return True
+
+
+def _check_name(name: str) -> None:
+    if name in NOT_MAPPED:
+        raise ValueError(f"columns.{name}: made from the times of the file: allowed is the key time")
+    if name not in COLUMNS and not _EXTRA.match(name):
+        raise ValueError(f"columns.{name}: no column of a run log: allowed are those of docs/format-run-log.md, and "
+                         f"names that begin with {EXTRA_START}{nearest(name, COLUMNS)}")
+
+
+def _check_unit(name: str, column: Column, width_m: float | None) -> None:
+    where = f"columns.{name}"
+    if name in TEXT_COLUMNS and (column.constant is not None or column.unit is not None):
+        raise ValueError(f"{where}: a column of texts: allowed is from alone")
+    unit = unit_named(column.unit) if column.unit is not None else None
+    quantity = quantity_of(name)
+    if column.full is not None and (unit is None or unit.name != "%"):
+        raise ValueError(f"{where}.full {column.full:g}: allowed with unit % only")
+    if unit is None or name.startswith(EXTRA_START):
+        return
+    if unit.name == "%" and quantity != "share":
+        if column.full is None and name not in WHOLE_COLUMNS and quantity is not None:
+            raise ValueError(f"{where}: unit %: allowed with full, what 100 % is in the log's unit"
+                             + (" (of a slope: unit slope %)" if quantity == "angle" else ""))
+        return
+    if quantity == "rate" and unit.quantity == "flow":
+        if width_m is None:
+            raise ValueError(f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width")
+        return
+    if unit.quantity != quantity:
+        allowed = ", ".join(names_of(quantity)) if quantity is not None else "none"
+        raise ValueError(f"{where}.unit {column.unit}: allowed {allowed}")

@@ -1,0 +1,94 @@
+"""What the numbers themselves say: speeds against distances, answers behind commands, numbers that mean nothing."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.files.imports.units import UNITS
+from drivers.files.log_values import SENTINEL_APART, SENTINELS, speed_over_track
+
+Floats = NDArray[np.float64]
+
+SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}       # to one m/s
+SPEED_TOLERANCE = 0.08
+FARTHEST_LAG = 40                   # rows, within which an answer is looked for
+LEAST_CHANGES = 8                   # of a command, to tell anything of its answer
+LEAST_CORRELATION = 0.3             # of steps of command and answer
+AS_GOOD = 0.98                      # of the best correlation: repeating commands agree at many lags, the nearest holds
+A_SETTING_A_ROW = 0.5               # share of rows with another command: a table of settings, not a run
+SETTLED_S = 0.5                     # and rows so far apart that each can have settled
+
+
+class Answer(NamedTuple):
+    """`lag`: rows by which a reading follows its command; `strength`: the correlation there."""
+
+    lag: int
+    strength: float
+
+
+def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) -> tuple[str | None, float]:
+    """The unit in which a speed (n,) makes the distance between the places, and its ratio to m/s; NaN: unknown."""
+    columns = {"time_s": time_s, "lat_deg": lat_deg, "lon_deg": lon_deg, "speed_mps": speed}
+    ratio = speed_over_track(columns, "speed_mps")
+    if ratio is None:
+        return None, float("nan")
+    return unit_of_ratio(ratio), ratio
+
+
+def unit_of_ratio(ratio: float) -> str | None:
+    """The unit of a speed whose numbers are `ratio` times those in m/s."""
+    return next((unit for unit, factor in SPEED_FACTORS.items() if abs(ratio / factor - 1.0) < SPEED_TOLERANCE), None)
+
+
+def answer(command: Floats, reading: Floats) -> Answer | None:
+    """How a reading (n,) follows a command (n,): the lag at which their steps agree best. None: too few steps."""
+    both = np.isfinite(command) & np.isfinite(reading)
+    command, reading = command[both], reading[both]
+    if command.size < LEAST_CHANGES + 2:
+        return None
+    steps, moves = np.diff(command), np.diff(reading)
+    if np.count_nonzero(steps) < LEAST_CHANGES or steps.std() == 0.0 or moves.std() == 0.0:
+        return None
+    most = min(FARTHEST_LAG, steps.size // 4)
+    strengths = {lag: _correlation(steps, moves, lag) for lag in range(-most, most + 1)}
+    best = max(strengths.values())
+    lag = min((one for one, strength in strengths.items() if strength >= AS_GOOD * best), key=abs, default=0)
+    return Answer(lag, strengths[lag])
+
+
+def settings_a_row(time_s: Floats, command: Floats) -> bool:
+    """Whether nearly every row holds another command, far apart in time: a staircase, a row for each step."""
+    known = command[np.isfinite(command)]
+    if known.size < 4:
+        return False
+    return bool(np.mean(np.diff(known) != 0.0) > A_SETTING_A_ROW and np.median(np.diff(time_s)) >= SETTLED_S)
+
+
+def slope(command: Floats, reading: Floats) -> float:
+    """Reading for one of the command where both are clearly there: the median of their ratios; NaN: cannot be told."""
+    both = np.isfinite(command) & np.isfinite(reading)
+    command, reading = command[both], reading[both]
+    if not command.size:
+        return float("nan")
+    there = (np.abs(command) > 0.25 * np.abs(command).max()) & (np.abs(reading) > 0.1 * np.abs(reading).max())
+    return float(np.median(reading[there] / command[there])) if np.count_nonzero(there) >= 3 else float("nan")
+
+
+def sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
+    """Numbers by which programs say "not known", where the quantity cannot be that, or no other value comes near."""
+    known = values[np.isfinite(values)]
+    marks = [mark for mark in SENTINELS if (known == mark).any()]
+    if not marks:
+        return []
+    others = np.abs(known[~np.isin(known, marks)])
+    apart = SENTINEL_APART * others.max() if others.size else np.inf
+    return [mark for mark in marks if not limits[0] <= mark <= limits[1] or abs(mark) > apart]
+
+
+def _correlation(steps: Floats, moves: Floats, lag: int) -> float:
+    a, b = (steps[:steps.size - lag], moves[lag:]) if lag >= 0 else (steps[-lag:], moves[:moves.size + lag])
+    if a.std() == 0.0 or b.std() == 0.0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])

@@ -1,0 +1,52 @@
+"""A table as a file holds it, before anything is said of its meaning."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.files.findings import Finding
+from drivers.files.imports.mapping import Source
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+@dataclass(frozen=True, eq=False)
+class RawTable:
+    """`frame`: columns of texts (as written), Float64, or Datetime where the file itself knows times.
+
+    `units`: of columns, in the file's own words, where the header or a unit row tells one. `first_row`: the line or row
+    of the file that is row 0 here, for messages. `source`: how it was read, everything found said.
+    """
+
+    path: Path
+    frame: pl.DataFrame
+    source: Source
+    units: Mapping[str, str] = field(default_factory=dict)
+    first_row: int = 1
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.frame.columns)
+
+    @property
+    def decimal_comma(self) -> bool:
+        return self.source.decimal == ","
+
+
+def unique(names: list[str]) -> list[str]:
+    """The names with the second of equal ones told apart, and names for those that have none."""
+    seen: set[str] = set()
+    out = []
+    for place, name in enumerate(names, start=1):
+        wanted = name or f"column {place}"
+        number, free = 1, wanted
+        while free in seen:
+            number += 1
+            free = f"{wanted} ({number})"
+        seen.add(free)
+        out.append(free)
+    return out

@@ -1,0 +1,69 @@
+"""A file of any kind as a raw table."""
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+from drivers.files.imports.header import named
+from drivers.files.imports.mapping import Source, SourceKind
+from drivers.files.imports.raw import RawTable
+from drivers.files.imports.trouble import ImportTrouble
+
+_SUFFIXES: dict[str, SourceKind] = {
+    ".xlsx": "excel", ".xlsm": "excel", ".xls": "excel", ".xlsb": "excel", ".ods": "excel", ".geojson": "geojson",
+    ".json": "geojson", ".shp": "shapefile", ".xml": "isoxml", ".parquet": "parquet", ".pq": "parquet"}
+
+
+def read_raw(path: Path, said: Source | None = None) -> RawTable:
+    """`said`: what an import file says of the reading. Raises ImportTrouble in one line, OSError."""
+    said = said or Source()
+    if not path.exists():
+        raise ImportTrouble(f"{path}: no such file")
+    kind = said.kind or _kind(path)
+    if path.is_dir() and kind != "isoxml":
+        raise ImportTrouble(f"{path}: a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")
+    if kind == "excel":
+        from drivers.files.imports.excel import read_excel
+        return read_excel(path, said)
+    if kind == "geojson":
+        from drivers.files.imports.points import read_geojson
+        return read_geojson(path, said)
+    if kind == "shapefile":
+        from drivers.files.imports.points import read_shapefile
+        return read_shapefile(path, said)
+    if kind == "isoxml":
+        from drivers.files.imports.task_log import read_task_log
+        return read_task_log(path, said)
+    if kind == "parquet":
+        return _parquet(path, said)
+    from drivers.files.imports.text import read_text
+    return read_text(path, said)
+
+
+def _kind(path: Path) -> SourceKind:
+    if path.is_dir():
+        return "isoxml"
+    if path.suffix.lower() == ".zip":
+        try:
+            with zipfile.ZipFile(path) as archive:
+                shapes = any(name.lower().endswith(".shp") for name in archive.namelist())
+        except zipfile.BadZipFile as error:
+            raise ImportTrouble(f"{path}: {error}") from None
+        return "shapefile" if shapes else "isoxml"
+    return _SUFFIXES.get(path.suffix.lower(), "text")
+
+
+def _parquet(path: Path, said: Source) -> RawTable:
+    import polars as pl
+    import polars.selectors as cs
+    try:
+        frame = pl.read_parquet(path, use_pyarrow=False)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise ImportTrouble(f"{path}: not readable as Parquet: {str(error).splitlines()[0]}") from None
+    if frame.height == 0:
+        raise ImportTrouble(f"{path}: no rows in it")
+    frame = frame.with_columns(cs.boolean().cast(pl.Float64), cs.numeric().cast(pl.Float64))
+    others = [name for name, kind in frame.schema.items() if not (kind == pl.Float64 or kind.is_temporal())]
+    frame = frame.with_columns(pl.col(others).cast(pl.String, strict=False)) if others else frame
+    units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
+    return RawTable(path, frame, said.model_copy(update={"kind": "parquet"}), units, 1)

@@ -1,0 +1,137 @@
+"""The times of a foreign table: texts of any format and zone, counts of seconds or days, as whole microseconds."""
+from __future__ import annotations
+
+import re
+from typing import Literal, NamedTuple
+
+import polars as pl
+
+from drivers.files.imports.mapping import Times
+from drivers.files.imports.numbers import numbers
+from drivers.files.imports.raw import RawTable
+from drivers.files.imports.trouble import ImportTrouble
+
+ISO = "%Y-%m-%d %H:%M:%S%.f"
+_OFFSET = r":\d{2}(?:\.\d+)?\s*(Z|z|[+-]\d{2}:?\d{2})$"
+_DAY_US = 86_400_000_000
+_EXCEL_EPOCH_DAYS = 25_569              # 1970-01-01 counted from 1899-12-30, as spreadsheets do
+_STEPS_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "min": 60e6, "h": 3600e6, "unix_s": 1e6, "unix_ms": 1e3, "unix_us": 1.0}
+_GOOD = 0.5                             # fewer readable times than this share: the format is wrong
+
+
+class Clock(NamedTuple):
+    """`us`: Int64, null: not known. `kind`: since 1970 in UTC; since 1970 in local time of no known zone; or counted
+    from some moment of the file's own."""
+
+    us: pl.Series
+    kind: Literal["utc", "local", "relative"]
+
+
+def clock(table: RawTable, times: Times) -> Clock:
+    """Raises ImportTrouble where the column is not there or most of its cells are no such time."""
+    if times.counts == "rows":
+        assert times.step_s is not None
+        step_us = round(times.step_s * 1e6)
+        return Clock(pl.Series("us", range(table.frame.height), pl.Int64) * step_us, "relative")
+    assert times.column is not None
+    series = table.frame[times.column]
+    if series.dtype.is_temporal() and series.dtype != pl.Time:
+        return _of_datetimes(series, times.zone)
+    if times.counts == "text":
+        found = read_texts(_joined(table, times), times.format, times.zone)
+        _check(table, times, found.us)
+        return found
+    found_numbers = numbers(series, table.decimal_comma).values
+    if times.counts == "excel_day":
+        ms = ((found_numbers - _EXCEL_EPOCH_DAYS) * (_DAY_US / 1000)).round(0).cast(pl.Int64)
+        found = _of_naive(ms * 1000, times.zone)
+    else:
+        us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64)
+        found = Clock(us, "utc" if times.counts.startswith("unix") else "relative")
+    _check(table, times, found.us)
+    return found
+
+
+def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> Clock:
+    """Times written as texts; an offset at their end (Z, +08:00) stands above `zone`. `form` None: ISO 8601."""
+    frame = texts.cast(pl.String).alias("t").to_frame().select(
+        pl.col("t").str.strip_chars().str.replace(r"(\d{2}),(\d{1,6})", "${1}.${2}"))
+    frame = frame.with_columns(offset=pl.col("t").str.extract(_OFFSET, 1),
+                               base=pl.col("t").str.replace(r"\s*(Z|z|(:\d{2}(?:\.\d+)?)\s*[+-]\d{2}:?\d{2})$", "${2}"))
+    base = frame["base"]
+    if form is None:
+        base = base.str.replace("T", " ", literal=True).str.replace_all("/", "-", literal=True)
+        base = base.str.replace(r"^(\S+ \d{1,2}:\d{2})$", "${1}:00")
+    if not re.search(r"%[djyYF]", form or ISO):
+        return Clock(_over_midnight(_parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")), "relative")
+    us = _parsed(base, form or ISO)
+    if frame["offset"].is_not_null().any():
+        return Clock(us - _offset_us(frame["offset"]), "utc")
+    return _of_naive(us, zone)
+
+
+def _joined(table: RawTable, times: Times) -> pl.Series:
+    assert times.column is not None
+    column = table.frame[times.column].cast(pl.String)
+    if times.date_column is None:
+        return column
+    day = table.frame[times.date_column]
+    if day.dtype.is_temporal():
+        day = day.dt.strftime("%Y-%m-%d")
+    return day.cast(pl.String).str.strip_chars() + " " + column.str.strip_chars()
+
+
+def _parsed(texts: pl.Series, form: str) -> pl.Series:
+    try:
+        return texts.str.to_datetime(form, time_unit="us", strict=False).cast(pl.Int64)
+    except pl.exceptions.PolarsError:
+        raise ImportTrouble(f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S") from None
+
+
+def _over_midnight(us: pl.Series) -> pl.Series:
+    """Times of day go on past midnight."""
+    days = (us.forward_fill().diff().fill_null(0) < -_DAY_US // 2).cast(pl.Int64).cum_sum()
+    return us + days * _DAY_US
+
+
+def _offset_us(offsets: pl.Series) -> pl.Series:
+    digits = offsets.str.replace_all(r"[^0-9]", "")
+    minutes = (digits.str.slice(0, 2).cast(pl.Int64, strict=False).fill_null(0) * 60
+               + digits.str.slice(2, 2).cast(pl.Int64, strict=False).fill_null(0))
+    sign = pl.select(pl.when(offsets.str.starts_with("-")).then(-1).otherwise(1)).to_series()
+    return minutes * sign * 60_000_000
+
+
+def _of_datetimes(series: pl.Series, zone: str | None) -> Clock:
+    stamped = series.cast(pl.Datetime("us")) if series.dtype == pl.Date else series.dt.cast_time_unit("us")
+    aware = isinstance(stamped.dtype, pl.Datetime) and stamped.dtype.time_zone is not None
+    us = stamped.dt.timestamp("us")
+    return Clock(us, "utc") if aware else _of_naive(us, zone)
+
+
+def _of_naive(us: pl.Series, zone: str | None) -> Clock:
+    if zone is None:
+        return Clock(us, "local")
+    fixed = re.fullmatch(r"([-+])(\d{2}):(\d{2})", zone)
+    if fixed:
+        minutes = int(fixed[2]) * 60 + int(fixed[3])
+        return Clock(us - (-1 if fixed[1] == "-" else 1) * minutes * 60_000_000, "utc")
+    # In autumn an hour comes twice: what stands before the step back is its first, what follows its second.
+    back = (us.diff().fill_null(0) < 0).cast(pl.Int64).cum_sum() > 0
+    frame = pl.DataFrame({"t": us.cast(pl.Datetime("us")), "back": back})
+    which = pl.when(pl.col("back")).then(pl.lit("latest")).otherwise(pl.lit("earliest"))
+    placed = frame.select(pl.col("t").dt.replace_time_zone(zone, ambiguous=which, non_existent="null"))["t"]
+    return Clock(placed.dt.timestamp("us"), "utc")
+
+
+def _check(table: RawTable, times: Times, us: pl.Series) -> None:
+    known = us.is_not_null().sum()
+    if known > _GOOD * us.len():
+        return
+    assert times.column is not None
+    row = int(us.is_null().arg_true()[0])
+    cell = table.frame[times.column][row]
+    form = times.format or ("ISO 8601, e.g. 2026-03-20T08:00:00Z" if times.counts == "text" else "a number")
+    said = " (time.format says so)" if times.format else ""
+    raise ImportTrouble(f"{table.path}: row {table.first_row + row}: column {times.column}: value {cell}: allowed "
+                        f"{form}{said}")

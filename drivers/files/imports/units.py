@@ -1,0 +1,138 @@
+"""Units as machines write them, and what one of each is in the unit of a log column."""
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
+from drivers.files.prescriptions.words import MASS_UNITS
+
+SLOPE = "slope %"           # 100 m up in 100 m along: no factor, an arc tangent
+
+
+class Unit(NamedTuple):
+    """`factor`: one of it in the log's unit of that quantity. `other`: further spellings, in small letters."""
+
+    name: str
+    quantity: str
+    factor: float
+    other: tuple[str, ...] = ()
+
+
+_POUND_KG = 0.45359237
+_MILE_M, _FOOT_M, _INCH_MM = 1609.344, 0.3048, 25.4
+
+UNITS = (
+    Unit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
+    Unit("km/h", "speed", 1.0 / 3.6, ("kmh", "kph", "km/hr", "km h-1", "km_h", "公里/小时", "千米/小时", "公里/时")),
+    Unit("mph", "speed", _MILE_M / 3600.0, ("mi/h", "miles/h")),
+    Unit("kn", "speed", 1852.0 / 3600.0, ("knots", "knot", "kt", "kts")),
+    Unit("ft/s", "speed", _FOOT_M, ("fps", "ft/sec")),
+    Unit("cm/s", "speed", 0.01),
+    Unit("mm/s", "speed", 0.001),
+    Unit("r/min", "rotation", 1.0, ("rpm", "rev/min", "u/min", "umdr/min", "1/min", "min-1", "tr/min", "giri/min",
+                                    "转/分", "转/分钟", "об/мин")),
+    Unit("r/s", "rotation", 60.0, ("rps", "rev/s", "1/s", "u/s", "转/秒")),
+    Unit("rad/s", "rotation", 30.0 / math.pi, ("rad/sec", "rads", "rad_s")),
+    Unit("deg/s", "rotation", 1.0 / 6.0, ("°/s", "grad/s")),
+    Unit("mm", "length", 1.0, ("毫米", "millimeter")),
+    Unit("cm", "length", 10.0, ("厘米",)),
+    Unit("m", "length", 1000.0, ("米", "meter", "metre")),
+    Unit("in", "length", _INCH_MM, ("inch", "inches", "zoll", '"')),
+    Unit("ft", "length", 1000.0 * _FOOT_M, ("feet",)),
+    Unit("kg", "mass", 1.0, ("公斤", "千克")),
+    Unit("g", "mass", 0.001, ("gram", "克")),
+    Unit("t", "mass", 1000.0, ("to", "ton", "tons", "tonne", "吨")),
+    Unit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
+    *(Unit(name, "rate", factor, {
+        "kg/ha": ("kg_ha", "kgha", "kg ha-1", "kg/hm2", "kg·ha-1", "公斤/公顷"), "t/ha": ("t_ha",),
+        "g/m2": ("g_m2", "克/平方米"), "mg/m2": (), "lb/ac": ("lbs/ac", "lb/acre", "lbs/acre", "lb_ac")}[name])
+      for name, factor in MASS_UNITS.items()),
+    Unit("kg/mu", "rate", 15.0, ("公斤/亩", "千克/亩", "kg/亩")),
+    Unit("kg/s", "flow", 1.0, ("kg_s",)),
+    Unit("kg/min", "flow", 1.0 / 60.0, ("kg_min", "公斤/分")),
+    Unit("kg/h", "flow", 1.0 / 3600.0, ("kg/hr", "kg_h")),
+    Unit("g/s", "flow", 0.001, ("g_s", "克/秒")),
+    Unit("g/min", "flow", 0.001 / 60.0),
+    Unit("mg/s", "flow", 1e-6),
+    Unit("t/h", "flow", 1000.0 / 3600.0),
+    Unit("lb/min", "flow", _POUND_KG / 60.0, ("lbs/min",)),
+    Unit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
+    Unit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
+    Unit(SLOPE, "angle", math.nan, ("% slope", "%坡度")),
+    Unit("V", "voltage", 1.0, ("volt", "volts", "伏")),
+    Unit("mV", "voltage", 0.001, ("millivolt",)),
+    Unit("%", "share", 1.0, ("percent", "pct", "prozent", "百分比")),
+    Unit("s", "time", 1.0, ("sec", "secs", "second", "seconds", "sek", "秒")),
+    Unit("ms", "time", 1e-3, ("msec", "millis", "milliseconds", "毫秒")),
+    Unit("us", "time", 1e-6, ("µs", "μs", "usec", "micros", "microseconds", "微秒")),
+    Unit("min", "time", 60.0, ("minutes", "分钟")),
+    Unit("h", "time", 3600.0, ("hours", "小时")),
+    # Units that no column of the log has: known so that an extra column keeps them in its name.
+    *(Unit(name, "other", 1.0, other) for name, other in (
+        ("Nm", ("n·m", "n.m", "nm")), ("N", ("newton",)), ("kN", ()), ("bar", ()), ("kPa", ()), ("Pa", ()),
+        ("psi", ()), ("MPa", ()), ("degC", ("°c", "℃", "celsius")), ("degF", ("°f", "℉")),
+        ("A", ("amp", "ampere", "安")), ("mA", ()), ("W", ()), ("kW", ()), ("Hz", ()), ("kHz", ()),
+        ("l/h", ("lph",)), ("l/min", ()), ("l/ha", ()),
+        ("gal/ac", ("gpa",)), ("ha", ("hectare", "公顷")), ("ac", ("acre", "acres")), ("m2", ()), ("km", ()), ("l", ()),
+        ("counts", ("count", "cnt")), ("mg", ()), ("seeds/ha", ()), ("seeds/ac", ()))),
+)
+
+_BY_NAME = {unit.name: unit for unit in UNITS}
+_SPELLINGS = {unit.name: unit for unit in UNITS} | {
+    spelling: unit for unit in reversed(UNITS) for spelling in (unit.name.lower(), *unit.other)}
+
+# What a log column is measured in, by the ending of its name (docs/format-run-log.md).
+_ENDINGS = (("_kg_ha", "rate"), ("_mps", "speed"), ("_rpm", "rotation"), ("_rpm_cmd", "rotation"), ("_mm", "length"),
+            ("_mm_cmd", "length"), ("_kg", "mass"), ("_deg", "angle"), ("_v", "voltage"), ("_percent", "share"),
+            ("_s", "time"), ("_m", "length"))
+_IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
+_PER_METRE = 0.001           # lengths are in mm but for the one column in metres
+
+
+def unit_named(text: str) -> Unit | None:
+    """The unit that a text names in any known spelling; None: no unit."""
+    plain = _plain(text)
+    return _BY_NAME.get(plain) or _SPELLINGS.get(plain) or _SPELLINGS.get(plain.lower())
+
+
+def names_of(quantity: str) -> tuple[str, ...]:
+    return tuple(unit.name for unit in UNITS if unit.quantity == quantity)
+
+
+def quantity_of(column: str) -> str | None:
+    """Of a column of the run log; None for plain numbers, texts and columns beyond the standard."""
+    if column not in COLUMNS or column in TEXT_COLUMNS or column in WHOLE_COLUMNS:
+        return None
+    return next((quantity for ending, quantity in sorted(_ENDINGS, key=lambda e: -len(e[0]))
+                 if column.endswith(ending)), None)
+
+
+def in_log_unit(values: NDArray[np.float64], unit: Unit, column: str) -> NDArray[np.float64]:
+    """Numbers (n,) in `unit` as the log column holds them. The unit's quantity must be the column's."""
+    if unit.name == SLOPE:
+        return np.degrees(np.arctan(values / 100.0))
+    metres = _PER_METRE if column.endswith("_m") else 1.0
+    return values * (unit.factor * metres)
+
+
+def slug(text: str) -> str:
+    """Small letters, digits and underscores of a name or a unit, as the names of columns are written: `N m` is `nm`."""
+    unit = unit_named(text)
+    plain = unit.name if unit is not None else text
+    if plain in _IN_NAMES:
+        return _IN_NAMES[plain]
+    folded = unicodedata.normalize("NFKC", plain)
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", folded) if unit is None else folded
+    return re.sub(r"[^\w]+", "_", spaced.casefold()).strip("_")
+
+
+def _plain(text: str) -> str:
+    """One spelling: superscripts as digits, no blanks about a slash."""
+    folded = unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")
+    return re.sub(r"\s*/\s*", "/", re.sub(r"\s+", " ", folded.strip(" .[](){}<>")))

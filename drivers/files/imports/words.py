@@ -1,0 +1,132 @@
+"""What people call the columns of a machine's log, in English, German, Chinese, French and Spanish.
+
+A word stands for itself wherever it occurs in a name. `=word` is the whole of a part of the name (`=rate` is in
+`target_rate`, not in `acceleration`), `^word` its beginning. Names are compared in small letters, without accents.
+"""
+from __future__ import annotations
+
+import re
+import unicodedata
+from functools import cache
+from typing import NamedTuple
+
+from drivers.files.imports.units import quantity_of
+
+Words = tuple[str, ...]
+
+
+class Subject(NamedTuple):
+    """What a column is about. `needs`: groups of words, one of each must be there; `never`: none of these may be.
+
+    `reading`, `command`: the log columns that its measured and its commanded kind go to, empty: none. `quantities`: a
+    column in a unit of these is one, if its words do not say otherwise.
+    """
+
+    id: str
+    needs: tuple[Words, ...]
+    reading: str = ""
+    command: str = ""
+    never: Words = ()
+    quantities: Words = ()
+
+
+def _words(text: str) -> Words:
+    return tuple(text.split())
+
+
+_OTHER_DRIVES = _words("engine =eng =pto zapfwelle =fan geblase turbin ^motordreh 发动机 风机 =wind windgesch")
+
+# In order: the first that fits is taken, so that the special stands before the general.
+SUBJECTS = (
+    Subject("wheel speed", (_words("wheel =rad ^rad 轮速 radar roue odometer"),
+                            _words("speed =spd ^spd velocity geschw 速 vitesse")), "wheel_speed_mps"),
+    Subject("working width", (_words("width breite 幅宽 largeur"), _words("work arbeit implement 工作 作业"))),
+    Subject("altitude", (_words("altitude =alt elevation hohe 海拔 高程"),)),
+    Subject("latitude", (_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),), "lat_deg"),
+    Subject("longitude", (_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),), "lon_deg"),
+    Subject("ndvi", (_words("ndvi"),), "ndvi"),
+    Subject("hdop", (_words("hdop"),), "hdop"),
+    Subject("satellites", (_words("satellite satellit =sats =nsat 卫星"),), "satellites"),
+    Subject("fix", (_words("fix_quality fix_type =fix gps_quality gnss_quality 定位状态 定位质量"),), "fix_quality"),
+    Subject("heading", (_words("heading =course =cog bearing =kurs fahrtrichtung 航向 azimut =cap"),), "heading_deg",
+            never=_words("error target soll")),
+    Subject("pitch", (_words("=pitch langsneigung steigung 俯仰 纵坡 坡度"),), "pitch_deg"),
+    Subject("roll", (_words("=roll querneigung 横滚 侧倾 横坡"),), "roll_deg"),
+    Subject("supply", (_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),), "supply_v",
+            quantities=("voltage",)),
+    Subject("hopper", (_words("hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 waage fullstand poids "
+                              "tremie"),), "hopper_kg", never=_words("temp pressure druck"), quantities=("mass",)),
+    Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
+            "opening_mm", "opening_mm_cmd", never=_words("time zeit")),
+    Subject("rate", (_words("=rate ^rate ausbring =dose dosis aufwand 施肥量 施用量 亩用量 =dosage ^istmenge "
+                            "^sollmenge applied =appl 目标量 =debit"),), "applied_rate_kg_ha", "target_rate_kg_ha",
+            never=_words("sample baud yaw turn update frame area total fuel"), quantities=("rate",)),
+    Subject("shaft", (_words("shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke drehzahl 转速 =rpm motor "
+                             "=drive antrieb 电机 roller spindle revolution"),), "shaft_rpm", "shaft_rpm_cmd",
+            never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom wheel")), quantities=("rotation",)),
+    Subject("flow", (_words("=flow massflow durchfluss massenstrom 流量"),), "applied_rate_kg_ha", "target_rate_kg_ha",
+            quantities=("flow",)),
+    Subject("speed", (_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),), "speed_mps",
+            never=(*_OTHER_DRIVES, *_words("limit angular")), quantities=("speed",)),
+    Subject("work", (_words("=work working arbeit 作业 工作 =lift hubwerk =switch schalter implement section spreading "
+                            "=state status travail"),), "work_switch",
+            never=_words("width breite 幅宽 pressure druck time zeit hours stunden area flache temp")),
+)
+COMMAND = _words("=cmd command setpoint set_point =set soll target desired demand =ref request wanted consigne "
+                 "指令 设定 目标 给定 =pwm =duty prescribed vorgabe stellwert objetivo cible prescription")
+RAW_COMMAND = _words("=pwm =duty")                  # a command even where a word of reading stands beside it
+READING = _words("actual =act =ist measured =meas ^ist feedback =fb 实际 测量 反馈 sensor applied gemessen reel =real "
+                 "mesure")
+QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")     # such a command counts no steps
+PLAINLY_READING = READING[:3]                       # a reading even where a word of command stands beside it
+
+TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis")
+PLAINLY_TIME = TIME[:6]
+NO_TIME = _words("lag zeitzone timezone")
+DATE = _words("=date =datum 日期 =fecha =tag =day")
+UTC = _words("utc gmt zulu")
+EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")        # on is up, or on is down
+ON = _words("1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged")
+
+
+@cache
+def folded(name: str) -> str:
+    """Small letters without accents, parts joined by `_`: `targetRate` and `Target-Rate` are `target_rate`."""
+    plain = unicodedata.normalize("NFKC", name).replace("ß", "ss")
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", plain)
+    letters = "".join(c for c in unicodedata.normalize("NFKD", spaced.casefold()) if not unicodedata.combining(c))
+    return re.sub(r"[\W_]+", "_", letters).strip("_")
+
+
+def says(name: str, words: Words) -> bool:
+    """Whether a folded name has one of the words."""
+    parts = name.split("_")
+    for word in words:
+        start, rest = word[0], word[1:]
+        if start == "=":
+            found = rest in parts
+        elif start == "^":
+            found = any(part.startswith(rest) for part in parts)
+        else:
+            found = word in name
+        if found:
+            return True
+    return False
+
+
+def subject_of(name: str, quantity: str | None) -> Subject | None:
+    """What a folded name is about. A unit of `quantity`, where one is told, outweighs words that do not go with it:
+    a speed in r/min is no ground speed."""
+    worded = [subject for subject in SUBJECTS if all(says(name, group) for group in subject.needs)
+              and not says(name, subject.never)]
+    if quantity is None or quantity == "share" or (worded and not worded[0].reading):
+        return worded[0] if worded else None
+    fitting = [subject for subject in worded if goes_with(subject.reading, quantity)]
+    by_unit = [subject for subject in SUBJECTS if quantity in subject.quantities and not says(name, subject.never)]
+    return next(iter([*fitting, *by_unit]), None)
+
+
+def goes_with(column: str, quantity: str) -> bool:
+    """Whether a log column can be told in a unit of this quantity: a rate also as a flow over the ground covered."""
+    own = quantity_of(column)
+    return own is None or own == quantity or (own, quantity) == ("rate", "flow")

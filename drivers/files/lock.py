@@ -1,0 +1,36 @@
+"""A lock that one process holds: the system gives it back when that process ends, however it ends."""
+from __future__ import annotations
+
+import io
+import os
+import sys
+from pathlib import Path
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _take(handle: int) -> None:
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+else:
+    import fcntl
+
+    def _take(handle: int) -> None:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def take_lock(path: Path) -> io.FileIO | None:
+    """The open file that holds the lock until it is closed; None where somebody else holds it.
+
+    The file is made where needed and never removed: another process may be about to lock it. Raises OSError where the
+    folder is not there or its disk knows no locks.
+    """
+    file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
+    try:
+        _take(file.fileno())
+    except (BlockingIOError, PermissionError):        # POSIX, Windows: held
+        file.close()
+        return None
+    except OSError:
+        file.close()
+        raise
+    return file

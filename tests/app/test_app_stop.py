@@ -1,0 +1,329 @@
+"""STOP is had with any form of its key, on every page and under every dialog; so is every letter; no STOP that stops
+nothing is shown."""
+from __future__ import annotations
+
+import pytest
+from textual._xterm_parser import XTermParser
+from textual.command import CommandPalette
+from textual.events import InputEvent
+from textual.screen import ModalScreen
+from textual.widgets import Input
+
+from console.app import actions, pressed
+from console.app.app import TopdressApp
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, NumberDialog, TextDialog
+from console.app.gallery import StillSource
+from console.app.name_dialog import NameDialog
+from console.app.pages.settings import page as settings_page
+from console.app.pages.trends.channel_dialog import ChannelDialog
+from console.app.sample import sample_services
+from console.app.screens.alarm_list import AlarmList
+from console.app.screens.gone import GoneScreen
+from console.app.screens.help import HelpScreen
+from console.app.settings import keymap_problem
+from console.app.tablet import Key, KeyDialog, TabletApp
+from console.app.units import METRIC
+from console.app.widgets.key_bar import KeyBar, laid_out
+from control.orders import Answer, Do, Order
+
+SIZE = (120, 40)
+STOP, HOLD = Order(Do.STOP), Order(Do.HOLD)
+
+# What terminals send for X and F12: plain, Shift, Caps Lock, Ctrl, Alt, the kitty protocol, older ones.
+SENT_FOR_F12 = ("\x1b[24~", "\x1b[24;2~", "\x1b[24;5~", "\x1b[24;6~", "\x1b[24;3~", "\x1b[24;65~", "\x1b[24;66~",
+                "\x1b[24$", "\x1b[24^")
+SENT_FOR_X = ("x", "X", "\x1b[120;2u", "\x1b[120;65u", "\x1b[88;2u", "\x1b[120;2;88u", "\x1b[27;2;88~", "\x1b[120;6u",
+              "\x18", "\x1bx", "\x1bX", "ｘ", "Ｘ", "ч", "Ч", "\x1b[1095;2u", "χ", "Χ", "х", "Х", "џ", "ס", "ㅌ", "さ")
+SENT_FOR_SPACE = (" ", "\x1b[32;2u", "\x1b[32;2;32u", "\x1b[32;5u", "\x00", "\u3000", "\u00a0")
+
+DIALOGS = {
+    Confirm: lambda: Confirm("Sure?"),
+    NudgeDialog: lambda: NudgeDialog(0.0, 1),
+    ChoiceDialog: lambda: ChoiceDialog("Which?", [Choice("a", "A"), Choice("b", "B")], "a"),
+    NumberDialog: lambda: NumberDialog("How much?", "kg", 0, 100),
+    TextDialog: lambda: TextDialog("Read", "this"),
+    NameDialog: lambda: NameDialog("Name", "abc"),
+    ChannelDialog: lambda: ChannelDialog((), METRIC, lambda chosen: None),
+    GoneScreen: lambda: GoneScreen("gone", True, True),
+    AlarmList: lambda: AlarmList("Alarms", ()),
+    HelpScreen: lambda: HelpScreen(actions.at("run")),
+    settings_page.KeyDialog: lambda: settings_page.KeyDialog("start", "S"),
+    KeyDialog: lambda: KeyDialog("Key", "", "", lambda typed: ""),
+    CommandPalette: CommandPalette,
+}
+
+
+@pytest.fixture
+def full(source, clock):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
+
+
+def sent(text: str) -> list[InputEvent]:
+    """The keys and mouse events that Textual makes of what a terminal sends."""
+    parser = XTermParser()
+    return [event for event in (*parser.feed(text), *parser.feed("")) if isinstance(event, InputEvent)]
+
+
+async def send(app, pilot, *texts):
+    for text in texts:
+        for event in sent(text):
+            app.post_message(event)
+        await pilot.pause()
+        await pilot.pause()
+
+
+async def click(app, pilot, x, y):
+    """As a terminal sends it: a pilot's own clicks pass the app by."""
+    await send(app, pilot, f"\x1b[<0;{x + 1};{y + 1}M", f"\x1b[<0;{x + 1};{y + 1}m")
+
+
+async def turned(app, pilot, where):
+    app.turn_to(where)
+    await pilot.pause()
+    await pilot.pause()
+
+
+def kinds(base=ModalScreen):
+    """Every kind of dialog that the console has."""
+    for kind in base.__subclasses__():
+        if kind.__module__.startswith("console.") and kind is not Dialog:
+            yield kind
+        yield from kinds(kind)
+
+
+@pytest.mark.parametrize("text", [*SENT_FOR_X, *SENT_FOR_F12])
+async def test_stop_is_had_with_every_form_of_its_keys(app, text):
+    async with app.run_test(size=SIZE) as pilot:
+        await send(app, pilot, text)
+        assert app.source.orders == [STOP]
+
+
+@pytest.mark.parametrize("text", SENT_FOR_SPACE)
+async def test_hold_is_had_with_every_form_of_its_key(app, text):
+    async with app.run_test(size=SIZE) as pilot:
+        await send(app, pilot, text)
+        assert app.source.orders == [HOLD]
+
+
+async def test_stop_reaches_the_worker_from_every_page(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        for where in full.pages:
+            await turned(full, pilot, where)
+            for text in ("x", "X", "\x1b[120;2u", "Ч", "\x1b[24~", "\x1b[24;2~"):
+                source.orders.clear()
+                await send(full, pilot, text)
+                assert source.orders == [STOP], (where, text)
+            source.orders.clear()
+            await send(full, pilot, " ", "\u3000")
+            assert source.orders == [HOLD, HOLD], where
+            assert full.page.where == where and full.screen is full.page
+
+
+def test_every_kind_of_dialog_is_tried_below():
+    assert set(kinds()) <= set(DIALOGS), "a new kind of dialog belongs into DIALOGS"
+
+
+@pytest.mark.parametrize("kind", DIALOGS, ids=lambda kind: f"{kind.__module__.rpartition('.')[2]}.{kind.__name__}")
+async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, kind):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        full.push_screen(DIALOGS[kind]())
+        await pilot.pause(0.05)
+        dialog = full.screen
+        assert isinstance(dialog, kind)
+        typing = isinstance(full.focused, Input)
+        for text in (*SENT_FOR_F12[:3], *(() if typing else ("x", "X", "\x1b[120;2u", "Ч"))):
+            source.orders.clear()
+            await send(full, pilot, text)
+            assert source.orders == [STOP], text
+        for text in (" ", "\u3000"):
+            source.orders.clear()
+            await send(full, pilot, text)
+            assert source.orders == [HOLD], text
+        assert full.screen is dialog, "the dialog stays"
+        source.orders.clear()
+        bar = full.page.query_one("#keys", KeyBar)
+        for name, order in (("stop", STOP), ("hold", HOLD)):
+            place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == name)
+            await click(full, pilot, bar.region.x + place[1] + 1, bar.region.y)
+            assert source.orders == [order] and full.screen is dialog, f"a click on {name}, which is in sight"
+            source.orders.clear()
+
+
+async def test_a_dialog_over_the_key_bar_hides_it_from_clicks(full, source):
+    """Where a dialog lies over them, hold and STOP are not in sight, and a click is the dialog's."""
+    async with full.run_test(size=(40, 10)) as pilot:
+        await pilot.pause()
+        full.push_screen(NumberDialog("How much?", "kg", 0, 100))
+        await pilot.pause()
+        full.screen.query_one(".dialog").styles.margin = 0
+        await pilot.pause()
+        await click(full, pilot, 16, 9)
+        assert source.orders == []
+
+
+async def test_in_a_text_field_a_letter_is_a_letter(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        full.push_screen(NameDialog("Name", ""))
+        await pilot.pause()
+        await send(full, pilot, "x", "X", "Ч", "ｘ", "a", "S")
+        assert full.screen.query_one(Input).value == "xXЧｘaS" and source.orders == []
+
+
+# --- every letter, on every page -------------------------------------------------------------------------------------
+
+def forms(letter: str) -> tuple[str, ...]:
+    """Caps Lock or Shift, kitty's two ways to say Shift, and a full-width input method."""
+    wide = chr(ord(letter) + 0xFEE0)
+    return (letter.upper(), f"\x1b[{ord(letter)};2u", f"\x1b[{ord(letter.upper())};2u", wide,
+            chr(ord(letter.upper()) + 0xFEE0))
+
+
+async def done_by(app, pilot, text) -> list[str]:
+    """The actions that something sent leads to; none is carried out."""
+    done: list[str] = []
+
+    async def note(name: str) -> None:
+        done.append(name)
+
+    app.action_do, before = note, app.action_do
+    try:
+        await send(app, pilot, text)
+    finally:
+        app.action_do = before
+    return done
+
+
+async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(full):
+    tried, keymap = set(), full.services.settings.settings.keymap
+    async with full.run_test(size=SIZE) as pilot:
+        for where in full.pages:
+            await turned(full, pilot, where)
+            for action in actions.at(where):
+                for key in actions.keys_of(action, keymap):
+                    if len(key) == 1 and key.isalpha():
+                        for text in (key, *forms(key)):
+                            assert await done_by(full, pilot, text) == [action.id], (where, text)
+                        tried.add(action.id)
+        letters = {action.id for action in actions.ACTIONS if any(len(key) == 1 and key.isalpha()
+                                                                 for key in actions.keys_of(action, keymap))}
+        assert tried == letters and len(letters) > 40
+        assert await done_by(full, pilot, "２") == ["run_screen"]
+        assert await done_by(full, pilot, "\x1b[112;6u") == ["palette"], "Ctrl+Shift+P"
+
+
+def test_no_built_in_binding_is_a_capital():
+    """Else folding would hide it."""
+    own = {key for action in actions.ACTIONS for key in actions.keys_of(action, {})}
+    for kind in kinds():
+        own |= {key.strip() for binding in kind.__dict__.get("BINDINGS", ()) for key in binding.key.split(",")}
+    assert not [key for key in own if key.rpartition("+")[2] != key.rpartition("+")[2].lower()]
+
+
+async def test_letters_of_dialogs_work_with_caps_lock(full):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        answers = []
+        full.push_screen(GoneScreen("gone", True, True), answers.append)
+        await pilot.pause()
+        await send(full, pilot, "A")
+        assert answers == ["attach"]
+        full.push_screen(NumberDialog("How much?", "kg", 0, 100), answers.append)
+        await pilot.pause()
+        await send(full, pilot, "１", "２", "\r")
+        assert answers == ["attach", 12.0]
+
+
+async def test_a_remapped_key_works_with_caps_lock_too(source, clock):
+    app = TopdressApp(source, clock, live=False, keymap={"start": "z", "stop": "p,ctrl+g", "hold": "v"})
+    async with app.run_test(size=SIZE) as pilot:
+        for text, order in (("Z", Order(Do.START)), ("P", STOP), ("\x1b[112;2u", STOP), ("V", HOLD), ("v", HOLD),
+                            ("\x1b[24;5~", STOP), ("\x07", STOP)):
+            source.orders.clear()
+            await send(app, pilot, text)
+            assert source.orders == [order], text
+        source.orders.clear()
+        await send(app, pilot, "\x10")
+        assert isinstance(app.screen, CommandPalette) and source.orders == [], "Ctrl+P is bound, and is not STOP"
+
+
+async def test_a_capital_that_the_user_bound_is_the_user_s(source, clock):
+    assert keymap_problem({"mark": "S"}) == ""
+    app = TopdressApp(source, clock, live=False, keymap={"mark": "S", "map_follow": "R"})
+    async with app.run_test(size=SIZE) as pilot:
+        await send(app, pilot, "s", "S", "\x1b[115;2u", "R")
+        mark = Order(Do.MARK, "mark")
+        assert source.orders == [Order(Do.START), mark, mark, Order(Do.READY)], "R is the user's on the map alone"
+
+
+def test_f12_cannot_be_taken_from_stop():
+    for key in ("f12", "shift+f12"):
+        assert "F12 is STOP" in keymap_problem({"start": key, "stop": "p"})
+    assert keymap_problem({"stop": "z,f12"}) == "key z: both settle again and STOP", "no complaint about F12"
+
+
+def test_a_letter_alone_is_folded_and_nothing_else():
+    kept = ("escape", "shift+left", "ctrl+c", "alt+shift+left", "plus", "shift+tab", "ß", "é", "f2")
+    assert [pressed.meant(key, frozenset(), frozenset({"x", "space"})) for key in kept] == list(kept)
+
+
+# --- no STOP that stops nothing --------------------------------------------------------------------------------------
+
+async def test_stop_is_in_its_place_beside_a_notice(app, source, shown):
+    source.answer = Answer(False, "not_from_state;state=working")
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        bar = app.page.query_one("#keys", KeyBar)
+        place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "stop")
+        await pilot.press("s")
+        await pilot.pause()
+        last = shown(app)[-1]
+        assert "Not possible" in last and last[place[1]:].startswith(" X STOP ")
+        await pilot.click("#keys", offset=(place[1] + 1, 0))
+        await pilot.pause()
+        assert source.orders == [Order(Do.START), STOP]
+
+
+@pytest.mark.parametrize("key", ["abcd2345", None])
+@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, shown, key, size):
+    async def link_to(operating: bool) -> StillSource:
+        return source
+
+    app = TabletApp(source, link_to, Key(key, clock), clock=clock, live=False, utc_offset_s=0.0,
+                    services=sample_services())
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        for where in ("run", "map", "trends", "devices", "replay", "job"):
+            await turned(app, pilot, where)
+            app.tick()
+            await pilot.pause()
+            last = shown(app)[-1]
+            assert "hold and STOP are at the machine's console" in last and "X STOP" not in last, where
+            offered = {action.id for action in app.offered(where)}
+            assert not {"hold", "stop"} & offered
+            titles = {command.title for command in app.get_system_commands(app.screen)}
+            assert not {"hold", "STOP"} & titles
+            await pilot.press("f1")
+            await pilot.pause()
+            assert not any("Machine off, from any state" in row for row in shown(app))
+            await pilot.press("escape")
+            for text in ("x", "X", "\x1b[24~", " "):
+                await send(app, pilot, text)
+                assert app.screen is app.page, f"{text!r} asks for nothing while the machine runs"
+                assert "hold and STOP are at" in shown(app)[-1]
+            for x in range(0, size[0], 9) if where == "run" else ():
+                await pilot.click("#keys", offset=(x, 0))
+                await pilot.pause()
+                while app.screen is not app.page:
+                    app.pop_screen()
+                await turned(app, pilot, where)
+        assert source.orders == [] and app.looking
+        app.looking = False
+        app.page.hurry()
+        app.tick()
+        await turned(app, pilot, "run")
+        assert "X STOP" in shown(app)[-1]
+        await send(app, pilot, "X")
+        assert source.orders == [STOP]

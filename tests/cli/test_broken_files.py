@@ -1,0 +1,112 @@
+"""Every command over a folder of broken files: one plain line and no success, never a traceback."""
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from control.log_row import COLUMNS
+
+CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n"
+LAG = "shaft_rpm,lag_s\n"
+
+
+def archive(*names: str) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as opened:
+        for name in names:
+            opened.writestr(name, "<?xml version='1.0'?><x/>")
+    return packed.getvalue()
+
+
+BROKEN: dict[str, bytes | None] = {      # None: a folder
+    "missing": b"",
+    "empty": b"",
+    "blank": b"\n\n  \n",
+    "log_header": (",".join(COLUMNS) + "\n").encode(),
+    "catch_header": CATCH.encode(),
+    "lag_header": LAG.encode(),
+    "text": b"This is a letter to my uncle.\nIt has no columns.\n",
+    "binary": bytes(range(256)) * 64,
+    "zeros": bytes(5000),
+    "folder": None,
+    "wrong_columns": b"apples,pears\n1,2\n3,4\n",
+    "text_cells": b"time_s,speed_mps\nmorning,slow\nnoon,fast\n",
+    "catch_of_words": CATCH.encode() + b"slow,wide,long,much\n",
+    "twins": b"time_s,time_s\n0,0\n1,1\n",
+    "time_back": b"time_s,speed_mps\n5,1\n4,1\n3,1\n",
+    "utf16": "Äpfel,Birnen\n1,2\n".encode("utf-16"),
+    "gb18030": "苹果,梨\n一,二\n".encode("gb18030"),
+    "latin1": "Äpfel;Birnen\nä;ö\n".encode("latin-1"),
+    "half_utf8": "苹果,梨\n1,2\n".encode()[:-7] + b"\xe8",
+    "yaml_list": b"- 1\n- 2\n",
+    "yaml_bomb": b"a: &a [1]\nb: *a\nformat: [" + b"[" * 300,
+    "json": b'{"type": "FeatureCollection", "features": 7}',
+    "json_cut": b'{"type": "FeatureCollection", "features": [{"ty',
+    "zip": archive("readme.txt"),
+    "zip_cut": archive("TASKDATA.XML", "more")[:60],
+    "task_zip": archive("TASKDATA/TASKDATA.XML"),
+    "xlsx": archive("[Content_Types].xml", "xl/workbook.xml", "xl/worksheets/sheet1.xml"),
+    "one_long_line": b"x" * 200_000,
+}
+ENDINGS = (".csv", ".yaml", ".geojson", ".shp", ".zip", ".xml", ".xlsx", "")
+COMMANDS: dict[str, Callable[[str], list[str]]] = {
+    "simulate job": lambda f: ["simulate", "--job", f, "--seconds", "1"],
+    "simulate machine": lambda f: ["simulate", "--machine", f, "--seconds", "1"],
+    "replay": lambda f: ["replay", f],
+    "replay headless": lambda f: ["replay", f, "--headless", "--out", "out.csv"],
+    "replay machine": lambda f: ["replay", "good.csv", "--headless", "--out", "out.csv", "--machine", f],
+    "diagnose": lambda f: ["diagnose", f],
+    "diagnose run": lambda f: ["diagnose", f, "--kind", "run"],
+    "diagnose lag": lambda f: ["diagnose", f, "--kind", "lag"],
+    "diagnose catch": lambda f: ["diagnose", f, "--kind", "catch"],
+    "diagnose machine": lambda f: ["diagnose", "good.csv", "--machine", f],
+    "calibrate catch": lambda f: ["calibrate", "catch", f, "--out", "out.yaml"],
+    "calibrate lag": lambda f: ["calibrate", "lag", f, "--out", "out.yaml"],
+    "calibrate wheel": lambda f: ["calibrate", "wheel", f, "--out", "out.yaml"],
+    "calibrate heads": lambda f: ["calibrate", "heads", f, "--out", "out.yaml"],
+    "map": lambda f: ["map", f, "--out", "out.geojson"],
+    "check": lambda f: ["check", f],
+    "run": lambda f: ["run", "--config", f],
+    "serve-machine": lambda f: ["serve-machine", "--machine", f, "--port", "0", "--seconds", "0.1"],
+}
+OF_CONFIGURATION = {"simulate job", "simulate machine", "replay machine", "diagnose machine", "check", "run",
+                    "serve-machine"}
+WORDS_OF_A_BUG = ("KeyError", "TypeError", "IndexError", "AttributeError", "Errno", "errors.pydantic", "not supported",
+                  "index ", "NoneType", "object has no", "Traceback")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("broken")
+    for name, data in BROKEN.items():
+        for ending in ENDINGS:
+            if data is None:
+                (place / f"{name}{ending}").mkdir()
+            elif name != "missing":
+                (place / f"{name}{ending}").write_bytes(data)
+    done = CliRunner().invoke(app, ["simulate", "--seconds", "5", "--out", str(place / "good.csv")])
+    assert done.exit_code == 0
+    return place
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_a_broken_file_is_one_plain_line(folder: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
+    monkeypatch.setattr("console.cli.screens.show_replay", lambda _: None)
+    wrong = []
+    for name in BROKEN:
+        for one in ENDINGS if command == "map" else (".yaml",) if command in OF_CONFIGURATION else (".csv",):
+            result = CliRunner().invoke(app, COMMANDS[command](f"./{name}{one}"))
+            said = [line for line in result.stderr.splitlines() if line.strip() and not line.startswith("note: ")]
+            trace = result.exception is not None and not isinstance(result.exception, SystemExit)
+            if trace or result.exit_code == 0 or len(said) != 1 or any(word in said[0] for word in WORDS_OF_A_BUG):
+                wrong.append(f"{name}{one}: exit {result.exit_code}: {said} {result.exception!r}"[:300])
+    assert wrong == []
+    assert sorted(folder.iterdir()) == before                 # nothing half written

@@ -1,0 +1,247 @@
+"""No command writes over a file that it reads, whatever the two are called, nor over others untold."""
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import shutil
+import typing
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import typer
+from typer.models import OptionInfo
+from typer.testing import CliRunner, Result
+
+from console.cli import app
+from drivers.files.config import shipped
+from drivers.files.prescriptions.read import read_prescription
+from drivers.files.prescriptions.write import write_prescription
+
+SHORT = ("--seconds", "1")
+INPUTS = {           # command -> arguments that name each of its inputs, in the folder of `place`
+    "simulate": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT),
+    "replay": ("run.csv", "--headless", "--job", "job.yaml", "--machine", "machine.yaml"),
+    "diagnose": ("run.csv", "--machine", "machine.yaml", "--closed-loop", "60", "--job", "job.yaml"),
+    "calibrate": ("catch", "catch.csv", "--machine", "machine.yaml"),
+    "map": ("run.csv", "--machine", "machine.yaml"),
+    "check": ("machine.yaml", "machine.json"),
+    "serve-machine": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT, "--port", "0"),
+    "effects": (),
+    "reproduce": (),
+}
+OF_JOB = ("job.yaml", "crop.yaml", "weather.csv", "plan.geojson")
+READ = {             # and the files that it reads with them
+    "simulate": (*OF_JOB, "machine.yaml"),
+    "replay": ("run.csv", "run.yaml", *OF_JOB, "machine.yaml"),
+    "diagnose": ("run.csv", "run.yaml", *OF_JOB, "machine.yaml"),
+    "calibrate": ("catch.csv", "machine.yaml"),
+    "map": ("run.csv", "run.yaml", "machine.yaml"),
+    "check": ("machine.yaml", "machine.json"),
+    "serve-machine": (*OF_JOB, "machine.yaml"),
+}
+WRITES = {           # every option that names an output
+    ("simulate", "--out"), ("replay", "--out"), ("diagnose", "--json"), ("diagnose", "--report"),
+    ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
+    ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out")}
+ELSEWHERE = {("run", "--log"), ("serve", "--token-file")}       # the worker takes a free name; never written over
+FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("originals")
+    shutil.copy(shipped("machines")["huanghai"], folder / "machine.yaml")
+    shutil.copy(shipped("machines")["huanghai"], folder / "machine.json")
+    crop = shipped("crops")["huanghai_wheat"].read_text(encoding="utf-8")
+    (folder / "crop.yaml").write_text(_counted_from_weather(crop), encoding="utf-8")
+    (folder / "weather.csv").write_text("date,mean_temp_c\n" + "".join(
+        f"2013-11-{day:02d},9.0\n" for day in range(1, 31)))
+    ring = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]
+    (folder / "plan.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"rate": 200.0}, "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
+    (folder / "job.yaml").write_text("format: topdress-job/1\nid: j\ncrop: ./crop.yaml\ntarget:\n  source: canopy\n"
+                                     "  map: plan.geojson\n", encoding="utf-8")
+    (folder / "catch.csv").write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
+        f"{rpm},{mm},60,{5.9e-3 * mm * rpm:.4f}\n" for rpm in (30, 60) for mm in (10, 20, 40) for _ in range(3)))
+    done = CliRunner().invoke(app, ["simulate", "--seconds", "30", "--out", str(folder / "run.csv")])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def _counted_from_weather(crop: str) -> str:
+    import yaml
+    told = yaml.safe_load(crop)
+    told["days"] = {"weather": "weather.csv", "sown": "2013-11-01", "sensed": "2013-11-30"}
+    return yaml.safe_dump(told)
+
+
+@pytest.fixture
+def place(originals: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The originals in the working folder; at the end not a byte of them is another one."""
+    folder = tmp_path / "work"
+    shutil.copytree(originals, folder)
+    monkeypatch.chdir(folder)
+    yield folder
+    for file in originals.iterdir():
+        assert (folder / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def invoke(command: str, *more: object) -> Result:
+    return CliRunner().invoke(app, [command, *INPUTS[command], *map(str, more)])
+
+
+def refused(result: Result) -> str:
+    lines = [line for line in result.output.splitlines() if line.strip()]
+    assert result.exit_code == 2 and len(lines) == 1, result.output
+    return lines[0]
+
+
+def test_every_option_that_names_an_output_is_tried_here() -> None:
+    """Inputs are arguments, or options of texts (a shipped name or a path): an option of a path is an output."""
+    built = typer.main.get_command(app).commands          # type: ignore[attr-defined]
+    found = set()
+    for command in app.registered_commands:
+        assert command.callback is not None
+        function = inspect.unwrap(command.callback)
+        hints = typing.get_type_hints(function, vars(inspect.getmodule(function)), include_extras=True)
+        for name, hint in hints.items():
+            option = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, OptionInfo)), None)
+            if option is not None and Path in (hint.__origin__, *typing.get_args(hint.__origin__)):
+                found.add((command.name, next(one.opts[0] for one in built[command.name].params if one.name == name)))
+    assert found | {("run", "--log")} == WRITES | ELSEWHERE
+
+
+def itself(file: Path) -> str:
+    return file.name
+
+
+def absolute(file: Path) -> str:
+    return str(file)
+
+
+def round_about(file: Path) -> str:
+    return f"../{file.parent.name}/./{file.name}"
+
+
+def symbolic_link(file: Path) -> str:
+    file.with_name("link" + file.suffix).symlink_to(file.name)
+    return "link" + file.suffix
+
+
+def linked_folder(file: Path) -> str:
+    (file.parent.parent / "other").symlink_to(file.parent)
+    return f"../other/{file.name}"
+
+
+def hard_link(file: Path) -> str:
+    os.link(file, file.with_name("hard" + file.suffix))
+    return "hard" + file.suffix
+
+
+ALIASES = (itself, absolute, round_about, symbolic_link, linked_folder, hard_link)
+
+
+@pytest.mark.parametrize("alias", ALIASES)
+@pytest.mark.parametrize(("command", "option"), sorted(WRITES - FOLDERS - {("effects", "--markdown")}))
+def test_an_output_that_is_an_input_is_refused(place: Path, command: str, option: str,
+                                               alias: Callable[[Path], str]) -> None:
+    force = alias in (itself, round_about, symbolic_link, hard_link)
+    for name in READ[command]:
+        out = alias(place / name)
+        result = invoke(command, option, out, *(["--force"] if force else []))
+        if command in ("simulate", "replay") and not out.endswith(".csv"):
+            assert "ends in .csv" in refused(result)
+        else:
+            assert Path(out).name in refused(result)
+        for link in ("link", "hard"):
+            (place / (link + (place / name).suffix)).unlink(missing_ok=True)
+        (place.parent / "other").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("command", ["simulate", "replay"])
+@pytest.mark.parametrize("name", ["job", "machine", "crop"])
+def test_nor_is_a_file_beside_the_output(place: Path, command: str, name: str, force: bool) -> None:
+    """The sidecar of NAME.csv is NAME.yaml."""
+    assert f"{name}.yaml" in refused(invoke(command, "--out", f"{name}.csv", *(["--force"] if force else [])))
+    assert not (place / f"{name}.csv").exists()
+
+
+def test_nor_the_truth_beside_a_simulated_log(place: Path) -> None:
+    shutil.copy("weather.csv", "a.truth.csv")
+    crop = Path("crop.yaml").read_text(encoding="utf-8")
+    Path("crop2.yaml").write_text(crop.replace("weather.csv", "a.truth.csv"), encoding="utf-8")
+    Path("job2.yaml").write_text(Path("job.yaml").read_text(encoding="utf-8").replace("crop.yaml", "crop2.yaml"))
+    result = CliRunner().invoke(app, ["simulate", "--job", "job2.yaml", *SHORT, "--out", "a.csv", "--force"])
+    assert "a.truth.csv" in refused(result)
+    assert (place / "a.truth.csv").read_bytes() == (place / "weather.csv").read_bytes()
+
+
+@pytest.mark.parametrize("command", ["simulate", "replay"])
+def test_nor_the_name_that_a_log_has_until_it_is_whole(place: Path, command: str) -> None:
+    before = (place / "machine.yaml").read_bytes()
+    shutil.copy("machine.yaml", ".a.part.yaml")
+    result = CliRunner().invoke(app, [command, *INPUTS[command], "--machine", "./.a.part.yaml", "--out", "a.csv"])
+    assert result.exit_code == 0, result.output
+    assert (place / ".a.part.yaml").read_bytes() == before and (place / "a.csv").exists()
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_nor_a_file_in_a_folder_that_is_written(place: Path, force: bool) -> None:
+    more = ["--force"] if force else []
+    assert "machine.json" in refused(invoke("check", "--write-schemas", ".", *more))
+    shutil.copy("machine.yaml", "gnss")
+    assert "gnss" in refused(CliRunner().invoke(app, ["serve-machine", "--machine", "./gnss", *SHORT, "--port", "0",
+                                                      "--pty", ".", *more]))
+    assert (place / "gnss").read_bytes() == (place / "machine.yaml").read_bytes()
+
+
+@pytest.mark.parametrize("form", ["plan.shp", "task", "task.zip"])
+@pytest.mark.parametrize("force", [False, True])
+def test_a_map_is_not_converted_onto_itself(place: Path, form: str, force: bool) -> None:
+    """Nor onto one of the files that belong to it."""
+    source = place / "in" / form
+    source.parent.mkdir()
+    write_prescription(read_prescription(place / "plan.geojson").data, source)
+    before = {file: file.read_bytes() for file in source.parent.rglob("*") if file.is_file()}
+    for file in (source, *before):
+        result = CliRunner().invoke(app, ["map", str(source), "--out", str(file), *(["--force"] if force else [])])
+        assert result.exit_code == 2 and len(result.output.splitlines()) == 1, (file, result.output)
+    assert {file: file.read_bytes() for file in source.parent.rglob("*") if file.is_file()} == before
+
+
+@pytest.mark.parametrize(("command", "option"), sorted(WRITES - FOLDERS))
+def test_what_is_there_already_stays(place: Path, command: str, option: str) -> None:
+    mine = place / ("mine.csv" if command in ("simulate", "replay") else "mine.html")
+    mine.write_text("mine\n")
+    assert "exists already" in refused(invoke(command, option, mine))
+    assert mine.read_text() == "mine\n"
+
+
+@pytest.mark.parametrize(("command", "options"), [
+    ("simulate", ("--out", "a.csv")), ("replay", ("--out", "a.csv")), ("map", ("--out", "a.geojson")),
+    ("effects", ("--markdown", "a.md")), ("check", ("--write-schemas", "a"))])
+def test_a_second_time_a_command_replaces_what_it_made(place: Path, command: str, options: tuple[str, str]) -> None:
+    inputs = ("machine.yaml",) if command == "check" else INPUTS[command]
+    first, second = (CliRunner().invoke(app, [command, *inputs, *options]) for _ in range(2))
+    assert (first.exit_code, second.exit_code) == (0, 0), first.output + second.output
+
+
+def test_the_log_of_a_drive_is_replaced_only_when_told(place: Path) -> None:
+    shutil.copy("run.csv", "field.csv")
+    told = Path("run.yaml").read_text(encoding="utf-8")
+    Path("field.yaml").write_text(told.replace("started_utc:\n", "started_utc: 2026-03-01T08:00:00.000Z\n").replace(
+        "started_utc: null", "started_utc: 2026-03-01T08:00:00.000Z"), encoding="utf-8")
+    assert "started_utc: 2026" in Path("field.yaml").read_text(encoding="utf-8")
+    before = Path("field.csv").read_bytes()
+    assert "field.csv: exists already" in refused(invoke("simulate", "--out", "field.csv"))
+    assert Path("field.csv").read_bytes() == before
+    assert invoke("simulate", "--out", "field.csv", "--force").exit_code == 0
+    assert Path("field.csv").read_bytes() != before
+
+
+def test_two_outputs_of_one_command_have_two_places(place: Path) -> None:
+    assert "two outputs" in refused(invoke("diagnose", "--json", "a.x", "--report", "./a.x"))
+    assert not (place / "a.x").exists()

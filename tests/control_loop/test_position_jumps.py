@@ -1,0 +1,210 @@
+"""A GNSS place that cannot be: refused, said, harmless; taken once GNSS goes on telling it."""
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from control.field.job import Job, Wanted
+from control.geodesy import TangentPlane, apart_m
+from control.orders import Do, Order, TargetSource
+from control.readings import DriveCommand, GnssFix, Measurements, Reading
+from control.sensing import Sensing
+from control.sensing.position_gate import PositionGate
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.measuring import Measuring
+from drivers.files.prescriptions.for_job import map_of_job
+from drivers.files.setup import load_setup
+
+PLANE = TangentPlane(34.28, 119.88)
+WORKED_S = 20.0
+Change = Callable[[float, Measurements], Measurements]
+
+
+def jumped(m: Measurements, north_m: float, **more: Any) -> Measurements:
+    """The measurements with their GNSS place so far to the north, and as far to the east."""
+    assert m.gnss is not None
+    return m._replace(gnss=m.gnss._replace(lat_deg=m.gnss.lat_deg + north_m / 111_000.0,
+                                           lon_deg=m.gnss.lon_deg + north_m / 92_000.0, **more))
+
+
+class Work:
+    """The demo machine at work, 20 s; then `change(seconds since, measurements)` for `seconds`. Every tick is kept."""
+
+    def __init__(self, change: Change, seconds: float = 5.0, source: TargetSource = TargetSource.MANUAL,
+                 pass_length_m: float = 300.0) -> None:
+        setup = load_setup("huanghai", "map_demo" if source is TargetSource.MAP else "demo", dt.date(2014, 3, 7))
+        job: Job = setup.job
+        if source is TargetSource.MANUAL:
+            job = job.model_copy(update={
+                "target": Wanted(source=source, manual_rate_kg_ha=300.0),
+                "simulated": job.simulated.model_copy(update={"pass_length_m": pass_length_m})})
+        job = with_simulated_field(job, setup.machine)
+        plant = simulated_machine(setup.machine, job, 1, 0.05)
+        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job,
+                                 prescription=map_of_job(job, setup.folder))
+        self.loop.order(Order(Do.READY))
+        measuring, sensed = Measuring(6), plant.step(DriveCommand(0.0, 25.0), False)
+        self.ticks: list[Any] = []
+        self.off_m: list[float] = []                # of the outlet's place from its true one
+        for k in range(round((WORKED_S + seconds) / 0.05)):
+            m = measuring.take(sensed)
+            after = m.time_s - WORKED_S
+            tick = self.loop.tick(change(after, m) if after >= 0.0 else m)
+            if k == 80:
+                assert self.loop.order(Order(Do.START)).accepted
+            if after >= 0.0:
+                assert plant.truth is not None and tick.place_m is not None
+                self.ticks.append(tick)
+                self.off_m.append(apart_m(tick.place_m, (plant.truth.east_m, plant.truth.north_m)))
+            sensed = plant.step(tick.command, tick.enabled)
+
+    @property
+    def events(self) -> list[str]:
+        return [word for tick in self.ticks for word in (tick.row.events or "").split(";") if word]
+
+
+def once(north_m: float) -> Change:
+    def change(after: float, m: Measurements) -> Measurements:
+        assert m.gnss is not None
+        return jumped(m, north_m) if 1.0 <= m.gnss.time_s - WORKED_S < 1.05 else m
+    return change
+
+
+@pytest.mark.parametrize("north_m", [20.0, 1e3, 5e4, 5e6])
+def test_one_epoch_that_cannot_be_is_refused_and_said(north_m: float) -> None:
+    sound, work = Work(lambda after, m: m), Work(once(north_m))
+    assert max(work.off_m) < 0.3
+    refused = [event for event in work.events if event.startswith("position_refused ")]
+    assert len(refused) == 1 and not any(event.startswith("position_moved") for event in work.events)
+    if north_m < 1e6:
+        assert float(refused[0].split()[1]) == pytest.approx(1.41 * north_m, rel=0.03)
+    said = [tick for tick in work.ticks if "position_jumped" in {alarm.id for alarm in tick.alarms}]
+    assert 1.0 < 0.05 * len(said) < 1.5, "amber, gone a second after the next sound epoch"
+    empty = [tick.row for tick in work.ticks if tick.row.lat_deg is None]
+    assert len(empty) == 2 and all(row.lon_deg is None and row.fix_quality is None for row in empty)
+    assert all(row.speed_mps is not None for row in empty), "its speed is none the worse"
+    assert all(tick.why_no_flow == () for tick in work.ticks)
+    assert work.loop.totals.covered_ha == pytest.approx(sound.loop.totals.covered_ha, abs=1e-4)
+    assert work.loop.totals.overlap_ha == sound.loop.totals.overlap_ha
+
+
+@pytest.mark.parametrize("north_m", [100.0, 5e4])
+def test_a_place_that_gnss_goes_on_telling_is_taken_and_nothing_between_is_marked(north_m: float) -> None:
+    sound, work = Work(lambda after, m: m), Work(lambda after, m: jumped(m, north_m))
+    taken = [k for k, tick in enumerate(work.ticks) if "position_moved" in (tick.row.events or "")]
+    assert len(taken) == 1 and 1.0 <= 0.05 * taken[0] <= 1.2
+    assert max(work.off_m[:taken[0]]) < 0.3 and min(work.off_m[taken[0]:]) > north_m
+    assert work.loop.totals.covered_ha is not None and sound.loop.totals.covered_ha is not None
+    assert 0.0 <= sound.loop.totals.covered_ha - work.loop.totals.covered_ha < 0.003, "outside nothing flows"
+    there = [tick for k, tick in enumerate(work.ticks) if k > taken[0]]
+    assert all("outside_field" in tick.why_no_flow for tick in there if north_m > 1e3)
+
+
+def test_map_mode_stops_after_two_seconds_without_a_place_that_can_be() -> None:
+    wild = np.random.default_rng(1)
+    work = Work(lambda after, m: jumped(m, float(wild.uniform(1e3, 1e5))), source=TargetSource.MAP)
+    stops = [k for k, tick in enumerate(work.ticks) if "position_lost" in tick.why_no_flow]
+    assert 1.9 <= 0.05 * stops[0] <= 2.1 and stops == list(range(stops[0], len(work.ticks)))
+    assert all(tick.sensed.refused_m is not None for tick in work.ticks)
+
+
+# -- the gate ------------------------------------------------------------------------------------------------------
+
+
+def driven(gate: PositionGate, seconds: float) -> float:
+    """At 2 m/s east; the way, m."""
+    for _ in range(round(seconds / 0.05)):
+        gate.moved(0.1, 0.1, 0.0)
+    return 2.0 * seconds
+
+
+@pytest.mark.parametrize(("before", "after", "jump_m", "taken"), [
+    (1, 4, 10.0, True), (5, 4, 3.0, True), (4, 4, 1.0, True), (2, 2, 8.0, True),      # RTK converges, noise
+    (4, 4, 10.0, False), (1, 4, 30.0, False), (2, 5, 20.0, False)])
+def test_what_the_fix_allows_is_taken(before: int, after: int, jump_m: float, taken: bool) -> None:
+    gate = PositionGate()
+    assert gate.judge((0.0, 0.0), before, 1.0, 2.0, 100.0).taken
+    way = driven(gate, 0.2)
+    judged = gate.judge((way, jump_m), after, 1.0, 2.0, 100.2)
+    assert judged.taken is taken and judged.off_m == pytest.approx(jump_m)
+
+
+def test_after_two_seconds_any_place_within_the_way_is_possible() -> None:
+    for seconds, side_m, taken in ((1.0, 5.0, False), (10.0, 18.0, True), (10.0, 60.0, False)):
+        gate = PositionGate()
+        gate.judge((0.0, 0.0), 4, 1.0, 2.0, 100.0)
+        driven(gate, seconds)
+        assert gate.judge((0.0, side_m), 4, 1.0, 2.0, 100.0 + seconds).taken is taken
+
+
+def test_refused_places_that_do_not_agree_are_never_taken() -> None:
+    gate = PositionGate()
+    gate.judge((0.0, 0.0), 4, 1.0, 2.0, 100.0)
+    for k in range(1, 60):
+        driven(gate, 0.1)
+        assert not gate.judge((1e3 if k % 2 else -1e3, 0.0), 4, 1.0, 2.0, 100.0 + 0.1 * k).taken
+    assert not gate.judge((math.nan, 0.0), 4, 1.0, 2.0, 107.0).taken
+    assert not gate.judge((math.inf, 0.0), 4, 1.0, 2.0, 107.1).taken
+
+
+def test_a_plane_that_began_with_a_wrong_place_begins_anew() -> None:
+    sensing = Sensing(0.0, None)
+    for k in range(40):
+        lat = 80.0 if k == 0 else 34.28
+        now = 100.0 + 0.1 * k
+        seen = sensing.update(Measurements(now, gnss=GnssFix(now, lat, 119.88, 4, speed_mps=0.0, heading_deg=0.0)))
+    assert sensing.plane is not None and sensing.plane.lat_deg == 34.28
+    assert seen.refused_m is None and (seen.east_m, seen.north_m) == pytest.approx((0.0, 0.0))
+
+
+# -- clocks and numbers that cannot be ---------------------------------------------------------------------------------
+
+
+def test_readings_from_the_future_are_not_fresh() -> None:
+    sensing = Sensing(0.0, PLANE)
+    for k in range(10):
+        now = 100.0 + 0.1 * k
+        fix = GnssFix(now + 60.0, 34.28, 119.88, 4, speed_mps=2.0, heading_deg=0.0)
+        seen = sensing.update(Measurements(now, gnss=fix, wheel_speed_mps=Reading(2.0, now + 60.0)))
+    assert seen.speed_mps is None and not seen.position_ok and seen.east_m is None
+    work = Work(lambda after, m: m._replace(shaft_rpm=Reading(70.0, m.time_s + 5.0)))
+    assert "drive_silent" in work.ticks[1].why_no_flow and work.ticks[1].row.shaft_rpm is None
+
+
+@pytest.mark.parametrize("mps", [math.inf, math.nan, 1e9])
+def test_a_speed_that_cannot_be_leaves_track_and_fence_alone(mps: float) -> None:
+    def mad(after: float, m: Measurements) -> Measurements:
+        assert m.gnss is not None and m.wheel_speed_mps is not None
+        return m._replace(gnss=m.gnss._replace(speed_mps=mps), wheel_speed_mps=m.wheel_speed_mps._replace(value=mps)
+                          ) if after < 1.0 else m
+    work = Work(mad, 10.0, pass_length_m=60.0)
+    track = [tick.sensed.track_m for tick in work.ticks]
+    assert all(map(math.isfinite, track)) and 0.0 <= track[-1] - track[0] < 20.0
+    assert max(work.off_m) < 1.0 and work.loop.target_at(track[-1] + 1.0).rate_kg_ha == 300.0
+    assert work.loop.target_at(track[-1] + 40.0).rate_kg_ha == 0.0, "the edge ahead is still seen"
+
+
+@pytest.mark.parametrize("back_s", [0.01, 3600.0, math.nan, math.inf])
+def test_a_clock_that_goes_back_stops_time_and_then_flow(back_s: float) -> None:
+    def shifted(after: float, m: Measurements) -> Measurements:
+        if after < 1.0:
+            return m
+        return m._replace(time_s=m.time_s - back_s) if back_s == 0.01 else _all_back(m, back_s)
+    work = Work(shifted, 3.0)
+    times = [tick.row.time_s for tick in work.ticks]
+    assert times == sorted(times)
+    assert work.ticks[-1].enabled is (back_s == 0.01) and (not work.ticks[-1].why_no_flow) is (back_s == 0.01)
+
+
+def _all_back(m: Measurements, seconds: float) -> Measurements:
+    """Tick and readings on a clock that lies back."""
+    def moved(one: Any) -> Any:
+        return one if one is None else one._replace(time_s=one.time_s - seconds)
+    names = ("gnss", "wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
+    return m._replace(time_s=m.time_s - seconds, ndvi=tuple(map(moved, m.ndvi)),
+                      **{name: moved(getattr(m, name)) for name in names})

@@ -1,0 +1,126 @@
+"""When a verdict on bench tables may be none, named, or not judged. Forms of this file's own."""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from control.diagnosis.result import Diagnosis
+from control.diagnosis.tables import Table, diagnose_tables
+from control.diagnosis.tables.problem import problem_of
+from control.diagnosis.tables.rows import pieces_of
+from control.diagnosis.tables.selection import select
+from control.machine.machine import Machine
+
+MACHINE = Machine()
+Rng = np.random.Generator
+
+
+def lags(rpm: np.ndarray, off_s: np.ndarray | float, rng: Rng) -> Table:
+    lag = 0.383 + 1.8288 - 0.0083 * rpm + off_s + 0.03 * rng.standard_normal(len(rpm))
+    return Table("lag", {"shaft_rpm": rpm, "lag_s": np.round(lag, 3)}, "", "lag.csv")
+
+
+def catches(rpm: np.ndarray, opening: np.ndarray, factor: np.ndarray | float, rng: Rng) -> Table:
+    mass = 5.5e-3 * opening * rpm / 60.0 * 30.0 * factor * (1.0 + 0.004 * rng.standard_normal(len(rpm)))
+    return Table("catch", {"shaft_rpm": rpm, "opening_mm": opening, "duration_s": np.full(len(rpm), 30.0),
+                           "mass_kg": mass}, "", "catch.csv")
+
+
+def fouled_head(rng: Rng) -> Table:
+    head = np.repeat(np.arange(1.0, 7.0), 4)
+    ndvi = 0.6 * np.where(head == 5, 0.9, 1.0) + 0.008 * rng.standard_normal(24)
+    return Table("heads", {"head": head, "ndvi_reference": np.full(24, 0.6), "ndvi": np.round(ndvi, 4)})
+
+
+def diagnosed(table: Table) -> Diagnosis:
+    return diagnose_tables([table], MACHINE)
+
+
+def wave_without_replicates(rng: Rng) -> Table:
+    rpm = np.linspace(10.0, 70.0, 40)
+    return lags(rpm, 0.1 * np.sin(rpm / 2.2), rng)
+
+
+def settings_off_at_random(rng: Rng) -> Table:
+    rpm = np.repeat(np.linspace(10.0, 70.0, 25), 4)
+    return lags(rpm, np.repeat(0.08 * rng.standard_normal(25), 4), rng)
+
+
+@pytest.mark.parametrize("make", [wave_without_replicates, settings_off_at_random])
+def test_what_follows_no_smooth_curve_is_not_called_none(make: Callable[[Rng], Table]) -> None:
+    for seed in range(3):
+        found = diagnosed(make(np.random.default_rng(seed)))
+        assert found.verdict == "unexplained" and not found.causes
+        left, = found.unexplained
+        assert left.channel == "lag" and left.variable in ("", "shaft_rpm") and left.explained_share > 0.2
+        assert found.channels[0].structure_p < 0.005
+
+
+def test_smooth_times_without_replicates_are_called_none() -> None:
+    """The order of settings is judged with no more false alarms than its level allows."""
+    rpm = np.linspace(10.0, 70.0, 40)
+    said = [diagnosed(lags(rpm, 0.0, np.random.default_rng(seed))).verdict for seed in range(120)]
+    assert sum(verdict != "none" for verdict in said) <= 3
+
+
+def test_an_effect_that_predicts_no_other_setting_is_only_suspected() -> None:
+    rng = np.random.default_rng(10)
+    rpm = np.tile(np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 100.0]), 6)
+    found = diagnosed(lags(rpm, 0.4 * (rpm == 100.0), rng))
+    cause, = found.causes
+    assert found.verdict == "ambiguous" and cause.id == "lag.rebound" and cause.probability <= 0.5
+    assert [rival.id for rival in cause.rivals] == ["unknown"]
+    assert found.next_run is not None and "three or more settings" in found.next_run.plan
+    assert any("settings left out are not predicted better" in text for text in found.findings)
+    rpm = np.tile(np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]), 6)
+    rise = 0.4 * (np.maximum(0.0, rpm - 70.0) / 30.0)
+    shown = diagnosed(lags(rpm, rise, rng))
+    assert shown.verdict == "named" and shown.gain[0].after < 0.8 * shown.gain[0].before
+
+
+def test_a_head_read_over_one_panel_is_named_by_rows_held_out() -> None:
+    """One setting is all that can show a member's effect: that is no reason to suspect it."""
+    found = diagnosed(fouled_head(np.random.default_rng(3)))
+    assert found.verdict == "named" and found.causes[0].id == "canopy.head_fouled" and found.causes[0].member == 5
+    assert found.gain[0].after < 0.6 * found.gain[0].before and "4 rows" in found.gain[0].held_out
+
+
+@pytest.mark.parametrize(("table", "near"), [
+    (lambda rng: catches(np.tile([20.0, 50.0, 80.0], 6), np.repeat([10.0, 30.0], 9), 2.5, rng), "flow.gain"),
+    (lambda rng: lags(np.tile(np.arange(10.0, 71.0, 10.0), 3), 4.0, rng), "lag.offset")])
+def test_a_size_out_of_its_bounds_is_a_hint_and_no_name(table: Callable[[Rng], Table], near: str) -> None:
+    found = diagnosed(table(np.random.default_rng(1)))
+    assert found.verdict == "unexplained" and not found.causes
+    assert any(f"nearest effect: {near}, but its size would have to lie outside" in text for text in found.findings)
+    assert found.channels[0].structure_p < 0.001
+
+
+def test_a_name_is_suspected_where_one_out_of_its_bounds_fits_as_well() -> None:
+    """An offset of 80 g/rev is beyond the catalogue; at two openings next to each other it looks like a gain."""
+    rpm, opening = np.tile([20.0, 50.0, 80.0, 100.0], 4), np.repeat([20.0, 22.0], 8)
+    found = diagnosed(catches(rpm, opening, 1.0 + 80.0 / (5.5 * opening), np.random.default_rng(1)))
+    assert found.verdict == "ambiguous" and found.causes[0].rivals[0].id == "unknown"
+    assert any("out of its bounds fits as well" in text for text in found.findings)
+
+
+def test_what_a_refused_name_showed_is_not_forgotten() -> None:
+    table = lags(np.tile(np.arange(10.0, 71.0, 10.0), 3), 4.0, np.random.default_rng(1))
+    selection = select(problem_of(pieces_of(table, MACHINE), MACHINE), 0)
+    assert not selection.selected and selection.refused and selection.structure_p < 1e-6
+
+
+def test_one_row_is_not_judged() -> None:
+    one = np.array([40.0])
+    found = diagnosed(catches(one, np.array([20.0]), 2.0, np.random.default_rng(1)))
+    assert found.verdict == "not_judged" and not found.causes
+    assert found.findings[0].startswith("catch.csv mass_kg: not judged")
+
+
+def test_a_column_without_a_number_is_named_first() -> None:
+    table = lags(np.tile([10.0, 30.0, 50.0, 70.0], 5), 0.0, np.random.default_rng(1))
+    empty = Table("lag", {**table.columns, "response_s": np.full(20, np.nan)}, "", "lag.csv")
+    found = diagnosed(empty)
+    assert found.findings[0] == "lag.csv response_s: not judged: no row has a number"
+    assert [channel.channel for channel in found.channels] == ["lag"]

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.files.lock import take_lock
+
+HOLDER = """
+import sys, pathlib
+from drivers.files.lock import take_lock
+lock = take_lock(pathlib.Path(sys.argv[1]))
+print("held" if lock else "refused", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_one_at_a_time_until_it_is_closed(tmp_path: Path) -> None:
+    path = tmp_path / "a.lock"
+    first = take_lock(path)
+    assert first is not None and take_lock(path) is None
+    first.close()
+    second = take_lock(path)
+    assert second is not None
+    second.close()
+
+
+def test_the_system_gives_it_back_when_its_process_is_killed(tmp_path: Path) -> None:
+    path = tmp_path / "a.lock"
+    holder = subprocess.Popen([sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert holder.stdout is not None and holder.stdout.readline() == b"held\n"
+    assert take_lock(path) is None
+    holder.kill()
+    holder.communicate()
+    lock = take_lock(path)
+    assert lock is not None and path.exists()
+    lock.close()
+
+
+def test_where_no_file_can_be_made_it_says_so(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="nowhere"):
+        take_lock(tmp_path / "nowhere" / "a.lock")

@@ -1,0 +1,194 @@
+"""From the file's words to the log's: units, signs, times, row conventions, extra columns, several files."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import Result
+
+from drivers.files.read_log import RunLog, read_log
+
+TIME: dict[str, Any] = {"column": "t", "counts": "s"}
+
+
+@pytest.fixture
+def imported(written: Callable[..., Path], topdress: Callable[..., Result], tmp_path: Path) -> Callable[..., RunLog]:
+    """Imports a text by an import file given as plain data."""
+    def run(content: str, name: str = "in.csv", **mapping: Any) -> RunLog:
+        source = written(content, name)
+        place = written(yaml.safe_dump({"format": "topdress-import/1", "time": TIME} | mapping), "m.yaml")
+        result = topdress("import", source, "--mapping", place, "--out", tmp_path / "out.csv", "--overwrite")
+        assert result.exit_code == 0, result.output
+        return read_log(tmp_path / "out.csv")
+    return run
+
+
+def table(header: str, *columns: Any) -> str:
+    return header + "\n" + "".join(",".join(str(cell) for cell in row) + "\n" for row in zip(*columns, strict=True))
+
+
+def test_scale_offset_sign_unit_range_and_missing(imported: Callable[..., RunLog]) -> None:
+    log = imported(table("t,a,b", range(6), [1, 2, 3, -9999, 500, 6], [5, 7, "void", 9, 11, 13]),
+                   columns={"shaft_rpm": {"from": "a", "scale": 2.0, "offset": 1.0, "sign": -1, "unit": "r/s",
+                                          "missing": [-9999], "valid": [0, 100]},
+                            "hopper_kg": {"from": "b", "missing": ["void"]}, "opening_mm": {"constant": 21.5}})
+    assert log.numbers("shaft_rpm").tolist()[:3] == [-180.0, -300.0, -420.0]
+    assert np.isnan(log.numbers("shaft_rpm")[3:5]).all()
+    assert np.isnan(log.numbers("hopper_kg")[2]) and log.numbers("hopper_kg")[3] == 9.0
+    assert set(log.numbers("opening_mm")) == {21.5}
+
+
+def test_shares_slopes_and_flows(imported: Callable[..., RunLog]) -> None:
+    log = imported(table("t,gate,slope,flow,v", range(4), [0, 50, 100, 25], [0, 10, 100, -100], [60, 60, 60, 60],
+                         [1.0, 2.0, 0.0, 4.0]), width_m=2.0,
+                   columns={"opening_mm": {"from": "gate", "unit": "%", "full": 60.0},
+                            "pitch_deg": {"from": "slope", "unit": "slope %"}, "speed_mps": {"from": "v"},
+                            "applied_rate_kg_ha": {"from": "flow", "unit": "kg/min"}})
+    assert log.numbers("opening_mm").tolist() == [0.0, 30.0, 60.0, 15.0]
+    assert log.numbers("pitch_deg").tolist() == [0.0, 5.711, 45.0, -45.0]
+    rate = log.numbers("applied_rate_kg_ha")
+    assert rate[[0, 1, 3]].tolist() == [5000.0, 2500.0, 1250.0] and np.isnan(rate[2])      # standing is no rate
+
+
+def test_a_row_that_holds_a_command_and_its_answer(imported: Callable[..., RunLog]) -> None:
+    """Our row holds a reading and the command in force from there on: commands move one row up."""
+    content = table("t,c,m", [10.0, 11.1, 12.2, 13.3], [20, 30, 40, 50], [21, 31, 41, 51])
+    columns = {"shaft_rpm_cmd": {"from": "c"}, "shaft_rpm": {"from": "m"}, "opening_mm": {"constant": 20}}
+    log = imported(content, rows="answer_in_row", columns=columns)
+    assert log.time_s.tolist() == [0.0, 1.1, 2.2, 3.3, 4.4]
+    assert log.numbers("shaft_rpm_cmd").tolist() == [20.0, 30.0, 40.0, 50.0, 50.0]
+    assert np.isnan(log.numbers("shaft_rpm")[0]) and log.numbers("shaft_rpm").tolist()[1:] == [21.0, 31.0, 41.0, 51.0]
+    assert set(log.numbers("opening_mm")) == {20.0}
+    plain = imported(content, columns=columns)
+    assert plain.numbers("shaft_rpm_cmd").tolist() == [20.0, 30.0, 40.0, 50.0] and len(plain) == 4
+
+
+@pytest.mark.parametrize(("times", "how", "utc"), [
+    (["29.03.2026 01:59:59", "29.03.2026 03:00:00", "29.03.2026 03:00:01"],
+     {"format": "%d.%m.%Y %H:%M:%S", "zone": "Europe/Berlin"}, "2026-03-29T00:59:59.000Z"),
+    (["25.10.2026 02:59:59", "25.10.2026 02:00:00", "25.10.2026 02:00:01"],        # the hour that comes twice
+     {"format": "%d.%m.%Y %H:%M:%S", "zone": "Europe/Berlin"}, "2026-10-25T00:59:59.000Z"),
+    (["2026-03-20 08:00:00+08:00", "2026-03-20 08:00:01+08:00", "2026-03-20 08:00:02+08:00"], {},
+     "2026-03-20T00:00:00.000Z"),
+    (["2026-03-20T08:00:00", "2026-03-20T08:00:01", "2026-03-20T08:00:02"], {"zone": "-05:30"},
+     "2026-03-20T13:30:00.000Z"),
+    (["1773993600", "1773993601", "1773993602"], {"counts": "unix_s"}, "2026-03-20T08:00:00.000Z"),
+    (["46101.3333333333", "46101.3333449074", "46101.3333564815"], {"counts": "excel_day", "zone": "UTC"},
+     "2026-03-20T08:00:00.000Z"),
+    (["23:59:59.5", "00:00:00.5", "00:00:01.5"], {"format": "%H:%M:%S%.f"}, ""),
+    (["11:59:59 PM", "12:00:00 AM", "12:00:01 AM"], {"format": "%I:%M:%S %p"}, ""),
+])
+def test_times_of_any_kind(times: list[str], how: dict[str, str], utc: str, imported: Callable[..., RunLog]) -> None:
+    log = imported(table("t,m", times, [1, 2, 3]), time={"column": "t", "counts": "text"} | how,
+                   columns={"shaft_rpm": {"from": "m"}})
+    assert log.time_s.tolist() == [0.0, 1.0, 2.0]
+    assert str(log.texts("utc")[0]) == utc
+
+
+def test_day_and_time_of_day_in_two_columns_and_rows_without_times(imported: Callable[..., RunLog]) -> None:
+    content = table("d,t,m", ["3/14/26", "3/14/26", "3/15/26"], ["23:59", "", "00:01"], [1, 2, 3])
+    log = imported(content, columns={"shaft_rpm": {"from": "m"}},
+                   time={"column": "t", "date_column": "d", "format": "%m/%d/%y %H:%M"})
+    assert log.time_s.tolist() == [0.0, 120.0] and log.numbers("shaft_rpm").tolist() == [1.0, 3.0]
+    counted = imported(content, columns={"shaft_rpm": {"from": "m"}}, time={"counts": "rows", "step_s": 0.02})
+    assert counted.time_s.tolist() == [0.0, 0.02, 0.04]
+
+
+def test_columns_beyond_the_log_are_kept_and_carried(imported: Callable[..., RunLog]) -> None:
+    content = table("t,Eng Torque [Nm],Oil °C,Mode,Empty,m", range(3), [200, 210, 220], [80, 81, 82], ["a", "b", "b"],
+                    ["", "", ""], [1, 2, 3])
+    log = imported(content, columns={"shaft_rpm": {"from": "m"}})
+    assert log.numbers("x_eng_torque_nm").tolist() == [200.0, 210.0, 220.0]
+    assert log.numbers("x_oil_degc").tolist() == [80.0, 81.0, 82.0]
+    assert log.texts("x_mode").tolist() == ["a", "b", "b"]
+    assert set(log.columns) == {"time_s", "shaft_rpm", "x_eng_torque_nm", "x_oil_degc", "x_mode"}
+    own = imported(content, extra="drop", columns={"shaft_rpm": {"from": "m"}, "x_load": {"from": "Eng Torque [Nm]",
+                                                                                          "scale": 0.5}})
+    assert set(own.columns) == {"time_s", "shaft_rpm", "x_load"} and own.numbers("x_load")[0] == 100.0
+
+
+def test_what_counts_as_working(imported: Callable[..., RunLog]) -> None:
+    content = table("t,lift,word,m", range(4), [90, 10, "", 60], ["Transport", "Work", "", "Work"], [1, 2, 3, 4])
+    columns = {"shaft_rpm": {"from": "m"}}
+    by_height = imported(content, columns=columns, working={"column": "lift", "below": 50})
+    assert by_height.texts("state").tolist() == ["ready", "working", "", "ready"]
+    assert "x_lift" in by_height.columns                                    # a height says more than the state
+    by_word = imported(content, columns=columns, working={"column": "word", "equals": ["work"]})
+    assert by_word.texts("state").tolist() == ["ready", "working", "", "working"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_byte_order_mark_is_no_part_of_a_name(encoding: str, imported: Callable[..., RunLog]) -> None:
+    log = imported("\ufeff" + table("t,m", range(3), [1, 2, 3]), source={"encoding": encoding},
+                   columns={"shaft_rpm": {"from": "m"}})
+    assert log.numbers("shaft_rpm").tolist() == [1.0, 2.0, 3.0]
+
+
+def test_a_file_without_a_header(imported: Callable[..., RunLog]) -> None:
+    log = imported("0,5\n1,6\n2,7\n", source={"names": ["t", "m"]}, columns={"shaft_rpm": {"from": "m"}})
+    assert log.numbers("shaft_rpm").tolist() == [5.0, 6.0, 7.0]
+
+
+@pytest.mark.parametrize(("delimiter", "cells", "want"), [
+    (";", ["1.234,5", "999,5", "1 234,5", "0,25"], [1234.5, 999.5, 1234.5, 0.25]),
+    (";", ["1,234.5", "999.5", "1'234.5", "0.25"], [1234.5, 999.5, 1234.5, 0.25]),
+    ("\t", ["1,5", "2,5", "-3e1", ""], [1.5, 2.5, -30.0, np.nan]),
+])
+def test_numbers_with_groups_of_digits(delimiter: str, cells: list[str], want: list[float],
+                                       imported: Callable[..., RunLog]) -> None:
+    content = f"t{delimiter}m\n" + "".join(f"{k}{delimiter}{cell}\n" for k, cell in enumerate(cells))
+    log = imported(content, columns={"hopper_kg": {"from": "m"}})
+    assert np.array_equal(log.numbers("hopper_kg"), want, equal_nan=True)
+
+
+def test_a_cut_last_row_and_rows_of_another_width(imported: Callable[..., RunLog]) -> None:
+    log = imported("t,m,k\n0,5,1\n1,6,1\n2,7,1,9,9\n3,8,1\n4,9", columns={"shaft_rpm": {"from": "m"}})
+    assert log.time_s.tolist() == [0.0, 1.0, 3.0] and log.numbers("shaft_rpm").tolist() == [5.0, 6.0, 8.0]
+
+
+def test_files_are_joined_by_their_clock_or_as_runs(written: Callable[..., Path], topdress: Callable[..., Result],
+                                                    tmp_path: Path) -> None:
+    head = "Time,Shaft speed [rpm]\n"
+    later = written(head + "".join(f"2026-03-01T09:00:{k:02d}Z,{k}\n" for k in range(40)), "a.csv")
+    first = written(head + "".join(f"2026-03-01T08:59:{k:02d}Z,{k + 100}\n" for k in range(40)), "b.csv")
+    out = tmp_path / "out.csv"
+    assert "2 files joined by their times" in topdress("import", later, first, "--out", out).output
+    log = read_log(out)
+    assert log.time_s[0] == 0.0 and log.time_s[40] == 60.0 and log.numbers("shaft_rpm")[0] == 100.0
+    assert log.texts("events")[0] == "mark file b.csv" and log.texts("events")[40] == "mark file a.csv"
+    assert log.meta is not None and [file["name"] for file in log.meta.extra["imported"]["files"]] == ["b.csv", "a.csv"]
+    again = written(later.read_text(), "c.csv")
+    assert "begins before" in topdress("import", later, again, "--out", tmp_path / "o2.csv").output
+    counted = [written("Time [s],Shaft speed [rpm]\n" + "".join(f"{k},{k}\n" for k in range(30)), f"r{n}.csv")
+               for n in range(2)]
+    result = topdress("import", *counted, "--out", tmp_path / "o3.csv")
+    assert "one after the other, 60 s between" in result.output
+    assert read_log(tmp_path / "o3.csv").time_s[30] == 89.0
+
+
+def test_the_sidecar_says_where_a_log_comes_from(imported: Callable[..., RunLog], tmp_path: Path) -> None:
+    import hashlib
+    log = imported(table("t,m", range(3), [1, 2, 3]), columns={"shaft_rpm": {"from": "m", "unit": "r/s"}})
+    assert log.meta is not None and not [finding for finding in log.findings if finding.id == "sidecar"]
+    told = log.meta.extra["imported"]
+    assert told["files"][0]["sha256"] == hashlib.sha256((tmp_path / "in.csv").read_bytes()).hexdigest()
+    assert told["mapping"]["columns"]["shaft_rpm"]["unit"] == "r/s"
+    assert log.meta.sha256["m.yaml"] == hashlib.sha256((tmp_path / "m.yaml").read_bytes()).hexdigest()
+
+
+def test_a_log_of_our_own_comes_in_unchanged(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    topdress("simulate", "--seconds", "30", "--seed", "3", "--out", tmp_path / "a.csv")
+    result = topdress("import", tmp_path / "a.csv", "--out", tmp_path / "b.csv")
+    assert result.exit_code == 0, result.output
+    a, b = read_log(tmp_path / "a.csv"), read_log(tmp_path / "b.csv")
+    known = [name for name in a.columns if a.has(name)]
+    assert [name for name in b.columns if b.has(name)] == known
+    for name in known:
+        if a.columns[name].dtype == object:
+            assert a.texts(name).tolist() == b.texts(name).tolist(), name
+        else:
+            assert np.array_equal(a.numbers(name), b.numbers(name), equal_nan=True), name

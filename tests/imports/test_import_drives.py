@@ -1,0 +1,54 @@
+"""Recordings of real drives: what their owner has to say of them, and what comes out."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import Result
+
+from drivers.files.read_log import read_log
+
+DRIVES = Path(__file__).resolve().parents[3] / "shared" / "data" / "drives"
+
+STAIRS = {"shaft_rpm_cmd": {"from": "motorCommand", "scale": 2.5}, "shaft_rpm": {"from": "rightSpeedRpm"}}
+LOOP = {"shaft_rpm_cmd": {"from": "targetSpeed"}, "shaft_rpm": {"from": "leftSpeed"}}
+
+# File, unsure lines of the guess, rows in the log, what is said by hand.
+FILES = [
+    ("wheelSpeedCalibration1.csv", 3, 27, {"columns": STAIRS}),
+    ("wheelSpeedCalibration2.csv", 3, 103, {"columns": STAIRS}),
+    ("wheelSpeedCalibration3.csv", 3, 511,
+     {"columns": STAIRS | {"supply_v": {"from": "batteryVoltage", "unit": "mV"}}}),
+    ("testPid1.csv", 4, 872, {"columns": LOOP}), ("testPid2.csv", 3, 748, {"columns": LOOP}),
+    ("testPid3.csv", 3, 476, {"columns": LOOP}),
+]
+
+
+@pytest.mark.skipif(not DRIVES.is_dir(), reason="the recordings of drives are not beside the checkout")
+@pytest.mark.parametrize(("name", "unsure", "rows", "by_hand"), FILES, ids=[one[0] for one in FILES])
+def test_a_recording_of_a_drive(name: str, unsure: int, rows: int, by_hand: dict[str, Any],
+                                topdress: Callable[..., Result], tmp_path: Path) -> None:
+    place, out = tmp_path / "m.yaml", tmp_path / "log.csv"
+    refused = topdress("import", DRIVES / name, "--out", out)
+    assert refused.exit_code == 2 and not out.exists() and len(refused.output.splitlines()) == unsure + 1
+    assert topdress("import", DRIVES / name, "--guess", "--mapping", place).exit_code == 0
+    guessed = yaml.safe_load(place.read_text(encoding="utf-8"))
+    assert set(guessed["columns"]) == set(by_hand["columns"])
+    place.write_text(yaml.safe_dump(guessed | by_hand), encoding="utf-8")
+    result = topdress("import", DRIVES / name, "--mapping", place, "--out", out)
+    assert result.exit_code == 0, result.output
+    log = read_log(out)
+    assert len(log) == rows
+    raw = np.genfromtxt(DRIVES / name, delimiter=",", names=True)
+    command, reading = by_hand["columns"]["shaft_rpm_cmd"], by_hand["columns"]["shaft_rpm"]
+    assert guessed["rows"] == ("answer_in_row" if command["from"] == "motorCommand" else "answer_next_row")
+    first = 1 if guessed["rows"] == "answer_in_row" else 0
+    assert np.array_equal(log.numbers("shaft_rpm")[first:], raw[reading["from"]])
+    assert np.allclose(log.numbers("shaft_rpm_cmd")[:len(raw)], command.get("scale", 1.0) * raw[command["from"]])
+    assert np.median(np.diff(log.time_s)) == pytest.approx({"w": 1.1, "t": 0.011}[name[0]], rel=1.0)
+    if "supply_v" in by_hand["columns"]:
+        assert 7.0 < np.nanmedian(log.numbers("supply_v")) < 9.0

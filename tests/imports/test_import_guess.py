@@ -1,0 +1,107 @@
+"""What the guess takes for sure, and what it asks."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+
+from drivers.files.config import load
+from drivers.files.imports.guess import guess
+from drivers.files.imports.header import named
+from drivers.files.imports.mapping import IMPORT
+from drivers.files.imports.physics import answer
+from drivers.files.imports.read import read_raw
+from drivers.files.imports.words import folded, subject_of
+
+ROWS = range(80)
+COMMAND = [30 + 10 * (k // 9 % 3) + k // 20 for k in ROWS]
+ANSWER = [30, *COMMAND[:-1]]                # a row later
+LAT = [34.0 + 2.0 * k / 111_200.0 for k in ROWS]
+
+
+def table(header: str, *columns: object) -> str:
+    rows = zip(ROWS, *columns, strict=True)         # type: ignore[arg-type]
+    return header + "\n" + "".join(",".join(str(cell) for cell in row) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize(("content", "doubts"), [
+    (table("time_s,Shaft command rpm,Shaft rpm", COMMAND, ANSWER), []),
+    (table("time_s,rpm a,rpm b", ANSWER, COMMAND), ["columns.shaft_rpm_cmd: no word says that rpm b is the command"]),
+    (table("time_s,Shaft command rpm,Shaft actual rpm", ANSWER, COMMAND), ["columns.shaft_rpm_cmd: shaft_rpm moves 1"]),
+    (table("time_s,Shaft command rpm,Shaft actual rpm", COMMAND, COMMAND), ["rows: shaft_rpm moves in the very row"]),
+    (table("time_s,Motor PWM,Motor rpm", [4 * c for c in COMMAND], ANSWER),
+     ["columns.shaft_rpm_cmd: no unit in the header: scaled by 0.25"]),
+    (table("time_s,Shaft rpm,Shaft rpm", [30] * 80, [30] * 80), ["columns.shaft_rpm: Shaft rpm (2) would fit as well"]),
+    (table("time_s,Gate opening %", COMMAND), ["columns.opening_mm: Gate opening % is in %", "columns: no column was"]),
+    (table("time_s,speed km/h,flow kg/min", COMMAND, ANSWER), ["columns.applied_rate_kg_ha: flow kg/min is a flow"]),
+    (table("time_s,lat,lon,speed", LAT, [119.0] * 80, [7.2] * 80), []),
+    (table("time_s,lat,lon,speed m/s", LAT, [119.0] * 80, [7.2] * 80), ["columns.speed_mps: in m/s, as the header"]),
+    (table("time_s,speed", [1.2] * 80), ["columns.speed_mps: no unit in the header: taken for m/s"]),
+    (table("time_s,hopper kg", range(100, 180)), ["columns.hopper_kg: it grows nearly all the time"]),
+    (table("time_s,shaft rpm", [5000] * 80), ["columns.shaft_rpm: 80 of 80 values such as 5000 are beyond"]),
+    (table("k,shaft rpm", COMMAND), ["time: no column is called a time; k alone grows evenly"]),
+    (table("x,when,shaft rpm", [f"03/04/2026 10:00:{k % 60:02d}" if k < 60 else f"03/04/2026 10:01:{k - 60:02d}"
+                                for k in ROWS], COMMAND), ["time: column when is not called a time, but reads as one"]),
+    (table("x,Time,shaft rpm", [f"03/04/2026 10:{k // 60:02d}:{k % 60:02d}" for k in ROWS], COMMAND),
+     ["time: %d/%m/%Y %H:%M:%S%.f and %m/%d/%Y %H:%M:%S%.f both read"]),
+], ids=range(16))
+def test_doubts(content: str, doubts: list[str], written: Callable[..., Path]) -> None:
+    found = [f"{'.'.join(doubt.key)}: {doubt.text}" for doubt in guess(read_raw(written(content))).doubts]
+    assert len(found) == len(doubts), found
+    assert all(told.startswith(want) for told, want in zip(found, doubts, strict=True)), found
+
+
+def test_of_commands_that_repeat_the_nearest_answer_counts() -> None:
+    command = np.tile(np.repeat([20.0, 30.0, 45.0], 3), 40)
+    for lag in (0, 1, 3):
+        found = answer(command, np.roll(command, lag))
+        assert found is not None and found.lag == lag
+
+
+def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path]) -> None:
+    """80 rows of 2 m each: 7.2 is km/h, 4.474 is mph, 2 is m/s."""
+    for number, unit in ((7.2, "km/h"), (4.474, "mph"), (2.0, "m/s")):
+        found = guess(read_raw(written(table("time_s,lat,lon,speed", LAT, [119.0] * 80, [number] * 80)))).mapping
+        assert found.columns["speed_mps"].unit == unit
+
+
+@pytest.mark.parametrize(("header", "subject"), [
+    ("Engine speed [rpm]", None), ("PTO speed (rpm)", None), ("Motordrehzahl [U/min]", None),
+    ("发动机转速（r/min）", None),
+    ("Wheel speed [rpm]", None), ("Motor torque [Nm]", None), ("Tank pressure [bar]", None), ("Wind speed [m/s]", None),
+    ("Acceleration", None), ("Sample rate", None), ("Arbeitsbreite [m]", "working width"), ("Geschwindigkeit", "speed"),
+    ("Dosierwelle Drehzahl", "shaft"), ("Roller", "shaft"), ("Roll [deg]", "roll"), ("leftSpeedRpm", "shaft"),
+    ("排肥轴转速(r/min)", "shaft"), ("Ausbringmenge Soll kg/ha", "rate"), ("作业状态", "work"),
+    ("Vitesse (km/h)", "speed"),
+    ("Öffnung [mm]", "gate"), ("Radgeschwindigkeit", "wheel speed"), ("GPS Quality", "fix"), ("Gewicht t", "hopper"),
+])
+def test_what_a_header_is_about(header: str, subject: str | None, written: Callable[..., Path]) -> None:
+    from drivers.files.imports.units import unit_named
+    name, word = named(header)
+    unit = unit_named(word) if word else None
+    found = subject_of(folded(name), unit.quantity if unit else None)
+    assert (found.id if found else None) == subject
+
+
+@pytest.mark.parametrize(("cell", "name", "unit"), [
+    ("Speed [km/h]", "Speed", "km/h"), ("speed_kmh", "speed", "kmh"), ("Drehzahl in U/min", "Drehzahl", "U/min"),
+    ("leftSpeedRpm", "leftSpeed", "Rpm"), ("rate_kg_ha", "rate", "kg_ha"), ("Bin weight, lb", "Bin weight", "lb"),
+    ("开度（毫米）", "开度", "毫米"), ("T", "T", None), ("lat", "lat", None), ("N-rate", "N-rate", None),
+    ("Slope %", "Slope", "%"), ("shaft_rpm_cmd", "shaft_rpm_cmd", None),
+])
+def test_a_name_and_its_unit(cell: str, name: str, unit: str | None) -> None:
+    assert named(cell) == (name, unit)
+
+
+def test_a_written_guess_reads_back_as_it_was(written: Callable[..., Path], topdress: Callable[..., Result],
+                                              tmp_path: Path) -> None:
+    for number, content in enumerate((
+            table('time_s,"Motor PWM ""raw""",Motor rpm,Note: a #b', COMMAND, ANSWER, ["x"] * 80),
+            table("time_s,Gate opening %,Work switch,Hopper kg", COMMAND, [k % 2 for k in ROWS],
+                  [-9999, *COMMAND[1:]]))):
+        source, place = written(content, f"{number}.csv"), tmp_path / f"{number}.yaml"
+        assert topdress("import", source, "--guess", "--mapping", place).exit_code == 0
+        assert load(place, IMPORT).model == guess(read_raw(source)).mapping

@@ -1,0 +1,182 @@
+"""The Diagnosis page's files and processes: lists, one real diagnosis, cancel, adopt, export, the separating run."""
+from __future__ import annotations
+
+import datetime as dt
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from console.app.pages.diagnosis.data import Stop, Stopped
+from console.services.diagnosis import DiagnosisFiles
+from console.services.diagnosis_view import sorted_out
+from console.services.separating_run import _DRIVES, drivable, drive_of
+from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+from control.diagnosis.runs.next_run import manoeuvres
+from control.orders import State
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import simulated_run
+from drivers.files.config import load
+from drivers.files.kinds import JOB, MACHINE
+from drivers.files.setup import load_setup
+
+CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
+    f"{rpm},{mm},60,{1.06 * 5.5e-3 * rpm * mm * (1.0 + 0.002 * (-1) ** k):.4f}\n"
+    for k, (rpm, mm) in enumerate((rpm, mm) for rpm in (20, 40, 60, 80) for mm in (10, 20, 30) for _twice in (1, 2)))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    here = tmp_path / "data"
+    here.mkdir()
+    (here / "catch.csv").write_text(CATCH, encoding="utf-8")
+    (here / "run.csv").write_text("time_s,shaft_rpm\n0.0,1\n0.05,2\n", encoding="utf-8")
+    (here / "run.truth.csv").write_text("time_s,flow_kg_s\n0,1\n", encoding="utf-8")
+    (here / "shopping.csv").write_text("eggs,milk\n6,1\n", encoding="utf-8")
+    os.utime(here / "catch.csv", (1_700_000_000, 1_700_000_000))
+    return here
+
+
+@pytest.fixture
+def files(folder, tmp_path):
+    return DiagnosisFiles([folder], own=tmp_path / "own")
+
+
+def test_what_can_be_diagnosed_is_listed_newest_first(files, folder):
+    found = files.sources(str(folder / "run.csv"))
+    assert [(one.name, one.kind, one.working) for one in found] == [("run.csv", "run", True),
+                                                                     ("catch.csv", "catch", False)]
+    assert found[1].size == "0.4 kB" and found[1].changed.startswith("2023-11-1")
+
+
+@pytest.mark.parametrize(("path", "said"), [("", "no file is named"), ("none.csv", "No such file"),
+                                            ("shopping.csv", "neither a run log"), (".", "Is a directory")])
+def test_a_typed_path_that_will_not_do_is_refused_in_one_line(files, folder, path, said):
+    with pytest.raises(ValueError, match=said) as caught:
+        files.source(str(folder / path) if path else path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def caught(tmp_path_factory):
+    """A catch test with 6 % more per revolution, diagnosed by the real process."""
+    here = tmp_path_factory.mktemp("caught")
+    (here / "catch.csv").write_text(CATCH, encoding="utf-8")
+    service = DiagnosisFiles([here], own=here / "own")
+    told: list[tuple[float, str]] = []
+    found = service.diagnose(service.source(str(here / "catch.csv")), None, lambda *said: told.append(said), Stop())
+    return service, found, told
+
+
+def test_a_catch_test_is_diagnosed_by_a_process_of_its_own(caught):
+    _service, found, told = caught
+    assert (found.kind, found.rows, found.machine) == ("catch", 24, "huanghai")
+    gain = next(cause for cause in found.causes if cause.id == "flow.gain")
+    assert gain.value == pytest.approx(6.0, abs=0.5) and gain.over is not None
+    assert np.abs(gain.over.after).max() < np.abs(gain.over.before).max()
+    shares = [share for share, _stage in told]
+    assert shares == sorted(shares) and {"reading", "search", "report"} <= {stage for _share, stage in told}
+
+
+def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothing(caught):
+    service, found, _told = caught
+    paths = [Path(service.adopt(found)) for _twice in (1, 2)]
+    assert paths[0] != paths[1] and paths[0].parent == service.own / "machines"
+    machine = load(paths[0], MACHINE).model
+    assert machine.flow.gain_percent == pytest.approx(6.0, abs=0.5)
+    adopted = next(one for one in machine.adopted if one.id == "flow.gain")
+    assert adopted.data.endswith("catch.csv") and len(adopted.sha256) == 64 and adopted.date
+    assert "diagnosis of catch.csv" in paths[0].read_text(encoding="utf-8")
+    assert str(paths[0]) in service.machines()
+
+
+def test_report_and_data_are_exported(caught):
+    service, found, _told = caught
+    report, data = Path(service.export(found, "report")), Path(service.export(found, "data"))
+    assert "<!DOCTYPE html>" in report.read_text(encoding="utf-8")
+    assert yaml.safe_load(data.read_text(encoding="utf-8"))["format"] == "topdress-diagnosis/1"
+
+
+def test_what_has_no_driven_run_says_so(caught):
+    service, found, _told = caught
+    for ask in (service.write_run, lambda found: service.drive(found, lambda *_: None, Stop())):
+        with pytest.raises(ValueError, match="this run"):
+            ask(found._replace(next_run=None))
+
+
+def test_data_that_cannot_be_used_is_one_line(files, folder):
+    with pytest.raises(ValueError) as caught:
+        files.diagnose(files.source(str(folder / "run.csv")), None, lambda *_: None, Stop())
+    assert str(caught.value).strip() and "\n" not in str(caught.value) and "Traceback" not in str(caught.value)
+
+
+def test_cancelling_ends_the_process_at_once(files, folder):
+    stop = Stop()
+    begun = time.monotonic()
+    with pytest.raises(Stopped):
+        files.diagnose(files.source(str(folder / "catch.csv")), None, lambda share, stage: stop.set(), stop)
+    already = Stop()
+    already.set()
+    with pytest.raises(Stopped):
+        files.diagnose(files.source(str(folder / "catch.csv")), None, lambda *_: None, already)
+    assert time.monotonic() - begun < 20.0
+
+
+# --- what may be adopted ---------------------------------------------------------------------------------------------
+
+def cause(effect_id: str, value: float | None = 5.0, onset_s: float | None = None, scope: str | None = None) -> Cause:
+    return Cause(effect_id, Size(value, None, None, "%"), onset_s, 0.9, (), None, "", FieldCost(None, None), scope)
+
+
+def test_scoped_late_and_sizeless_effects_are_refused():
+    found = Diagnosis(Data("t.csv", "lag", 9, None, "m"), (), "named",
+                      (cause("lag.offset", scope="t.csv after"), cause("flow.gain"),
+                       cause("shaft.stall", 100.0), cause("scale.gain", None),
+                       cause("shaft.gain", onset_s=60.0)), (), (), None, (), None)
+    kept, refused = sorted_out(found)
+    assert kept == ("flow.gain",)
+    assert [why.split(":")[0] for why in refused] == ["lag.offset", "shaft.stall", "scale.gain", "shaft.gain"]
+    assert "holds in the rows of t.csv after only" in refused[0] and "during the run" in refused[1]
+
+
+# --- the separating run ----------------------------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def huanghai():
+    return load("huanghai", MACHINE).model
+
+
+def test_every_planned_manoeuvre_can_be_driven(huanghai):
+    assert {one.id for one in manoeuvres(huanghai) if drivable(one.id)} == set(_DRIVES)
+    assert not drivable("") and not drivable("weigh_by_hand")
+
+
+@pytest.mark.parametrize(("manoeuvre", "column", "wanted"), [
+    ("stairs", "shaft_rpm", {20.0, 40.0, 60.0, 80.0}), ("openings", "opening_mm", {10.0, 20.0, 30.0, 40.0})])
+def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, column, wanted):
+    setup = load_setup("huanghai", "demo", dt.date.today())
+    drive = drive_of(manoeuvre, setup.job, huanghai)
+    job = with_simulated_field(drive.job, huanghai)
+    step_s = 0.1
+    plant = simulated_machine(huanghai, job, 1, step_s)
+    loop = control_loop(huanghai, setup.crop, setup.rule, job)
+    rows = [step.tick.row for step in simulated_run(plant, loop, drive.seconds, orders=drive.orders)]
+    assert max(row.speed_mps or 0.0 for row in rows) < 0.2
+    busy = [row for row in rows if row.state == State.CALIBRATING and (row.shaft_rpm_cmd or 0.0) > 0.0]
+    spent = {place: step_s * sum(abs((getattr(row, f"{column}_cmd") or 0.0) - place) < 2.0 for row in busy)
+             for place in wanted}
+    assert all(100.0 < seconds <= 120.0 for seconds in spent.values()), spent
+
+
+def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
+    from console.app.pages.diagnosis.sample import sample_found
+    found = sample_found()
+    slope = next(one for one in manoeuvres(huanghai) if one.id == "slope")
+    path = Path(files.write_run(found._replace(next_run=found.next_run._replace(id="slope", plan=slope.plan))))
+    job = load(path, JOB).model
+    assert job.simulated.slope_deg == 4.0 and not job.flow_trim and job.title == slope.plan
+    stairs = Path(files.write_run(found)).read_text(encoding="utf-8")
+    assert "are the operator's to set" in stairs

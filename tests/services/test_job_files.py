@@ -1,0 +1,121 @@
+"""The Job screen's desk on real files: facts, new job files, what is offered after a power cut."""
+from __future__ import annotations
+
+import datetime as dt
+import os
+from pathlib import Path
+
+import pytest
+
+from console.services.job import JobFiles, Launcher
+from console.worker import resume
+from console.worker.resume import Snapshot
+from control.field.totals import Sums
+from drivers.files.config import load, shipped
+from drivers.files.kinds import JOB
+from drivers.files.run_log import PlainLogWriter
+from drivers.files.run_meta import run_meta
+
+
+@pytest.fixture
+def launcher(tmp_path):
+    return Launcher((), (), 1, 20.0, str(tmp_path / "logs" / "run.csv"), tmp_path / "trouble")
+
+
+@pytest.fixture
+def desk(launcher, tmp_path):
+    return JobFiles(launcher, tmp_path)
+
+
+def test_facts_of_what_is_shipped(desk):
+    facts = desk.facts()
+    assert facts.crop.startswith("Winter wheat") and facts.crop_warnings and facts.shipped_machine
+    assert facts.ndvi_nrich is None and facts.fixed_yield_t_ha == pytest.approx(6.73)
+    assert facts.field_ha == pytest.approx(8.64, abs=0.01) and facts.source == "canopy"
+    assert Path(facts.job_file) == shipped("jobs")["demo"] and facts.job_file == facts.jobs[0].value
+    assert {file.label for file in facts.crops} >= {"huanghai_wheat", "osu_durum_2006"}
+
+
+def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tmp_path):
+    before = shipped("jobs")["demo"].read_bytes()
+    path = Path(desk.take_strip(0.71))
+    assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
+    assert load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
+    facts = desk.facts()
+    assert facts.ndvi_nrich == 0.71 and facts.nrich_from == "job" and facts.job_file == str(path)
+
+
+def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
+    desk.take("job", str(shipped("jobs")["map_demo"]))
+    new = load(Path(desk.take_strip(0.7)), JOB).model
+    assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
+
+
+def test_another_crop_and_machine(desk, launcher):
+    desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    desk.take("machine", str(shipped("machines")["bench"]))
+    facts = desk.facts()
+    assert facts.crop_file == str(shipped("crops")["osu_winter_wheat_2006"])
+    assert facts.machine_file == str(shipped("machines")["bench"]) and len(launcher.config) == 2
+
+
+def test_what_cannot_be_used_is_one_line_and_changes_nothing(desk, launcher, tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("format: topdress-machine/1\nid: 7\n")
+    for kind, value in (("machine", str(bad)), ("job", str(bad)), ("crop", str(tmp_path / "none.yaml"))):
+        with pytest.raises(ValueError, match=r"\.yaml: ") as caught:
+            desk.take(kind, value)
+        assert "\n" not in str(caught.value)
+    assert launcher.config == ()
+
+
+def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_path):
+    launcher.logs.mkdir(exist_ok=True)
+    path = resume.beside(launcher.logs / "a.csv")
+    now = dt.datetime.now(dt.UTC)
+
+    def keep(days: float) -> None:
+        saved = (now - dt.timedelta(days=days)).isoformat()
+        resume.write(path, Snapshot("a.csv", began_utc=saved, saved_utc=saved, job="west", sums=Sums(area_ha=1.2)))
+
+    assert desk.offer() is None
+    keep(1.0)
+    offer = desk.offer()
+    assert (offer.path, offer.job, offer.area_ha) == (str(path), "west", 1.2)
+    keep(20.0)
+    assert desk.offer() is None
+
+
+async def test_begin_anew_is_not_asked_again(desk, launcher, monkeypatch):
+    launcher.logs.mkdir(exist_ok=True)
+    saved = dt.datetime.now(dt.UTC).isoformat()
+    resume.write(resume.beside(launcher.logs / "a.csv"),
+                 Snapshot("a.csv", began_utc=saved, saved_utc=saved, sums=Sums(area_ha=1.2), config=("demo",), seed=7))
+    started = []
+    monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: started.append((self.config, self.seed, resumed)))
+    monkeypatch.setattr("console.link.Link", lambda where: where)
+    offer = desk.offer()
+    await desk.resume(offer)
+    assert started == [(("demo",), 7, Path(offer.path))]
+    await desk.anew(offer)
+    assert started[-1][2] is None and desk.offer() is None
+
+
+def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
+    job = shipped("jobs")["map_demo"]
+    log = tmp_path / "run.csv"
+    PlainLogWriter(log, run_meta(sha256={str(job): "x", str(shipped("crops")["huanghai_wheat"]): "y"})).close()
+    launcher.adopt(str(log))
+    assert launcher.config == (str(job),)
+    launcher.adopt(str(tmp_path / "none.csv"))
+    assert launcher.config == (str(job),)
+
+
+def test_an_export_of_nothing_is_one_line(desk, tmp_path):
+    log = tmp_path / "run.csv"
+    PlainLogWriter(log, run_meta()).close()
+    with pytest.raises((ValueError, OSError)) as caught:
+        desk.export(str(log), ".geojson", lambda done, of, what: None, lambda: False)
+    assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
+    assert desk.export(str(log), ".csv", lambda done, of, what: None, lambda: True) == (), "cancelled before it began"
+    assert desk.free_bytes(os.fspath(log)) > 0 and desk.earlier(str(log)) is None

@@ -1,0 +1,49 @@
+"""docs/architecture.md and the tree name the same things."""
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "architecture.md"
+BASES = (ROOT, ROOT / "control", ROOT / "drivers", ROOT / "console", ROOT / "console" / "app", ROOT / "console" / "cli",
+         ROOT / "docs")
+
+
+def first_cells(text: str) -> list[str]:
+    """The first cells of the table of rooms."""
+    rows = text[text.index("| room |"):text.index("Time enters")].splitlines()
+    return [row.split("|")[1] for row in rows[2:] if row.startswith("|")]
+
+
+def names(text: str) -> list[str]:
+    """What is written as code: `control/log_row.py, readings.py` are two names in one folder."""
+    found = []
+    for code in re.findall(r"`([^`]+)`", text):
+        folder = ""
+        for part in code.split(", "):
+            found.append(folder + part)
+            folder = folder or (part.rpartition("/")[0] + "/" if "/" in part else "")
+    return found
+
+
+def is_there(name: str) -> bool:
+    return any(list(base.glob(name.rstrip("/") + ending)) for base in BASES for ending in ("", ".py"))
+
+
+PATHS = sorted({name for name in names(PAGE.read_text(encoding="utf-8")) if "/" in name or name.endswith(".py")})
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_what_the_page_names_is_there(name: str) -> None:
+    assert is_there(name)
+
+
+@pytest.mark.parametrize("room", ["control", "drivers", "console"])
+def test_what_is_there_is_named_on_the_page(room: str) -> None:
+    told = {name.removeprefix(f"{room}/").split("/")[0].removesuffix(".py")
+            for cell in first_cells(PAGE.read_text(encoding="utf-8")) for name in names(cell)}
+    there = {path.stem for path in (ROOT / room).iterdir() if path.suffix == ".py" or any(path.glob("*.py"))}
+    assert there - {"__init__"} - told == set()
