@@ -87,9 +87,8 @@ class Hopper(NamedTuple):
     start_kg: float
     jumps: tuple[int, ...]      # bins from which a refill counts
     told: tuple[bool, ...]      # whether the operator wrote down how much a refill was
-    walk_sd: float              # of a bin, relative to a mass of 1 r/min x mm x s: metered between rows, nobody knows how
     grid: Grid                  # over the m bins
-    unseen: float = 0.0         # r/min x mm x s, 1 s.d. of a bin: metered between rows, where no row says how
+    unseen: float = 0.0         # r/min x mm x s (1 s.d.), metered in a bin where no row says how
 
 
 class Speed(NamedTuple):
