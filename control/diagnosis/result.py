@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 FORMAT = "topdress-diagnosis/1"
+UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
 CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
@@ -67,6 +68,8 @@ class Cause:
     advice: str
     field_cost: FieldCost
     scope: str | None = None            # the label or table that it holds for; None: all the data
+    until_s: float | None = None        # when it ended; None: not in this data
+    grows: bool = False                 # from nothing at its onset to its size at the end of the data
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +89,21 @@ class Unexplained:
     """`variable`: the recorded variable that the structure follows, "" where none is known to carry it.
 
     `explained_share`: of what the named causes leave, that the variable explains; without a variable, that is not
-    noise.
+    noise. `rms`, `noise`: of the channel, in its unit. `dose_percent`: r.m.s. in the dose, where that is known.
+    `hint`: the effect that comes nearest, though its evidence does not hold. `from_s`: when it seems to begin.
+    `period_s`: where it comes and goes at one frequency.
     """
 
     channel: str
     variable: str
     explained_share: float
+    rms: float | None = None
+    noise: float | None = None
+    unit: str = ""
+    dose_percent: float | None = None
+    hint: str = ""
+    from_s: float | None = None
+    period_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +127,7 @@ class Gain:
     low: float
     high: float
     held_out: str
+    of: Literal["names", "corrector", "placebo"] = "names"      # what is put in: the causes, or something to compare
 
 
 @dataclass(frozen=True, slots=True)

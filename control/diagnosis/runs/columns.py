@@ -77,7 +77,10 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
         return [_column(model, label, {"scale": np.ones(len(channel.measured))}, UNKNOWN_KG),
                 *(_column(model, label, {"scale": after}, REFILL_SD_KG if told else UNKNOWN_KG)
-                  for after, told in zip(steps, data.hopper.told, strict=True))]
+                  for after, told in zip(steps, data.hopper.told, strict=True)),
+                *(_column(model, label, {"scale": channel.grid.of((bins >= end).astype(np.float64))},
+                          metered * model.machine.flow.grams_per_rev_mm / 60_000.0)
+                  for end, metered in data.hopper.gaps)]
     if channel.name == "speed":
         row = effects.SPEED_GNSS_LATENCY
         assert row.slope_step is not None

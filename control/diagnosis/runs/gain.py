@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -84,7 +85,8 @@ def _channel_gain(judged: Judged, blocks: _HeldOut, columns: Sequence[tuple[Colu
     fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
     for word, others in _instead(judged, blocks.whole.name):
         left = _corrected(blocks, fixed, others, before, noise)
-        found.append(_gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words))
+        gain = _gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words)
+        found.append(replace(gain, of="placebo" if word.startswith("placebo") else "corrector"))
     return found
 
 

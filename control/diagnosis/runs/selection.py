@@ -73,6 +73,17 @@ class Refused(NamedTuple):
     doubt: Doubt
 
 
+class _Step(NamedTuple):
+    """A forward step: the hypothesis with one more part (None: none holds), and what was refused.
+
+    best_gain : of the best part that was tried, priced; less where its evidence may be drift or a tolerance.
+    """
+
+    better: Refit | None
+    refused: list[Refused]
+    best_gain: float = 0.0
+
+
 class RivalOf(NamedTuple):
     """What could stand in a part's place."""
 
@@ -91,13 +102,14 @@ class Judged(NamedTuple):
     scan: tuple[Scanned, ...]                   # the whole catalogue on top of nothing
     left: Dependence | None                     # what no effect explains
     refused: tuple[Refused, ...] = ()           # at the end: evidence for more parts, that did not hold
+    structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted; drift's share off
 
 
 def judged(search: Search) -> Judged:
     """Judge a group: forward selection with lateral and backward steps, then what is left, then rivals."""
     null = _nothing(search)
     first = search.scan((), null.noise)
-    current, refused = _forward(search, null)
+    current, refused, structure_gain = _forward(search, null)
     if current.parts:
         current, null = _settled_at(search, current), search.refit(())
         current = _begun(search, current)
@@ -110,7 +122,7 @@ def judged(search: Search) -> Judged:
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
     gains, rivals = _rivals(search, current)
-    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused))
+    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain)
 
 
 def _nothing(search: Search) -> Refit:
@@ -124,22 +136,22 @@ def _nothing(search: Search) -> Refit:
     return search.refit(())
 
 
-def _forward(search: Search, null: Refit) -> tuple[Refit, list[Refused]]:
+def _forward(search: Search, null: Refit) -> tuple[Refit, list[Refused], float]:
     """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned.
 
-    With it, what the last step refused.
+    With it, what the last step refused, and the best gain of the first.
     """
-    current = null
-    refused: list[Refused] = []
+    current, gains = null, []
     for _ in range(MAX_CAUSES):
-        better, refused = _forward_step(search, current)
+        better, refused, best_gain = _forward_step(search, current)
+        gains.append(best_gain)
         if better is None:
             break
         search.model.move({})       # what the nominal values took upon themselves may be the effect's
         better = search.refit(better.parts, better.noise)
         better = with_end(search, search.refit(settle(search.columns, better.parts), better.noise), ONSET_THRESHOLD)
         current = _backward(search, _lateral(search, better))
-    return current, refused
+    return current, refused, gains[0]
 
 
 def _settled_at(search: Search, current: Refit) -> Refit:
@@ -163,10 +175,10 @@ def _draw_in(search: Search, parts: Parts) -> None:
     draw_in(search.columns, parts, more)
 
 
-def _forward_step(search: Search, now: Refit) -> tuple[Refit | None, list[Refused]]:
-    """Forward step: the hypothesis with one more part, where that gains more than the threshold and holds.
+def _forward_step(search: Search, now: Refit) -> _Step:
+    """The hypothesis with one more part, where that gains more than the threshold and holds.
 
-    A part that begins within the log pays for the time that was chosen. With it, what was refused.
+    A part that begins within the log pays for the time that was chosen.
     """
     found = _one_of_each(search.scan(now.parts, now.noise))
     ranked = [f for f in found if f.gain > 0.5 * THRESHOLD][:REFITTED]
@@ -178,16 +190,29 @@ def _forward_step(search: Search, now: Refit) -> tuple[Refit | None, list[Refuse
     tried: list[tuple[float, Refit]] = []
     for part, price in priced:
         refit = search.refit((*now.parts, part), now.noise)
-        gain = 2.0 * (refit.log_likelihood - now.log_likelihood) - price
-        if refit.tangled < MAX_TANGLED and gain > THRESHOLD:
-            tried.append((gain, refit))
+        if refit.tangled < MAX_TANGLED:
+            tried.append((2.0 * (refit.log_likelihood - now.log_likelihood) - price, refit))
+    tried.sort(key=lambda one: -one[0])
+    best_gain = max((gain for gain, _ in tried[:1]), default=max((f.gain for f in found[:1]), default=0.0))
     refused: list[Refused] = []
-    for gain, best in sorted(tried, key=lambda one: -one[0]):
-        doubt = _doubt(search, best, len(now.parts), now)
-        if doubt is None:
-            return best, []
-        refused.append(Refused(best.parts[-1], gain, doubt))
-    return None, refused
+    for gain, best in tried:
+        doubt = _doubt(search, best, len(now.parts), now) if gain > THRESHOLD else None
+        if gain > THRESHOLD and doubt is None:
+            return _Step(best, [], best_gain)
+        if doubt is not None:
+            refused.append(Refused(best.parts[-1], gain, doubt))
+    if refused:
+        best_gain = max(_beyond(search, one) for one in refused)
+    return _Step(None, refused, best_gain)
+
+
+def _beyond(search: Search, one: Refused) -> float:
+    """The gain of refused evidence, less where the log's drift or a tolerance gives as much."""
+    if one.doubt is Doubt.DRIFT:
+        return one.gain / DRIFT_FACTOR
+    if one.doubt is Doubt.TOLERANCE:
+        return float(min(one.gain, (one.part.size / tolerance_of(one.part.id, search.model.machine)) ** 2))
+    return one.gain
 
 
 def _begin(search: Search, now: Refit) -> list[Part]:

@@ -22,6 +22,7 @@ MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
 UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
+LONG_GAP_S = 3.0            # of a gap, after which the level of the hopper is open by as much as it may have metered
 UNSEEN_S = 2.0              # ... within so long, or in proportion
 FINE_LOG_S = 0.15           # rows closer than this hold every command that control gave
 MAX_LOST = 0.1              # of the rows, before which commands may be missing: more, and no move is known
@@ -89,6 +90,7 @@ class Hopper(NamedTuple):
     told: tuple[bool, ...]      # whether the operator wrote down how much a refill was
     grid: Grid                  # over the m bins
     unseen: float = 0.0         # r/min x mm x s (1 s.d.), metered in a bin where no row says how
+    gaps: tuple[tuple[int, float], ...] = ()    # bin at which a long gap ends, and the same of what it metered
 
 
 class Speed(NamedTuple):
@@ -338,18 +340,21 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) ->
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
     return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
-                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width), _unseen(every, edges))
+                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width), *_unseen(every, edges))
 
 
-def _unseen(every: _Rows, edges: Array) -> float:
-    """What may have been metered between rows beside a straight line from one to the next (`Hopper.unseen`)."""
+def _unseen(every: _Rows, edges: Array) -> tuple[float, tuple[tuple[int, float], ...]]:
+    """What may have been metered between rows beside a straight line from one to the next (`Hopper.unseen`, `gaps`)."""
     if not every.lost.any():
-        return 0.0
+        return 0.0, ()
     rate = np.where(every.shaft_rpm < STOPPED_RPM, 0.0, every.shaft_rpm) * every.opening_mm
-    spans = np.diff(every.time_s)
+    spans, usual = np.diff(every.time_s), float(np.median(rate[rate > 0.0])) if (rate > 0.0).any() else 0.0
     steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
     off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
-    return float(np.sqrt(np.sum(off ** 2) / max(1, len(edges) - 1)))
+    long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s)
+    ends = np.clip(np.searchsorted(edges, every.time_s[1:][long]), 0, len(edges) - 2)
+    gaps = tuple((int(end), float(span * usual)) for end, span in zip(ends, spans[long], strict=True))
+    return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
 
 
 def _binned_inputs(every: _Rows, edges: Array, width: float) -> tuple[Array, Array, Array]:

@@ -8,7 +8,7 @@ from scipy.stats import t as student
 
 from control.calibration.bench_table import LAGS, BenchTable
 from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENCY, PLACE_LEVER_ARM, ROWS
-from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size
+from control.diagnosis.result import UNKNOWN, Cause, Channel, NextRun, Rival, Size
 from control.machine.machine import CATALOGUE
 
 from .clock import Clock
@@ -22,7 +22,6 @@ from .selection import Selected, Selection
 from .sizes import settings_differ
 from .verdict import Judgement
 
-UNKNOWN = "unknown"             # a rival that is no effect of the catalogue
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
 OUTSTANDING = 2.0               # times the common scatter, from which on a setting is pointed out
