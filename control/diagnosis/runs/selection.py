@@ -209,7 +209,7 @@ def _forward_step(search: Search, now: Refit) -> _Step:
 def _beyond(search: Search, one: Refused) -> float:
     """The gain of refused evidence, less where the log's drift or a tolerance gives as much."""
     if one.doubt is Doubt.DRIFT:
-        return one.gain / DRIFT_FACTOR
+        return one.gain / (DRIFT_FACTOR if one.part.onset_s is None else BEGUN_IN_DRIFT)
     if one.doubt is Doubt.TOLERANCE:
         return float(min(one.gain, (one.part.size / tolerance_of(one.part.id, search.model.machine)) ** 2))
     return one.gain
