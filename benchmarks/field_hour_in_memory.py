@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from control.loop import ControlLoop, Tick
 from control.orders import Do, Order
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import Cab, CabConfig
@@ -27,6 +28,44 @@ from drivers.virtual.machine import VirtualMachine
 DT_S = 0.05
 NAMES = ("gnss", *(f"head_{n}" for n in range(1, 7)), "board")
 UNPLUGGED_S = {"gnss": 8.0, "board": 3.0}       # heads: 4 s
+
+
+class Watch:
+    """What was first said after each unplugging, and how long after it, s."""
+
+    def __init__(self, plan: dict[str, tuple[float, float]]) -> None:
+        self.plan = plan
+        self.seen: dict[tuple[str, str], float] = {}
+
+    def look(self, now_s: float, said: set[str], state: str) -> None:
+        for name, (begin_s, lasts_s) in self.plan.items():
+            if not begin_s <= now_s < begin_s + lasts_s + 60.0:
+                continue
+            for what in said:
+                self.seen.setdefault((name, what), now_s - begin_s)
+            if state == "working" and (name, "fault") in self.seen:
+                self.seen.setdefault((name, "working again"), now_s - begin_s)
+
+    def table(self) -> str:
+        lines = ["| device | unplugged at s | for s | reaction | after s | working again after s |",
+                 "|---|---|---|---|---|---|"]
+        for name, (begin_s, lasts_s) in self.plan.items():
+            reaction = {"gnss": "gnss_silent", "board": "fault"}.get(name, f"head {name[-1]} dropped")
+            after, again = self.seen.get((name, reaction)), self.seen.get((name, "working again"))
+            lines.append(f"| {name} | {begin_s:.0f} | {lasts_s:.0f} | {reaction} | "
+                         f"{'-' if after is None else f'{after:.2f}'} | "
+                         f"{'worked on' if again is None else f'{again:.2f}'} |")
+        return "\n".join(lines)
+
+
+def start_again(loop: ControlLoop, tick: Tick) -> None:
+    """As an operator would, once the machine moves and its shaft is heard."""
+    state = str(tick.row.state)
+    if state == "working" or (tick.row.speed_used_mps or 0.0) <= 0.5 or tick.row.shaft_rpm is None:
+        return
+    for alarm in tick.alarms:
+        loop.order(Order(Do.ACKNOWLEDGE, alarm.id))
+    loop.order(Order(Do.START if state == "ready" else Do.READY))
 
 
 def run(seconds: float, log: Path) -> None:
@@ -45,7 +84,7 @@ def run(seconds: float, log: Path) -> None:
     writer = RunLogWriter(log, run_meta(setup.machine, setup.crop, job, seed=3, sha256={}))
     apart_s = (seconds - 60.0) / len(NAMES)
     plan = {name: (40.0 + apart_s * place, UNPLUGGED_S.get(name, 4.0)) for place, name in enumerate(NAMES)}
-    seen: dict[tuple[str, str], float] = {}
+    watch = Watch(plan)
     states = Counter[str]()
     begun_s = time.perf_counter()
     for tick_number in range(round(seconds / DT_S)):
@@ -61,25 +100,11 @@ def run(seconds: float, log: Path) -> None:
         state = str(tick.row.state)
         states[state] += 1
         said = {alarm.id for alarm in tick.alarms} | {f"head {head} dropped" for head in tick.dropped_heads} | {state}
-        for name, (begin_s, lasts_s) in plan.items():
-            if begin_s <= now[0] < begin_s + lasts_s + 60.0:
-                for what in said:
-                    seen.setdefault((name, what), now[0] - begin_s)
-                if state == "working" and (name, "fault") in seen:
-                    seen.setdefault((name, "working again"), now[0] - begin_s)
-        if state != "working" and (tick.row.speed_used_mps or 0.0) > 0.5 and tick.row.shaft_rpm is not None:
-            for alarm in tick.alarms:
-                loop.order(Order(Do.ACKNOWLEDGE, alarm.id))
-            loop.order(Order(Do.START if state == "ready" else Do.READY))
+        watch.look(now[0], said, state)
+        start_again(loop, tick)
     took_s = time.perf_counter() - begun_s
     writer.close()
-    print("| device | unplugged at s | for s | reaction | after s | working again after s |\n|---|---|---|---|---|---|")
-    for name, (begin_s, lasts_s) in plan.items():
-        reaction = {"gnss": "gnss_silent", "board": "fault"}.get(name, f"head {name[-1]} dropped")
-        after = seen.get((name, reaction))
-        again = seen.get((name, "working again"))
-        print(f"| {name} | {begin_s:.0f} | {lasts_s:.0f} | {reaction} | {'-' if after is None else f'{after:.2f}'} | "
-              f"{'worked on' if again is None else f'{again:.2f}'} |")
+    print(watch.table())
     rows = sum(1 for _ in read_log(log).rows())
     print(f"\n{seconds:g} s in {took_s:.1f} s; {round(seconds / DT_S)} ticks, {rows} rows in the log; states "
           + ", ".join(f"{state} {count}" for state, count in states.most_common())

@@ -55,6 +55,5 @@ def keys_of(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def pages() -> tuple[Action, ...]:
-    """The actions that open a page, in the order of their F-keys."""
-    found = (action for action in ACTIONS if action.where == ANYWHERE and action.id.endswith("_screen"))
-    return tuple(sorted(found, key=lambda action: int(action.shown.removeprefix("F"))))
+    """The actions that open a page, in the order of the table."""
+    return tuple(action for action in common.ACTIONS if action.id.endswith("_screen"))

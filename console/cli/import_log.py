@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.outputs import Force, Output, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -22,17 +23,17 @@ def import_log(
     guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "
                                         "nothing.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="An output that is there already may go.")] = False,
+    force: Force = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
     from drivers.files.imports.trouble import ImportTrouble
     try:
         if guess:
-            _guess(files, _place_of_guess(files, mapping, out))
+            _guess(files, _place_of_guess(files, mapping, out), force)
         elif out is None:
             raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
         else:
-            _import(files, mapping, out, overwrite)
+            _import(files, mapping, out, force)
     except ImportTrouble as trouble:
         for line in trouble.lines:
             typer.echo(line, err=True)
@@ -48,11 +49,10 @@ def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -
     return beside.with_name(f"{beside.stem}.import.yaml")
 
 
-def _guess(files: list[Path], place: Path) -> None:
+def _guess(files: list[Path], place: Path, force: bool) -> None:
     from drivers.files.atomic import write_atomically
     from drivers.files.imports.mapping_text import mapping_text
-    if place.exists():
-        raise CommandError(f"{place}: exists already: nothing is overwritten")
+    refuse_collisions(_read(files), [Output((place,))], force)
     raw, found = _guessed(files)
     count = len(found.doubts)
     unsure = "nothing is unsure" if count == 0 else f"{count} {'line is' if count == 1 else 'lines are'} unsure"
@@ -76,12 +76,19 @@ def _open_questions(raw: RawTable, found: Guess) -> list[str]:
     return [f"{raw.path}: {'.'.join(doubt.key)}: {doubt.text}" for doubt in found.doubts]
 
 
-def _import(files: list[Path], mapping_file: Path | None, out: Path, overwrite: bool) -> None:
+def _read(files: list[Path]) -> list[Path]:
+    """With the companions of a shapefile and the files of a task."""
+    from drivers.files.file_set import files_of
+    return [one for path in files for one in files_of(path)]
+
+
+def _import(files: list[Path], mapping_file: Path | None, out: Path, force: bool) -> None:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
-    from drivers.files.imports.log_file import write_imported
+    from drivers.files.imports.log_file import is_import_of, write_imported
     from drivers.files.imports.read import read_raw
-    _may_write(files, mapping_file, out, overwrite)
+    reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
+    refuse_collisions(reads, [Output(new_log_files(out), lambda: is_import_of(out, files))], force)
     first, mapping = _mapping(files, mapping_file)
     parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
              for path in files]
@@ -105,15 +112,3 @@ def _mapping(files: list[Path], place: Path | None) -> tuple[RawTable | None, Im
         raise ImportTrouble(*_open_questions(raw, found), f"{raw.path}: not imported: --guess writes an import file in "
                             "which these lines can be put right")
     return raw, found.mapping
-
-
-def _may_write(files: list[Path], mapping_file: Path | None, out: Path, overwrite: bool) -> None:
-    from drivers.files.atomic import sidecar
-    if out.suffix.lower() != ".csv":
-        raise CommandError(f"{out}: allowed is a name that ends in .csv")
-    inputs = {path.resolve() for path in files} | ({mapping_file.resolve()} if mapping_file else set())
-    for place in (out, sidecar(out)):
-        if place.resolve() in inputs:
-            raise CommandError(f"{place}: is an input itself: allowed is another --out")
-        if place.exists() and not overwrite:
-            raise CommandError(f"{place}: exists already: allowed with --overwrite")

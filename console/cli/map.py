@@ -61,8 +61,8 @@ def map_files(
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
+    from drivers.files.file_set import files_of
     from drivers.files.kinds import MACHINE
-    from drivers.files.prescriptions.read import files_of
     if not is_log:
         return files_of(source)
     return (*log_files(source), *(() if machine is None else (named(machine, MACHINE.folder),)))

@@ -60,6 +60,13 @@ def log_files(log: Path) -> tuple[Path, Path]:
     return log, log.with_suffix(".yaml")
 
 
+def new_log_files(log: Path) -> tuple[Path, Path]:
+    """A run log about to be written, and what comes beside it. Raises CommandError for a name that is none of a log."""
+    if log.suffix != ".csv":
+        raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
+    return log_files(log)
+
+
 def named(where: str, folder: str) -> Path:
     """The configuration file of a shipped name or path. Raises ConfigError."""
     from drivers.files.config import resolve

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.cli.outputs import Output, log_files
-from console.cli.plain_errors import CommandError
+from console.cli.outputs import Output, log_files, new_log_files
 
 if TYPE_CHECKING:
     from drivers.files.run_log import PlainLogWriter
@@ -38,9 +37,7 @@ def log_output(log: Path, *with_it: Path) -> Output:
 
     Raises CommandError for a name that is none of a log.
     """
-    if log.suffix != ".csv":
-        raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
-    return Output((*log_files(log), *with_it), lambda: _computed(log))
+    return Output((*new_log_files(log), *with_it), lambda: _computed(log))
 
 
 def _computed(log: Path) -> bool:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.geodesy import Place, apart_m, offset
+from control.geodesy import Place, apart_m, direction
 
 Floats = npt.NDArray[np.float64]
 
@@ -112,7 +112,9 @@ class Coverage:
                 self._travelled_m += step_m
         self._last = place
         half = 0.5 * self.width_m
-        bar = _Bar(place, offset(place, heading_deg, 0.0, -half), offset(place, heading_deg, 0.0, half))
+        east, north = direction(heading_deg)
+        bar = _Bar(place, (place[0] - half * north, place[1] + half * east),
+                   (place[0] + half * north, place[1] - half * east))
         if not flowing or self._bar is None:
             self._end_stretch(bar)
         elif apart_m(self._bar.middle, place) >= 0.5 * self.cell_m:

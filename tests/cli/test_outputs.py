@@ -30,6 +30,8 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "serve-machine": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT, "--port", "0"),
     "effects": (),
     "reproduce": (),
+    "import": ("other.csv", "--mapping", "import.yaml"),
+    "import --guess": ("other.csv",),
 }
 OF_JOB = ("job.yaml", "crop.yaml", "weather.csv", "plan.geojson")
 READ = {             # and the files that it reads with them
@@ -40,12 +42,16 @@ READ = {             # and the files that it reads with them
     "map": ("run.csv", "run.yaml", "machine.yaml"),
     "check": ("machine.yaml", "machine.json"),
     "serve-machine": (*OF_JOB, "machine.yaml"),
+    "import": ("other.csv", "import.yaml"),
+    "import --guess": ("other.csv",),
 }
 WRITES = {           # every option that names an output
     ("simulate", "--out"), ("replay", "--out"), ("diagnose", "--json"), ("diagnose", "--report"),
     ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
-    ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out")}
+    ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
+    ("import", "--out"), ("import --guess", "--mapping")}
 ELSEWHERE = {("run", "--log"), ("serve", "--token-file")}       # the worker takes a free name; never written over
+LOGS = {"simulate", "replay", "import"}                         # their --out is a run log, whose name ends in .csv
 FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
 
 
@@ -65,6 +71,10 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
                                      "  map: plan.geojson\n", encoding="utf-8")
     (folder / "catch.csv").write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
         f"{rpm},{mm},60,{5.9e-3 * mm * rpm:.4f}\n" for rpm in (30, 60) for mm in (10, 20, 40) for _ in range(3)))
+    (folder / "other.csv").write_text("Time [s];Shaft speed [rpm]\n" + "".join(
+        f"{k};{20 + k % 9}\n" for k in range(99)))
+    (folder / "import.yaml").write_text("format: topdress-import/1\ntime: {column: 'Time [s]', counts: s}\n"
+                                        "columns: {shaft_rpm: {from: 'Shaft speed [rpm]'}}\n")
     done = CliRunner().invoke(app, ["simulate", "--seconds", "30", "--out", str(folder / "run.csv")])
     assert done.exit_code == 0, done.output
     return folder
@@ -89,7 +99,7 @@ def place(originals: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
 
 
 def invoke(command: str, *more: object) -> Result:
-    return CliRunner().invoke(app, [command, *INPUTS[command], *map(str, more)])
+    return CliRunner().invoke(app, [*command.split(), *INPUTS[command], *map(str, more)])
 
 
 def refused(result: Result) -> str:
@@ -110,7 +120,7 @@ def test_every_option_that_names_an_output_is_tried_here() -> None:
             option = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, OptionInfo)), None)
             if option is not None and Path in (hint.__origin__, *typing.get_args(hint.__origin__)):
                 found.add((command.name, next(one.opts[0] for one in built[command.name].params if one.name == name)))
-    assert found | {("run", "--log")} == WRITES | ELSEWHERE
+    assert found | {("run", "--log")} == {(command.split()[0], option) for command, option in WRITES} | ELSEWHERE
 
 
 def itself(file: Path) -> str:
@@ -151,7 +161,7 @@ def test_an_output_that_is_an_input_is_refused(place: Path, command: str, option
     for name in READ[command]:
         out = alias(place / name)
         result = invoke(command, option, out, *(["--force"] if force else []))
-        if command in ("simulate", "replay") and not out.endswith(".csv"):
+        if command in LOGS and not out.endswith(".csv"):
             assert "ends in .csv" in refused(result)
         else:
             assert Path(out).name in refused(result)
@@ -161,8 +171,9 @@ def test_an_output_that_is_an_input_is_refused(place: Path, command: str, option
 
 
 @pytest.mark.parametrize("force", [False, True])
-@pytest.mark.parametrize("command", ["simulate", "replay"])
-@pytest.mark.parametrize("name", ["job", "machine", "crop"])
+@pytest.mark.parametrize(("command", "name"), [
+    *((command, name) for command in ("simulate", "replay") for name in ("job", "machine", "crop")),
+    ("import", "import")])
 def test_nor_is_a_file_beside_the_output(place: Path, command: str, name: str, force: bool) -> None:
     """The sidecar of NAME.csv is NAME.yaml."""
     assert f"{name}.yaml" in refused(invoke(command, "--out", f"{name}.csv", *(["--force"] if force else [])))
@@ -214,7 +225,7 @@ def test_a_map_is_not_converted_onto_itself(place: Path, form: str, force: bool)
 
 @pytest.mark.parametrize(("command", "option"), sorted(WRITES - FOLDERS))
 def test_what_is_there_already_stays(place: Path, command: str, option: str) -> None:
-    mine = place / ("mine.csv" if command in ("simulate", "replay") else "mine.html")
+    mine = place / ("mine.csv" if command in LOGS else "mine.yaml")
     mine.write_text("mine\n")
     assert "exists already" in refused(invoke(command, option, mine))
     assert mine.read_text() == "mine\n"
@@ -222,7 +233,7 @@ def test_what_is_there_already_stays(place: Path, command: str, option: str) -> 
 
 @pytest.mark.parametrize(("command", "options"), [
     ("simulate", ("--out", "a.csv")), ("replay", ("--out", "a.csv")), ("map", ("--out", "a.geojson")),
-    ("effects", ("--markdown", "a.md")), ("check", ("--write-schemas", "a"))])
+    ("effects", ("--markdown", "a.md")), ("check", ("--write-schemas", "a")), ("import", ("--out", "a.csv"))])
 def test_a_second_time_a_command_replaces_what_it_made(place: Path, command: str, options: tuple[str, str]) -> None:
     inputs = ("machine.yaml",) if command == "check" else INPUTS[command]
     first, second = (CliRunner().invoke(app, [command, *inputs, *options]) for _ in range(2))
@@ -240,6 +251,41 @@ def test_the_log_of_a_drive_is_replaced_only_when_told(place: Path) -> None:
     assert Path("field.csv").read_bytes() == before
     assert invoke("simulate", "--out", "field.csv", "--force").exit_code == 0
     assert Path("field.csv").read_bytes() != before
+
+
+def test_an_imported_log_is_made_anew_of_the_same_files_only(place: Path) -> None:
+    assert invoke("import", "--out", "a.csv").exit_code == 0
+    before = Path("a.csv").read_bytes()
+    Path("later.csv").write_text(Path("other.csv").read_text().replace(";20", ";70"))
+    later = ["import", "later.csv", "--mapping", "import.yaml", "--out", "a.csv"]
+    assert "a.csv: exists already" in refused(CliRunner().invoke(app, later))
+    assert Path("a.csv").read_bytes() == before
+    assert CliRunner().invoke(app, [*later, "--force"]).exit_code == 0
+    assert Path("a.csv").read_bytes() != before
+
+
+def test_a_guess_is_never_replaced_untold(place: Path) -> None:
+    """What was put right in it by hand would be lost."""
+    assert invoke("import --guess", "--mapping", "a.yaml").exit_code == 0
+    guessed = Path("a.yaml").read_bytes()
+    Path("a.yaml").write_bytes(guessed + b"# by hand\n")
+    assert "a.yaml: exists already" in refused(invoke("import --guess", "--mapping", "a.yaml"))
+    assert invoke("import --guess", "--mapping", "a.yaml", "--force").exit_code == 0
+    assert Path("a.yaml").read_bytes() == guessed
+
+
+def test_nor_the_companion_of_an_imported_shapefile(place: Path) -> None:
+    write_prescription(read_prescription(place / "plan.geojson").data, place / "points.shp")
+    os.link("points.dbf", "a.csv")
+    result = CliRunner().invoke(app, ["import", "points.shp", "--out", "a.csv", "--force"])
+    assert "points.dbf" in refused(result)
+
+
+def test_a_log_may_lie_in_the_folder_of_its_task(place: Path) -> None:
+    assert invoke("map", "--out", "task").exit_code == 0
+    for _ in range(2):
+        result = CliRunner().invoke(app, ["import", "task", "--out", "task/log.csv", "--force"])
+        assert result.exit_code == 0, result.output
 
 
 def test_two_outputs_of_one_command_have_two_places(place: Path) -> None:

@@ -160,53 +160,64 @@ STEPS = st.lists(st.one_of(
     st.tuples(st.just("drives"), st.booleans())), min_size=5, max_size=40)
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
-@given(STEPS)
-def test_whatever_is_ordered_the_shaft_turns_on_the_bench_only_while_the_button_is_down(steps: list[Any]) -> None:
-    """Orders, movement and silent drives in any sequence, against the published rules."""
-    setup = SETUP
-    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
-    limits, now, speed, heard = setup.machine.limits, 100.0, 0.0, True
-    drives = (Reading(0.0, now), Reading(25.0, now))
-    confirmed_s = begun_s = -1e9
-    asked_rpm, before = 0.0, State.OFF
+class HeldToTheRules:
+    """A loop to which anything may happen, and beside it what the published rules demand of each tick."""
 
-    def tick() -> None:
-        nonlocal now, before, drives, asked_rpm
-        now += 0.05
-        if heard:
-            drives = (Reading(0.0, now), Reading(25.0, now))
-        fix = GnssFix(now, 34.28, 119.88, 4, speed_mps=speed, heading_deg=10.0)
-        said = loop.tick(Measurements(now, gnss=fix, wheel_speed_mps=Reading(speed, now),
-                                      ndvi=(Reading(0.5, now),) * 6, shaft_rpm=drives[0], opening_mm=drives[1]))
+    def __init__(self) -> None:
+        self.loop = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, SETUP.job)
+        self.limits, self.now_s, self.speed_mps, self.heard = SETUP.machine.limits, 100.0, 0.0, True
+        self.drives = (Reading(0.0, self.now_s), Reading(25.0, self.now_s))
+        self.confirmed_s = self.begun_s = -1e9
+        self.asked_rpm, self.before = 0.0, State.OFF
+
+    def tick(self) -> None:
+        self.now_s += 0.05
+        now_s, limits = self.now_s, self.limits
+        if self.heard:
+            self.drives = (Reading(0.0, now_s), Reading(25.0, now_s))
+        fix = GnssFix(now_s, 34.28, 119.88, 4, speed_mps=self.speed_mps, heading_deg=10.0)
+        said = self.loop.tick(Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(self.speed_mps, now_s),
+                                           ndvi=(Reading(0.5, now_s),) * 6, shaft_rpm=self.drives[0],
+                                           opening_mm=self.drives[1]))
         rpm, mm = said.command.shaft_rpm, said.command.opening_mm
         assert rpm == 0.0 or limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm
         assert limits.opening_low_mm <= mm <= limits.opening_high_mm
         if said.row.state == State.CALIBRATING:
-            assert now - confirmed_s < 0.5 and now - begun_s <= 120.05 and speed <= 0.2
-            assert rpm <= max(asked_rpm, limits.shaft_low_rpm if asked_rpm >= limits.shaft_low_rpm / 2 else 0.0)
-            assert rpm == 0.0 or now - drives[0].time_s <= 0.5
+            assert now_s - self.confirmed_s < 0.5 and now_s - self.begun_s <= 120.05 and self.speed_mps <= 0.2
+            lowest = limits.shaft_low_rpm if self.asked_rpm >= limits.shaft_low_rpm / 2 else 0.0
+            assert rpm <= max(self.asked_rpm, lowest)
+            assert rpm == 0.0 or now_s - self.drives[0].time_s <= 0.5
         elif said.row.state != State.WORKING:
             assert rpm == 0.0 and said.bench is None
-        before = State(said.row.state)
+        self.before = State(said.row.state)
 
-    tick()
+    def order(self, do: Do, value: Any) -> None:
+        if not self.loop.order(Order(do, value)).accepted:
+            return
+        if do is Do.CALIBRATE:
+            if self.before is not State.CALIBRATING:
+                self.begun_s, self.asked_rpm = self.now_s, 0.0
+            self.confirmed_s, self.before = self.now_s, State.CALIBRATING
+        elif do is Do.CALIBRATE_SHAFT:
+            self.asked_rpm = value
+        elif do is not Do.CALIBRATE_OPENING:
+            self.before = self.loop.safety.state
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@given(STEPS)
+def test_whatever_is_ordered_the_shaft_turns_on_the_bench_only_while_the_button_is_down(steps: list[Any]) -> None:
+    """Orders, movement and silent drives in any sequence, against the published rules."""
+    bench = HeldToTheRules()
+    bench.tick()
     for do, value in steps:
         if do == "wait":
             for _ in range(value):
-                tick()
+                bench.tick()
         elif do == "speed":
-            speed = value
+            bench.speed_mps = value
         elif do == "drives":
-            heard = value
+            bench.heard = value
         else:
-            answer = loop.order(Order(do, value))
-            if do is Do.CALIBRATE and answer.accepted:
-                if before is not State.CALIBRATING:
-                    begun_s, asked_rpm = now, 0.0
-                confirmed_s, before = now, State.CALIBRATING
-            elif do is Do.CALIBRATE_SHAFT and answer.accepted:
-                asked_rpm = value
-            elif answer.accepted and do is not Do.CALIBRATE_OPENING:
-                before = loop.safety.state
-    tick()
+            bench.order(do, value)
+    bench.tick()

@@ -205,30 +205,27 @@ def _times(of: Deal, t: Floats) -> list[tuple[str, str, list[str]]]:
     utc = [BEGIN + dt.timedelta(seconds=float(s)) for s in t]
     dot = "," if of.comma and of.kind == "text" else "."
     unix = BEGIN.timestamp()
-    if of.time == "seconds":
-        return [(name, "s", [f"{s:.2f}".replace(".", dot) for s in t])]
-    if of.time == "seconds_on":
-        return [(name, "s", [f"{s + 719.4:.3f}".replace(".", dot) for s in t])]
-    if of.time == "ms":
-        return [(name, "ms", [str(round(1000 * s) + 5300) for s in t])]
-    if of.time == "unix_s":
-        return [(name, "", [f"{unix + s:.3f}".replace(".", dot) for s in t])]
-    if of.time == "unix_ms":
-        return [(name, "", [str(round(1000 * (unix + s))) for s in t])]
-    if of.time == "iso_z":
-        return [(name, "", [f"{m:%Y-%m-%dT%H:%M:%S}.{m.microsecond // 1000:03d}Z" for m in utc])]
-    if of.time == "iso_offset":
-        return [(name, "", [f"{m:%Y-%m-%d %H:%M:%S}.{m.microsecond // 1000:03d}+08:00" for m in local])]
-    if of.time == "local":
-        return [(name, "", [f"{m:%d.%m.%Y %H:%M:%S}.{m.microsecond // 1000:03d}" for m in local])]
-    if of.time == "day_and_time":
-        clock = [f"{m:%H:%M:%S}{dot}{m.microsecond // 1000:03d}" for m in local]
-        return [(DATE_NAMES[of.language], "", [f"{m:%Y/%m/%d}" for m in local]), (name, "", clock)]
-    if of.time == "over_midnight":
-        night = [dt.datetime(2026, 1, 1, 23, 59, 50) + dt.timedelta(seconds=float(s)) for s in t]
-        return [(name, "", [f"{m:%H:%M:%S}.{m.microsecond // 1000:03d}" for m in night])]
+    night = [dt.datetime(2026, 1, 1, 23, 59, 50) + dt.timedelta(seconds=float(s)) for s in t]
     days = [(m.replace(tzinfo=None) - dt.datetime(1899, 12, 30)).total_seconds() / 86_400.0 for m in local]
-    return [(name, "", [f"{day:.9f}".replace(".", dot) for day in days])]
+    unit, texts = {
+        "seconds": ("s", [f"{s:.2f}".replace(".", dot) for s in t]),
+        "seconds_on": ("s", [f"{s + 719.4:.3f}".replace(".", dot) for s in t]),
+        "ms": ("ms", [str(round(1000 * s) + 5300) for s in t]),
+        "unix_s": ("", [f"{unix + s:.3f}".replace(".", dot) for s in t]),
+        "unix_ms": ("", [str(round(1000 * (unix + s))) for s in t]),
+        "iso_z": ("", [f"{m:%Y-%m-%dT%H:%M:%S}.{_ms(m)}Z" for m in utc]),
+        "iso_offset": ("", [f"{m:%Y-%m-%d %H:%M:%S}.{_ms(m)}+08:00" for m in local]),
+        "local": ("", [f"{m:%d.%m.%Y %H:%M:%S}.{_ms(m)}" for m in local]),
+        "day_and_time": ("", [f"{m:%H:%M:%S}{dot}{_ms(m)}" for m in local]),
+        "over_midnight": ("", [f"{m:%H:%M:%S}.{_ms(m)}" for m in night]),
+        "excel_day": ("", [f"{day:.9f}".replace(".", dot) for day in days]),
+    }[of.time]
+    date = [(DATE_NAMES[of.language], "", [f"{m:%Y/%m/%d}" for m in local])] if of.time == "day_and_time" else []
+    return [*date, (name, unit, texts)]
+
+
+def _ms(moment: dt.datetime) -> str:
+    return f"{moment.microsecond // 1000:03d}"
 
 
 def write(of: Deal, truth: dict[str, Floats], folder: Path) -> Path:

@@ -98,16 +98,16 @@ def test_words_among_numbers_are_said_with_their_row(written: Callable[..., Path
 
 def test_nothing_is_written_over(written: Callable[..., Path], topdress: Callable[..., Result], tmp_path: Path) -> None:
     source, mapping = written(GOOD), written(HEAD + SHAFT % "", "log.yaml")
-    assert "is an input itself" in topdress("import", source, "--out", source, "--overwrite").output
+    assert "and is read" in topdress("import", source, "--out", source, "--force").output
     beside = topdress("import", written(GOOD, "b.csv"), "--mapping", mapping, "--out", tmp_path / "log.csv",
-                      "--overwrite")
-    assert beside.exit_code == 2 and "is an input itself" in beside.output      # its sidecar would be the import file
+                      "--force")
+    assert beside.exit_code == 2 and "and is read" in beside.output      # its sidecar would be the import file
     assert "exists already" in topdress("import", source, "--guess", "--mapping", mapping).output
     out = tmp_path / "out.csv"
-    assert topdress("import", source, "--out", out).exit_code == 0
+    out.write_text("mine\n")
     again = topdress("import", source, "--out", out)
-    assert again.exit_code == 2 and "allowed with --overwrite" in again.output
-    assert topdress("import", source, "--out", out, "--overwrite").exit_code == 0
+    assert again.exit_code == 2 and "--force replaces it" in again.output
+    assert topdress("import", source, "--out", out, "--force").exit_code == 0
     assert source.read_text() == GOOD and mapping.read_text() == HEAD + SHAFT % ""
 
 

@@ -21,7 +21,7 @@ def imported(written: Callable[..., Path], topdress: Callable[..., Result], tmp_
     def run(content: str, name: str = "in.csv", **mapping: Any) -> RunLog:
         source = written(content, name)
         place = written(yaml.safe_dump({"format": "topdress-import/1", "time": TIME} | mapping), "m.yaml")
-        result = topdress("import", source, "--mapping", place, "--out", tmp_path / "out.csv", "--overwrite")
+        result = topdress("import", source, "--mapping", place, "--out", tmp_path / "out.csv", "--force")
         assert result.exit_code == 0, result.output
         return read_log(tmp_path / "out.csv")
     return run

@@ -139,7 +139,7 @@ def test_a_long_file_takes_no_loop_over_its_rows(topdress: Callable[..., Result]
             lines += 1
         sys.setprofile(counted)
         try:
-            result = topdress("import", tmp_path / "long.csv", "--out", tmp_path / "o.csv", "--overwrite")
+            result = topdress("import", tmp_path / "long.csv", "--out", tmp_path / "o.csv", "--force")
         finally:
             sys.setprofile(None)
         assert result.exit_code == 0, result.output

@@ -57,6 +57,9 @@ BY_ORDER = {
     (State.CALIBRATING, Do.RELEASE): State.READY, (State.READY, Do.CALIBRATE): State.CALIBRATING,
 } | {(state, Do.STOP): State.OFF for state in State}
 
+ALLOWANCES = {Do.ALLOW_OUTSIDE: "outside_allowed", Do.ALLOW_REVERSE: "reverse_allowed",
+              Do.GO_ON_UNLOGGED: "unlogged_allowed"}
+
 
 def fresh(reading, now_s, limit_s):
     return reading is not None and now_s - reading.time_s <= limit_s and isfinite(reading.value)
@@ -182,23 +185,25 @@ class Rules(RuleBasedStateMachine):
             assert REFUSALS[message_id].format(**details)
         if order.do is Do.STOP:
             assert after is State.OFF
+        if answer.accepted:
+            self.remember(order, before)
+        if after is State.WORKING and before is not State.WORKING:
+            assert not self.unseen_red
+        self.state = after
+
+    def remember(self, order, before):
+        """What an accepted order changes besides the state."""
+        if order.do is Do.STOP:
             self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
-        if order.do is Do.CALIBRATE and answer.accepted:
+        elif order.do is Do.CALIBRATE:
             assert before is State.READY or self.now_s - self.calibrate_s < 0.5, "let go, and yet goes on"
             self.calibrate_s = self.now_s
             if before is State.READY:
                 self.calibrate_ends_s = self.now_s + (order.value or 120.0)
-        if answer.accepted and order.do is Do.ALLOW_OUTSIDE:
-            self.outside_allowed = order.value
-        if answer.accepted and order.do is Do.ALLOW_REVERSE:
-            self.reverse_allowed = order.value
-        if answer.accepted and order.do is Do.GO_ON_UNLOGGED:
-            self.unlogged_allowed = order.value
-        if order.do is Do.ACKNOWLEDGE and answer.accepted:
+        elif order.do is Do.ACKNOWLEDGE:
             self.unseen_red = set() if not order.value else self.unseen_red - {order.value}
-        if after is State.WORKING and before is not State.WORKING:
-            assert not self.unseen_red
-        self.state = after
+        elif order.do in ALLOWANCES:
+            setattr(self, ALLOWANCES[order.do], order.value)
 
     @rule(changes=CHANGES, step_s=STEPS_S, ticks=st.sampled_from([1, 1, 3, 30]))
     def live_on(self, changes, step_s, ticks):

@@ -124,35 +124,67 @@ def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     known = found.values.drop_nulls()
     if found.bad > 0.05 * found.values.len() or known.len() < 2:
         return None
-    unit = unit_named(raw.units.get(name, ""))
-    first, steps = float(known[0]), known.diff().drop_nulls()
+    steps = known.diff().drop_nulls()
     step = float(steps.filter(steps > 0).median() or 0.0)       # type: ignore[arg-type]
     whole = bool((known == known.round(0)).all())
+    told = _since_1970(float(known[0])) or _by_unit(raw.units.get(name, "")) \
+        or _spreadsheet_days(float(known[0]), step, whole) or _by_name(name) or _by_step(step, whole)
+    return TimeGuess(Times(column=name, counts=told.counts), told.why, told.doubt)
 
-    def sure(counts: Counts, why: str, doubt: str = "") -> TimeGuess:
-        return TimeGuess(Times(column=name, counts=counts), why, doubt)
+
+class _Counted(NamedTuple):
+    """What numbers count, and what says so."""
+
+    counts: Counts
+    why: str
+    doubt: str = ""
+
+
+def _since_1970(first: float) -> _Counted | None:
+    """By the first time: logs are younger than 2001, and whoever wrote one in seconds did so before 2096."""
     if 1e9 <= first < 4e9:
-        return sure("unix_s", "seconds since 1970")
+        return _Counted("unix_s", "seconds since 1970")
     if 1e12 <= first < 4e12:
-        return sure("unix_ms", "milliseconds since 1970")
+        return _Counted("unix_ms", "milliseconds since 1970")
     if 1e15 <= first < 4e15:
-        return sure("unix_us", "microseconds since 1970")
-    if unit is not None and unit.quantity == "time":
-        counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]     # type: ignore[assignment]
-        return sure(counts, "the unit in the header")
+        return _Counted("unix_us", "microseconds since 1970")
+    return None
+
+
+def _by_unit(told: str) -> _Counted | None:
+    unit = unit_named(told)
+    if unit is None or unit.quantity != "time":
+        return None
+    counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]     # type: ignore[assignment]
+    return _Counted(counts, "the unit in the header")
+
+
+def _spreadsheet_days(first: float, step: float, whole: bool) -> _Counted | None:
+    """Days since 1900: 30 000 is 1982, 80 000 is 2119; a row a day or more seldom is no log of a machine at work."""
     if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
-        return sure("excel_day", "days as spreadsheets count them")
+        return _Counted("excel_day", "days as spreadsheets count them")
+    return None
+
+
+def _by_name(name: str) -> _Counted | None:
     if says(folded(name), ("millis",)):
-        return sure("ms", "the name")
+        return _Counted("ms", "the name")
     if says(folded(name), ("micros",)):
-        return sure("us", "the name")
+        return _Counted("us", "the name")
+    return None
+
+
+def _by_step(step: float, whole: bool) -> _Counted:
+    """By the step from row to row (median): milliseconds and microseconds are told in whole numbers."""
     if whole and step >= 1000.0 * _LEAST_STEP_S:
-        return sure("us", "whole numbers with large steps", f"no unit: steps of {step:g}: microseconds, milliseconds?")
+        return _Counted("us", "whole numbers with large steps",
+                        f"no unit: steps of {step:g}: microseconds, milliseconds?")
     if whole and step >= _LEAST_STEP_S:
-        return sure("ms", f"whole numbers, steps of {step:g}")
+        return _Counted("ms", f"whole numbers, steps of {step:g}")
     if whole and step >= _WHOLE_STEP:
-        return sure("ms", "whole numbers", f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?")
-    return sure("s", f"numbers with steps of {step:g}")
+        return _Counted("ms", "whole numbers",
+                        f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?")
+    return _Counted("s", f"numbers with steps of {step:g}")
 
 
 def _runs_evenly(raw: RawTable, name: str) -> bool:

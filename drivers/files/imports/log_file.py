@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Iterable
 from pathlib import Path
 
 import polars as pl
@@ -15,7 +16,7 @@ from drivers.files.imports.join import Joined
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.log_text import DECIMALS
 from drivers.files.plain import plain
-from drivers.files.run_meta import meta_to_yaml, run_meta
+from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
 def log_frame(log: Joined) -> pl.DataFrame:
@@ -43,6 +44,15 @@ def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: P
     finally:
         part.unlink(missing_ok=True)
     return frame
+
+
+def is_import_of(log: Path, files: Iterable[Path]) -> bool:
+    """Whether the log at `log` was made of these very files, so that it can be made again."""
+    try:
+        told = meta_from_yaml(sidecar(log).read_text(encoding="utf-8")).extra["imported"]["files"]
+        return {file["sha256"] for file in told} == {_checksum(path) for path in files}
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _meta(log: Joined, mapping: ImportFile, mapping_file: Path | None) -> str:

@@ -9,8 +9,9 @@ from control.geodesy import TangentPlane
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.prescription import MapData, on_plane
+from drivers.files.file_set import files_of
 from drivers.files.prescriptions.plants import read_plants
-from drivers.files.prescriptions.read import files_of, read_prescription
+from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import PrescriptionError
 
 

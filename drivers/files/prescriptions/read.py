@@ -29,16 +29,6 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     return read_isoxml(files, path, choice)
 
 
-def files_of(path: Path) -> tuple[Path, ...]:
-    """All files that reading the prescription at `path` may open: those of its task, the companions of a shapefile."""
-    folder = path if path.is_dir() else path.parent
-    if path.is_dir() or path.suffix.lower() == ".xml":
-        return tuple(file for file in (*folder.glob("*"), *folder.glob("*/*")) if file.is_file())
-    if path.suffix.lower() == ".shp":
-        return tuple(file for file in folder.glob("*") if file.stem.casefold() == path.stem.casefold())
-    return (path,)
-
-
 def _holds_shapefile(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:

@@ -17,6 +17,7 @@ from .plant import Plant
 from .programmes import Drive, chosen, drive
 from .run_cases import (
     LEAST_KG,
+    Planted,
     effect_of,
     fits,
     plain,
@@ -95,18 +96,10 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
         return None
     eye = Eye(plant, noises, Physics(), recipe.logged)
     physics = within_tolerance(rng, bool(d.refill_kg))
-    outside: dict[str, Any] | None = None
-    if category in ("term", "column"):
-        made = _term(eye, plant, ids[0], more, rng)
-        if made is None:
-            return None
-        outside, planted = made[0], (made[1],)
-        found: list[tuple[Effect, float]] = []
-    else:
-        several = _effects(category, eye, ids, plant, rng)
-        if several is None:
-            return None
-        found, planted = several, tuple(e for e, _ in several)
+    hidden = _planted(category, eye, ids, more, plant, rng)
+    if hidden is None:
+        return None
+    outside, planted, found = hidden
     log_seed, trim = int(rng.integers(1 << 30)), None
     if category in LOOPS:
         plant, trim = _closed(plant, physics, planted, noises, log_seed, rng)
@@ -142,6 +135,16 @@ def _ids(category: str, wanted: Sequence[str], rng: np.random.Generator) -> tupl
         return (first,)
     others = [i for i in RUN_IDS if i not in (first, "shaft.stall", "gate.stuck")]
     return (first, *(str(i) for i in rng.choice(others, 2, replace=False)))
+
+
+def _planted(category: str, eye: Eye, ids: Sequence[str], more: list[extras.Extra], plant: Plant,
+             rng: np.random.Generator) -> Planted | None:
+    """None where one does not work out or hides another."""
+    if category in ("term", "column"):
+        made = _term(eye, plant, ids[0], more, rng)
+        return None if made is None else Planted(made[0], (made[1],), [])
+    several = _effects(category, eye, ids, plant, rng)
+    return None if several is None else Planted(None, tuple(e for e, _ in several), several)
 
 
 def _effects(category: str, eye: Eye, ids: Sequence[str], plant: Plant,

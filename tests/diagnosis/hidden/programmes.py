@@ -181,6 +181,17 @@ def _pattern(p: Programme, rng: np.random.Generator, t: Floats) -> Floats:
     return np.full(t.size, rng.uniform(220, 340))
 
 
+def _supply(p: Programme, rng: np.random.Generator, t: Floats, row_s: float) -> Floats:
+    """Volts."""
+    supply = nom.NOMINAL_SUPPLY_V + 0.08 * _slow(rng, t.size, row_s, 40.0) + 0.05
+    if p.supply == "wander":
+        return np.asarray(supply - 0.45 * np.abs(_slow(rng, t.size, row_s, 90.0)) - 0.2)
+    if p.supply == "dips":
+        dips = _held(rng, t, 12, 60, lambda i: rng.choice([0.0, 0.0, 0.5, 1.0, 1.5, 2.0]))
+        return np.asarray(supply - _smooth(dips, row_s, 0.8))
+    return np.asarray(supply)
+
+
 def drive(p: Programme, seed: int) -> Drive:
     """Drives a programme once. The same programme and seed give the same arrays."""
     rng = np.random.default_rng([seed, 11])
@@ -215,13 +226,7 @@ def drive(p: Programme, seed: int) -> Drive:
     bank = 0.5 * np.sin(np.radians(heading - uphill + 40)) + _by_place(rng, place, 35.0)
     roll = cross * bank + 0.8 * _by_place(rng, place, 5.0)
 
-    supply = nom.NOMINAL_SUPPLY_V + 0.08 * _slow(rng, t.size, row_s, 40.0) + 0.05
-    if p.supply == "wander":
-        supply = supply - 0.45 * np.abs(_slow(rng, t.size, row_s, 90.0)) - 0.2
-    elif p.supply == "dips":
-        dips = _held(rng, t, 12, 60, lambda i: rng.choice([0.0, 0.0, 0.5, 1.0, 1.5, 2.0]))
-        supply = supply - _smooth(dips, row_s, 0.8)
-
+    supply = _supply(p, rng, t, row_s)
     rate = _pattern(p, rng, t)
     used = _smooth(speed + 0.01 * rng.normal(size=t.size), row_s, 0.5)
     flow = rate * nom.WIDTH_M * used / 1e4

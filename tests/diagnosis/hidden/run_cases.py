@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,14 @@ def sized(eye: Eye, e: Effect, wanted_z: float, most: float,
     return e._replace(size=float(sign * round(size, digits))), z
 
 
+class Planted(NamedTuple):
+    """What a case hides: `outside` as its truth tells it, or effects of the catalogue, `found` with their z."""
+
+    outside: dict[str, Any] | None
+    effects: tuple[Effect, ...]
+    found: list[tuple[Effect, float]]
+
+
 def _hidden(eye: Eye, name: str, rng: np.random.Generator, plant: Plant,
             lowest_z: float = 2.0) -> tuple[Effect, float] | None:
     """An effect of detectability log-uniform from `lowest_z` to 40 (natural sizes where a threshold decides)."""
@@ -94,20 +102,10 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     noises = run_noise.noises(noise, d.row_s, rng)
     eye = Eye(plant, noises, Physics())
     physics = within_tolerance(rng, bool(d.refill_kg))
-    found: list[tuple[Effect, float]] = []
-    outside = None
-    if category == "outside":
-        made = _outside(eye, rng, plant, [n for n in OUTSIDE if n in outsiders] or list(OUTSIDE))
-        if made is None:
-            return None
-        outside, planted = made[0], (made[1],)
-    else:
-        for name in wanted:
-            made_one = _hidden(eye, name, rng, plant, 5.0 if category == "lookalike" else 2.0)
-            if made_one is None:
-                return None
-            found.append(made_one)
-        planted = tuple(e for e, _ in found)
+    hidden = _planted(category, eye, wanted, outsiders, rng, plant)
+    if hidden is None:
+        return None
+    outside, planted, found = hidden
     relations = [relation(eye, e, z, planted) for e, z in found]
     if category == "pair" and together(eye, planted):
         return None
@@ -133,6 +131,21 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
                 {**truth, "rows": int(other.drive.time_s.size), "causes": causes})
 
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), redriven
+
+
+def _planted(category: str, eye: Eye, wanted: tuple[str, ...], outsiders: tuple[str, ...], rng: np.random.Generator,
+             plant: Plant) -> Planted | None:
+    """None where one does not work out."""
+    if category == "outside":
+        made = _outside(eye, rng, plant, [n for n in OUTSIDE if n in outsiders] or list(OUTSIDE))
+        return None if made is None else Planted(made[0], (made[1],), [])
+    found = []
+    for name in wanted:
+        one = _hidden(eye, name, rng, plant, 5.0 if category == "lookalike" else 2.0)
+        if one is None:
+            return None
+        found.append(one)
+    return Planted(None, tuple(e for e, _ in found), found)
 
 
 def plain(e: Effect) -> dict[str, Any]:

@@ -29,25 +29,10 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     table, noise = tables.Table(layout, rng), str(rng.choice(tables.KINDS))
     found: list[tuple[Effect, float]] = []
     for name in sorted(wanted, key=lambda i: IDS[i].by_z):       # a clock first: the others show less beside it
-        k = IDS[name]
-        sign = k.sign or float(rng.choice([-1, 1]))
-        member = int(rng.integers(1, 7)) if name in MEMBERED else None
-        e = Effect(name, sign * k.guess, int(rng.integers(12)), float(rng.random()), None, member)
-        if not k.by_z:
-            table.clock_s = float(np.round(rng.uniform(k.guess, k.most), 2))
-            found.append((e._replace(size=table.clock_s), 99.0))
-            continue
-        target = float(np.exp(rng.uniform(np.log(5.0 if category == "lookalike" else 2.0), np.log(40.0))))
-        z = 0.0
-        for _ in range(4):
-            z = float(np.linalg.norm(table.trace([e])))
-            if z < 1e-6:
-                return None
-            e = e._replace(size=float(np.clip(e.size * target / z, -k.most, k.most)))
-        z = float(np.linalg.norm(table.trace([e])))
-        if abs(np.log(z / target)) > 0.25:
+        hidden = _hidden(table, name, 5.0 if category == "lookalike" else 2.0, rng)
+        if hidden is None:
             return None
-        found.append((e._replace(size=float(f"{e.size:.4g}")), z))
+        found.append(hidden)
     planted = [e for e, _ in found]
     if len(planted) == 2 and abs(_cosine(table.trace(planted[:1]), table.trace(planted[1:]))) > 0.9:
         return None
@@ -64,6 +49,30 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     return kind, columns, {"programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "outside": None,
                            "causes": causes, "traits": [], "physics": {}}, \
         share_of(tuple(planted), table.trace, lambda a, b: float(a @ b)), None
+
+
+def _hidden(table: tables.Table, name: str, least_z: float, rng: np.random.Generator) -> tuple[Effect, float] | None:
+    """The effect with a size that makes its z log-uniform from `least_z` to 40; None where no size does.
+
+    A coarse clock is set in the table, with a natural size.
+    """
+    k = IDS[name]
+    sign = k.sign or float(rng.choice([-1, 1]))
+    member = int(rng.integers(1, 7)) if name in MEMBERED else None
+    e = Effect(name, sign * k.guess, int(rng.integers(12)), float(rng.random()), None, member)
+    if not k.by_z:
+        table.clock_s = float(np.round(rng.uniform(k.guess, k.most), 2))
+        return e._replace(size=table.clock_s), 99.0
+    target = float(np.exp(rng.uniform(np.log(least_z), np.log(40.0))))
+    for _ in range(4):
+        z = float(np.linalg.norm(table.trace([e])))
+        if z < 1e-6:
+            return None
+        e = e._replace(size=float(np.clip(e.size * target / z, -k.most, k.most)))
+    z = float(np.linalg.norm(table.trace([e])))
+    if abs(np.log(z / target)) > 0.25:
+        return None
+    return e._replace(size=float(f"{e.size:.4g}")), z
 
 
 def _outside(pool: list[tables.Layout], rng: np.random.Generator, names: list[str]) -> Made | None:
