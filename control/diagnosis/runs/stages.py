@@ -352,7 +352,7 @@ def _unseen(every: _Rows, edges: Array) -> tuple[float, tuple[tuple[int, float],
     steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
     off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
     long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s)
-    ends = np.clip(np.searchsorted(edges, every.time_s[1:][long]), 0, len(edges) - 2)
+    ends = np.clip(np.searchsorted(edges, every.time_s[1:][long], side="right") - 1, 0, len(edges) - 2)
     gaps = tuple((int(end), float(span * usual)) for end, span in zip(ends, spans[long], strict=True))
     return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
 

@@ -18,11 +18,14 @@ from . import noise as noises
 from .channels import ChannelSeries
 from .hypothesis import bounds
 from .likelihood import problem, solved
+from .noise import series_of
 from .selection import THRESHOLD, Doubt, Judged, Refused
 
 Array = npt.NDArray[np.float64]
 
-MAX_DRIFT = 1.2             # of the fast noise's s.d.; largest of 160 healthy channels that drift: 0.99
+MAX_DRIFT = 1.2             # of the scatter within DRIFT_S; largest of 160 healthy channels that drift: 0.99
+DRIFT_S = 30.0
+MIN_BLOCKS = 8              # of DRIFT_S
 MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
                             # largest of 60 healthy channels: 29
 MIN_SHARE = 0.05            # of what the names explain: less is how forms differ
@@ -43,19 +46,43 @@ class Remains(NamedTuple):
 def remains(one: Judged) -> list[Remains]:
     """What the channels of a group have left, once their named effects and tolerances are off, that is not noise."""
     found = [Remains(ROWS[r.part.id].channels[0], "refused", r.part.id, r.part.onset_s) for r in _evidence(one)[:1]]
+    rest = _rest(one)
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
-        noise = one.found.noise[channel.name]
-        if noise.slow_sd > MAX_DRIFT * float(np.hypot(noise.fast_sd, channel.prior.floor_sd)):
+        if _drifts(series_of(rest[channel.name], channel.cut), channel.grid.step_s) > MAX_DRIFT:
             found.append(Remains(channel.name, "drift"))
-        period_s = _line(one, channel)
+        period_s = _line(one, channel, rest[channel.name])
         if period_s is not None:
             found.append(Remains(channel.name, "line", period_s=period_s))
     best: dict[str, Remains] = {}
     for each in found:
         best.setdefault(each.channel, each)
     return list(best.values())
+
+
+def _rest(one: Judged) -> dict[str, Array]:
+    """Banded coefficients (m,) by channel, with all taken off that the hypothesis can take up."""
+    columns, parts = one.search.columns, one.found.parts
+    base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
+    amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), one.found.noise)
+    left = {name: values.copy() for name, values in banded.items()}
+    for size, column in zip(amplitude, base, strict=True):
+        for name, values in column.coefficients.items():
+            left[name] -= size * values
+    return left
+
+
+def _drifts(left: Array, step_s: float) -> float:
+    """S.d. of means over DRIFT_S, beyond what the scatter within them gives, over that scatter; 0 of a short series."""
+    rows = max(2, round(DRIFT_S / step_s))
+    blocks = len(left) // rows
+    if blocks < MIN_BLOCKS:
+        return 0.0
+    cut = left[:blocks * rows].reshape(blocks, rows)
+    within = float(np.sqrt(np.mean(np.var(cut, axis=1, ddof=1))))
+    between = float(np.var(cut.mean(axis=1), ddof=1)) - within ** 2 / rows
+    return float(np.sqrt(max(0.0, between)) / within) if within > 0.0 else 0.0
 
 
 def _evidence(one: Judged) -> list[Refused]:
@@ -66,24 +93,18 @@ def _evidence(one: Judged) -> list[Refused]:
                   key=lambda r: -r.gain)
 
 
-def _line(one: Judged, channel: ChannelSeries) -> float | None:
+def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
     """Period of a frequency that stands out of the noise that a hypothesis leaves, s; None where none does."""
-    columns, parts, noise = one.search.columns, one.found.parts, one.found.noise
-    base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
-    amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), noise)
-    left = banded[channel.name].copy()
-    for size, column in zip(amplitude, base, strict=True):
-        if channel.name in column.coefficients:
-            left -= size * column.coefficients[channel.name]
-    strength = noises.spectrum(np.array(noise[channel.name].theta), channel.prior, channel.cut, channel.grid.step_s)
+    noise = np.array(one.found.noise[channel.name].theta)
+    strength = noises.spectrum(noise, channel.prior, channel.cut, channel.grid.step_s)
     power = left ** 2 / np.repeat(strength, channel.cut.members.astype(np.int64))
     at = int(np.argmax(power))
     omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in channel.cut.bounds])
-    omega = omega[channel.cut.order][at]
+    highest = float(omega[channel.cut.order][at])
     explained = max(0.0, 2.0 * (one.found.log_likelihood - one.null.log_likelihood))
-    if omega <= 0.0 or power[at] < max(MAX_LINE, MIN_SHARE * explained):
+    if highest <= 0.0 or power[at] < max(MAX_LINE, MIN_SHARE * explained):
         return None
-    return float(2.0 * np.pi / omega * channel.grid.step_s)
+    return float(2.0 * np.pi / highest * channel.grid.step_s)
 
 
 def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bool:
