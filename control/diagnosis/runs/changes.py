@@ -57,7 +57,8 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     The gain is of twice the log-likelihood under a noise that is not fitted again.
     """
     begins = [c for c in tried if c.part.onset_s is None and ROWS[c.part.id].may_begin
-              and not CATALOGUE[c.part.id].effect.onset_only and ROWS[c.part.id].has_slope]
+              and not CATALOGUE[c.part.id].effect.onset_only
+             and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)]
     if not begins:
         return []
     best: dict[tuple[str, int | None, bool], Scanned] = {}
@@ -69,7 +70,7 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     for start in starts[:1] if starts[0] == starts[1] else starts:
         ground = _ground(columns, parts, base, start)
         for candidate, trace in zip(begins, traces, strict=True):
-            for grows in (False, True):
+            for grows in (False,) if ROWS[candidate.part.id].threshold else (False, True):
                 found = _begun(ground, candidate, trace, grows)
                 name = (candidate.part.id, candidate.part.member, grows)
                 if found is not None and (name not in best or found.gain > best[name].gain):
@@ -122,6 +123,8 @@ def _begun(ground: _Ground, candidate: Candidate, trace: dict[str, Array], grows
         exact = _information(ground, unit, [part._replace(onset_s=float(at)) for at in exact_s])
         information = np.maximum(np.interp(time_s, exact_s, exact), 1e-12)
         size = np.clip(pull / information, candidate.low, candidate.high)
+        if ROWS[part.id].threshold:             # half a threshold's column is not what half a threshold does
+            size = np.full(len(time_s), part.size)
         gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
         at = int(np.argmax(gain))
         if gain[at] < MAY_MATTER:
