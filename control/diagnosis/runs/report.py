@@ -38,6 +38,7 @@ from .stages import RunData
 from .verdict import OTHERWISE, Remains, remains, suspected
 
 Array = npt.NDArray[np.float64]
+BEGINS = 8                  # independent times at which an effect may begin or grow, about
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
 
 
@@ -65,7 +66,7 @@ def _structure_p(one: Judged) -> float:
     gain = max(one.structure_gain, 2.0 * (one.found.log_likelihood - one.null.log_likelihood),
                0.0 if one.left is None else one.left.gain)
     single = float(chi2.sf(max(gain, 0.0), 1.0))
-    return float(1.0 - (1.0 - single) ** max(1, len(one.scan)))
+    return float(1.0 - (1.0 - single) ** max(1, BEGINS * len(one.scan)))
 
 
 def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData) -> Channel:

@@ -44,7 +44,7 @@ FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replic
 MIN_WITHOUT_BLOCK = 0.5     # of THRESHOLD, kept when the block that speaks loudest is left out ...
 MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
-BEGUN_IN_DRIFT = 2.4        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
+BEGUN_IN_DRIFT = 3.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
 MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
 SURE = 4.0                  # ... asked of what gains less than so many times THRESHOLD
 
@@ -242,12 +242,12 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     seen = scores(search.columns, others, found.noise, [trace])
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
-    if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
-        return Doubt.STRETCH
     if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
         return Doubt.DRIFT
     if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and _slow(search, trace, alone):
         return Doubt.DRIFT
+    if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
+        return Doubt.STRETCH
     if row.along and gain < SURE * THRESHOLD and \
             gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along):
         return Doubt.DRIFT

@@ -23,7 +23,8 @@ from .selection import THRESHOLD, Doubt, Judged, Refused
 
 Array = npt.NDArray[np.float64]
 
-MAX_DRIFT = 1.2             # of the scatter within DRIFT_S; largest of 160 healthy channels that drift: 0.99
+MAX_DRIFT = 1.2             # of the scatter within DRIFT_S; largest of 24 healthy channels that drift: 0.86 ...
+MAX_SCALE_DRIFT = 2.0       # ... but of the scale, whose readings are means already: 1.37
 DRIFT_S = 30.0
 MIN_BLOCKS = 8              # of DRIFT_S
 MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
@@ -50,7 +51,8 @@ def remains(one: Judged) -> list[Remains]:
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
-        if _drifts(series_of(rest[channel.name], channel.cut), channel.grid.step_s) > MAX_DRIFT:
+        limit = MAX_SCALE_DRIFT if channel.name == "scale" else MAX_DRIFT
+        if _drifts(series_of(rest[channel.name], channel.cut), channel.grid.step_s) > limit:
             found.append(Remains(channel.name, "drift"))
         period_s = _line(one, channel, rest[channel.name])
         if period_s is not None:
