@@ -16,7 +16,7 @@ from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE
 
 from .changes import changes
-from .evidence import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
+from .evidence import MIN_DRIFT, chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
 from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
@@ -244,7 +244,8 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
     if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
         return Doubt.DRIFT
-    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and _slow(search, trace, alone):
+    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and (
+            _slow(search, trace, alone) or _drifts(search, trace, found)):
         return Doubt.DRIFT
     if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
         return Doubt.STRETCH
@@ -256,6 +257,11 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     every = scores(search.columns, found.parts, found.noise, traces)
     sure = chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
     return None if sure else Doubt.CHANCE
+
+
+def _drifts(search: Search, trace: Column, under: Refit) -> bool:
+    """Whether a channel that a trace touches drifts under a hypothesis."""
+    return any(under.noise[name].slow_sd > MIN_DRIFT * under.noise[name].fast_sd for name in trace.coefficients)
 
 
 def _slow(search: Search, trace: Column, under: Refit) -> bool:
