@@ -1,14 +1,16 @@
 """How a diagnosis treats each effect of the catalogue: one row an effect, and no second list.
 
 A new effect is its parameter in its stage's file (control/machine) and its row here: an effect without a row is an
-error at import, and so is a row without an effect. Sizes are in the unit that the catalogue gives the effect.
+error at import, and so is a row without an effect. Sizes are in the unit that the catalogue gives the effect, and those
+of the nominal machine; `Row.on` gives another's.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
-from control.machine.machine import CATALOGUE
+from control.machine.effect import OPENING_RANGE
+from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
 
 
 class FoundBy(Enum):
@@ -69,6 +71,14 @@ class Row:
 
     # -- what it costs
     costs: Costs = Costs.DOSE
+
+    def on(self, machine: Machine) -> Row:
+        """The row with the sizes that are natural on a machine: shares of its ranges."""
+        scale, opening = size_scale(self.id, machine), of_nominal(machine, OPENING_RANGE)
+        return replace(self, probe=None if self.probe is None else scale * self.probe,
+                       ladder=tuple(scale * size for size in self.ladder),
+                       slope_step=None if self.slope_step is None else scale * self.slope_step,
+                       min_move_mm=opening * self.min_move_mm)
 
     @property
     def stage(self) -> str:

@@ -94,7 +94,7 @@ def _nothing(search: Search) -> Refit:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
     search.candidates += [*stops(search.model), *encoder_steps(search.model)]
     if "scale" in search.model.names:
-        search.candidates += blocked(search.model.data)
+        search.candidates += blocked(search.model.data, search.model.machine)
     settle(search.columns, ())
     _draw_in(search, ())
     settle(search.columns, ())

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_filter
 
-from control.machine.machine import Machine
+from control.machine.effect import HOPPER, SHAFT_RANGE
+from control.machine.machine import Machine, of_nominal
 
 from .log import HEADS, MOVING_MPS, Clean
 
@@ -21,10 +22,12 @@ HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows o
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
+# r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
 STILL_AFTER_S = 1.5         # it has run down by then
 REFILL_KG = 3.0
+REFILL_SD = 8.0             # of the scale's noise, at least: a large hopper's share is more, a small one's may be less
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
@@ -138,7 +141,7 @@ def _rows(log: Clean, machine: Machine) -> _Rows:
     return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], command_mm),
                  _smooth(supply_v, log.step_s),
                  _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
-                 (np.nan_to_num(shaft_rpm) > WORKING_RPM).astype(np.float64))
+                 (np.nan_to_num(shaft_rpm) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM).astype(np.float64))
 
 
 def run_data(log: Clean, machine: Machine) -> RunData:
@@ -147,9 +150,9 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     time = every.time_s
     variables = _variables(log, every)
     hopper = speed = heads = None
-    driven = _drives(log, every, whole=False)
+    driven = _drives(log, every, machine, whole=False)
     if "flow" in log.stages:
-        hopper = _hopper(every, c["hopper_kg"], _written(time, log.events))
+        hopper = _hopper(every, c["hopper_kg"], _written(time, log.events), machine)
     if "speed" in log.stages:
         speed = _speed(every, c["speed_mps"], c["wheel_speed_mps"], machine)
         variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
@@ -222,14 +225,14 @@ def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array
 
 def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     """Shaft and gate of a log, by name, at every row even of a long log that is otherwise looked at in windows."""
-    return _drives(log, _rows(log, machine), whole=True)
+    return _drives(log, _rows(log, machine), machine, whole=True)
 
 
-def _drives(log: Clean, every: _Rows, whole: bool) -> dict[str, Drive]:
-    c, found = log.columns, {}
+def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str, Drive]:
+    c, found, still_rpm = log.columns, {}, of_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
         since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm > 0.0, every.time_s, -np.inf))
-        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
+        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < still_rpm)
         read = np.where(still, 0.0, c["shaft_rpm"])
         found["shaft"] = _drive("shaft", every, every.command_rpm, read, whole)
     if "gate" in log.stages:
@@ -276,18 +279,19 @@ def known_rows(count: int) -> npt.NDArray[np.int64]:
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
 
 
-def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) -> Hopper:
+def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper:
     time = every.time_s
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
-    turned, wide, level = _binned_inputs(every, edges, width)
+    turned, wide, level = _binned_inputs(every, edges, width, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM)
     known = np.isfinite(reading) & (time < edges[-1])
     bins = np.minimum(count - 1, np.floor((time[known] - time[0]) / width).astype(int))
     seen = np.bincount(bins, minlength=count)
     sums = np.bincount(bins, weights=reading[known], minlength=count)
     kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
-    refill, jumps, hidden = _refills(kg)
+    rise_kg = max(of_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
+    refill, jumps, hidden = _refills(kg, rise_kg)
     told = []
     for jump in jumps:
         close = [amount for at, amount in written if abs(at - edges[jump]) < TOLD_WITHIN_S]
@@ -299,15 +303,15 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) ->
                   tuple(told), _grid(edges[:-1] + 0.5 * width, good, width))
 
 
-def _binned_inputs(every: _Rows, edges: Array, width: float) -> tuple[Array, Array, Array]:
+def _binned_inputs(every: _Rows, edges: Array, width: float, stopped_rpm: float) -> tuple[Array, Array, Array]:
     """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated: (m+1,) each."""
     time, spans, opening = every.time_s, np.diff(every.time_s), every.opening_mm
-    rpm = np.where(every.shaft_rpm < STOPPED_RPM, 0.0, every.shaft_rpm)
+    rpm = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm)
 
     def mean(series: Array) -> Array:
         return _sums_in(time, spans * 0.5 * (series[1:] + series[:-1]), edges) / width
     turned, metered, plain, level = mean(rpm), mean(rpm * opening), mean(opening), mean(every.pitch_deg)
-    turned = np.where(turned < STOPPED_RPM, 0.0, turned)
+    turned = np.where(turned < stopped_rpm, 0.0, turned)
     wide = np.where(turned > 0.0, metered / np.where(turned > 0.0, turned, 1.0), plain)
     extend = np.append(np.arange(len(turned)), len(turned) - 1)
     return turned[extend], wide[extend], level[extend]
@@ -333,13 +337,13 @@ def _sums_in(time: Array, amounts: Array, edges: Array) -> Array:
     return np.diff(np.interp(edges, time, total))
 
 
-def _refills(kg: Array) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
+def _refills(kg: Array, rise_kg: float) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
     """kg filled in by bin, the bins from which it counts, and the bins in which the reading is between two levels."""
     refill = np.zeros(len(kg))
     hidden = np.zeros(len(kg), bool)
     filled = _held(kg)
     ahead = 3
-    rises = np.flatnonzero(filled[ahead:] - filled[:-ahead] > REFILL_KG)
+    rises = np.flatnonzero(filled[ahead:] - filled[:-ahead] > rise_kg)
     jumps: list[int] = []
     if len(rises):
         groups = np.split(rises, np.flatnonzero(np.diff(rises) > 10) + 1)
