@@ -22,8 +22,8 @@ STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out
 def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
     """The page: a table of all ids, then each effect by stage, in the order of the catalogue."""
     lines = [HEAD, "| id | what happens | size in | range | seen in |", "|---|---|---|---|---|"]
-    lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(unit_of(e.effect.id, machine))} | {_range(e, machine)} | "
-              f"{_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
+    lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(unit_of(e.effect.id, machine))} | "
+              f"{_range(e, machine)} | {_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
     for stage in dict.fromkeys(entry.stage for entry in catalogue.values()):
         lines += ["", f"## {STAGES.get(stage, stage)}"]
         for entry in catalogue.values():

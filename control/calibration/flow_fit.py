@@ -17,7 +17,8 @@ LEVEL = 0.01            # an offset or a fall-off goes into the machine file onl
 
 @dataclass(frozen=True, slots=True)
 class FlowFit:
-    """g per revolution = (grams_per_rev_mm opening_mm + zero_offset_g_rev) (1 - fill_falloff_percent/100 (n/full_rpm)^3).
+    """g per revolution =
+    (grams_per_rev_mm opening_mm + zero_offset_g_rev) (1 - fill_falloff_percent/100 (n/full_rpm)^3).
 
     None: not shown by this test, 0 in the machine. `residual_percent`: (n,) measured over fitted - 1. Valid over the
     settings of the test.
@@ -143,9 +144,8 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
     if flow.zero_offset_g_rev is not None:
         records.append(record("flow.zero_offset", flow.zero_offset_g_rev, "g per revolution", table.path, date, valid))
     if flow.fill_falloff_percent is not None:
-        records.append(
-            record("flow.fill_falloff", flow.fill_falloff_percent, unit_of("flow.fill_falloff", machine), table.path, date,
-                   valid))
+        unit = unit_of("flow.fill_falloff", machine)
+        records.append(record("flow.fill_falloff", flow.fill_falloff_percent, unit, table.path, date, valid))
     stage = machine.flow._replace(
         grams_per_rev_mm=flow.grams_per_rev_mm.value, gain_percent=0.0,
         zero_offset_g_rev=flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0,

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, get_type_hints
 
-
 # What a size may be a share of: figures of the machine file, multiplied with each other.
 SHAFT_RANGE = ("limits.shaft_high_rpm",)
 OPENING_RANGE = ("limits.opening_high_mm",)

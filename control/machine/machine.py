@@ -1,7 +1,6 @@
 """One machine: its stages, measures, limits, noise and tolerances, as the machine file says."""
 from __future__ import annotations
 
-from functools import reduce
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -148,7 +147,10 @@ def of_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
 
 
 def _figure(machine: Machine, name: str) -> float:
-    return float(reduce(getattr, name.split("."), machine))
+    value: Any = machine
+    for part in name.split("."):
+        value = getattr(value, part)
+    return float(value)
 
 
 class Bounds(NamedTuple):

@@ -49,7 +49,8 @@ def blocked(data: RunData, machine: Machine) -> list[Candidate]:
     """An outlet that closes at some time."""
     row = effects.FLOW_BLOCKED_OUTLET
     assert row.probe is not None
-    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, bounds(row.id, machine).high) for at in working_times(data)]
+    high = bounds(row.id, machine).high
+    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, high) for at in working_times(data)]
 
 
 def stops(model: GroupModel) -> list[Candidate]:

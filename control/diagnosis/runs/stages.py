@@ -138,7 +138,8 @@ def _rows(log: Clean, machine: Machine) -> _Rows:
     command_rpm, command_mm = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
     shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm)
     supply_v = _bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
-    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], command_mm),
+    opening_mm = np.nan_to_num(_bridged(time, c["opening_mm"], command_mm))     # a drive alone bears no load
+    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, opening_mm,
                  _smooth(supply_v, log.step_s),
                  _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
                  (np.nan_to_num(shaft_rpm) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM).astype(np.float64))

@@ -55,7 +55,8 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                   tuple(row.id for row in (FLOW_GAIN,) if table.kind in row.scoped_in), varying(variables),
                   {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
                    **_each_outlet(nominal, outlet, machine)},
-                  {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, machine.flow.full_rpm), FLOW_PULSATION.id: _twice_as_quick(nominal, angle)}),)
+                  {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, machine.flow.full_rpm),
+                   FLOW_PULSATION.id: _twice_as_quick(nominal, angle)}),)
 
 
 def _candidates(outlet: Array | None, pulsates: bool) -> tuple[Candidate, ...]:
