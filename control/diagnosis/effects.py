@@ -12,7 +12,6 @@ from enum import Enum
 from control.machine.effect import OPENING_RANGE
 from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
 
-
 THRESHOLD_RATIO = 1.25              # of a threshold to the one tried below it
 MIN_THRESHOLD_SHARE = 0.01          # of the highest shaft speed: a shaft that is asked for less stands still
 
