@@ -12,6 +12,8 @@ Everything that the machine model knows how to get wrong. Each effect is one par
 its neutral value; diagnosis looks for it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file
 carries it.
 An effect is judged only on data where it can be seen; elsewhere a diagnosis lists it as not shown.
+Ranges are those of the nominal machine. Where one is a share of figures of the machine file, `topdress effects
+--machine FILE` gives another machine's.
 
 This page is written by `topdress effects --markdown docs/effects.md`; change the parameters, not the page.
 """

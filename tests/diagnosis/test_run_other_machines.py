@@ -40,6 +40,7 @@ def a_drive(machine: Machine, seed: int = 1, seconds: float = 300.0, step_s: flo
                         supply_v=machine.shaft.nominal_supply_v)
     turns = shaft_run((machine.shaft,), no_switch(), shaft_start(), ShaftOutput(0.0, 0.0), inputs, time, MOST_STEP_S)
     read = turns[:, 0] + machine.noise.shaft_rpm * rng.standard_normal(len(time))
+    read = np.where(turns[:, 0] > 0.005 * machine.limits.shaft_high_rpm, read, 0.0)     # no counts while it stands
     return {"time_s": time, "shaft_rpm_cmd": command,
             "shaft_rpm": np.array([stepped(one, machine.shaft.encoder_step_rpm) for one in read])}
 
@@ -122,7 +123,7 @@ def test_a_manoeuvre_of_another_machine_is_within_its_ranges_and_separates() -> 
     assert plans["stairs"].plan.startswith("Shaft staircase: 200, 400, 600, 800 r/min for a minute each")
     assert plans["stairs"].steps[:2] == ("200 r/min for 60 s", "400 r/min for 60 s")
     for one in plans.values():
-        assert 0.0 <= one.columns["hopper_kg"].min() and one.columns["hopper_kg"].max() <= spreader.flow.full_kg
+        assert one.columns["hopper_kg"].min() > 0.5 * spreader.flow.full_kg
         assert one.columns["opening_mm"].max() <= spreader.limits.opening_high_mm
     assert separation(plans["openings"], spreader, Part("flow.gain", 5.0), "flow.zero_offset") > 3.0
 
