@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from console.cli.outputs import Force, marked, refuse_collisions
+from console.cli.outputs import Force, marked, named, refuse_collisions
 
 
 def effects(
@@ -26,7 +26,7 @@ def effects(
     if as_page is not None:
         from console.reports.effects_page import markdown
         from drivers.files.atomic import write_atomically
-        refuse_collisions((), [marked(as_page, b"topdress effects --markdown")], force)
+        refuse_collisions([named(machine, MACHINE.folder)], [marked(as_page, b"topdress effects --markdown")], force)
         write_atomically(as_page, markdown(CATALOGUE, loaded))
         if not as_json:
             return

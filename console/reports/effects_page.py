@@ -12,10 +12,12 @@ Everything that the machine model knows how to get wrong. Each effect is one par
 its neutral value; diagnosis looks for it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file
 carries it.
 An effect is judged only on data where it can be seen; elsewhere a diagnosis lists it as not shown.
-Ranges are those of the nominal machine. Where one is a share of figures of the machine file, `topdress effects
---machine FILE` gives another machine's.
 
 This page is written by `topdress effects --markdown docs/effects.md`; change the parameters, not the page.
+"""
+WHOSE = """
+Ranges are those of machine `{id}`. Where one is a share of figures of the machine file, `topdress effects --machine
+FILE` gives another machine's.
 """
 STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out of the hopper",
           "scale": "Hopper scale", "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place"}
@@ -23,7 +25,8 @@ STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out
 
 def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
     """The page: a table of all ids, then each effect by stage, in the order of the catalogue."""
-    lines = [HEAD, "| id | what happens | size in | range | seen in |", "|---|---|---|---|---|"]
+    lines = [HEAD + WHOSE.format(id=machine.id), "| id | what happens | size in | range | seen in |",
+             "|---|---|---|---|---|"]
     lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(unit_of(e.effect.id, machine))} | "
               f"{_range(e, machine)} | {_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
     for stage in dict.fromkeys(entry.stage for entry in catalogue.values()):

@@ -35,7 +35,15 @@ def test_effects_of_a_machine_have_its_bounds(tmp_path: Path) -> None:
     assert (listed["gate.slow"]["low"], listed["gate.slow"]["high"]) == (-40.0, 39.0)
     page = tmp_path / "page.md"
     assert runner.invoke(app, ["effects", "--machine", "spreader", "--markdown", str(page)]).exit_code == 0
+    assert "Ranges are those of machine `spreader`" in page.read_text(encoding="utf-8")
     assert "| mm/s lost | -40 to 39, a share of gate.slew_mm_s |" in page.read_text(encoding="utf-8")
+
+
+def test_effects_writes_over_no_machine_file(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_bytes(shipped("machines")["spreader"].read_bytes())
+    result = runner.invoke(app, ["effects", "--machine", str(own), "--markdown", str(own), "--force"])
+    assert result.exit_code != 0 and own.read_bytes() == shipped("machines")["spreader"].read_bytes()
 
 
 def test_a_size_out_of_bounds_is_refused_with_the_machines_range() -> None:
