@@ -9,7 +9,9 @@ import pytest
 
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.next_run import manoeuvres, separation
+from control.diagnosis.runs.stages import run_data
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run
 from control.machine.elements import stepped
 from control.machine.flow import FlowInput, FlowOutput, flow_start
@@ -53,14 +55,14 @@ def a_run(machine: Machine, seed: int = 1, seconds: float = 900.0, stands_s: flo
     command = held(rng, time, max(limits.shaft_low_rpm, 0.3 * limits.shaft_high_rpm), 0.9 * limits.shaft_high_rpm, 4.0)
     command = np.where(time % of_s < stands_s, 0.0, command)
     asked = held(rng, time, 0.2 * limits.opening_high_mm, 0.6 * limits.opening_high_mm, 5.0)
-    gate = gate_run((machine.gate,), no_switch(), gate_start(asked[0]), GateOutput(asked[0], asked[0]),
-                    input_rows(GateInput, n, command_mm=asked), time, MOST_STEP_S)
+    moved = gate_run((machine.gate,), no_switch(), gate_start(asked[0]), GateOutput(asked[0], asked[0]),
+                     input_rows(GateInput, n, command_mm=asked), time, MOST_STEP_S)
     shaft = shaft_run((machine.shaft,), no_switch(), shaft_start(), ShaftOutput(0.0, 0.0),
-                      input_rows(ShaftInput, n, command_rpm=command, opening_mm=gate[:, 0],
+                      input_rows(ShaftInput, n, command_rpm=command, opening_mm=moved[:, 0],
                                  supply_v=machine.shaft.nominal_supply_v), time, MOST_STEP_S)
     full = 0.98 * machine.flow.full_kg
     flow = flow_run((machine.flow,), no_switch(), flow_start(full), FlowOutput(0.0, full),
-                    input_rows(FlowInput, n, shaft_rpm=shaft[:, 0], opening_mm=gate[:, 0]), time, MOST_STEP_S)
+                    input_rows(FlowInput, n, shaft_rpm=shaft[:, 0], opening_mm=moved[:, 0]), time, MOST_STEP_S)
     assert flow[-1, 1] > 0.02 * full
     level = scale_run(machine.scale, input_rows(ScaleInput, n, hopper_kg=flow[:, 1], time_s=time))
     keep = np.exp(-step_s / sd.scale_correlation_s)
@@ -70,7 +72,7 @@ def a_run(machine: Machine, seed: int = 1, seconds: float = 900.0, stands_s: flo
     step = machine.scale.resolution_kg
     return {"time_s": time, "shaft_rpm_cmd": command, "opening_mm_cmd": asked,
             "shaft_rpm": shaft[:, 1] + sd.shaft_rpm * rng.standard_normal(n),
-            "opening_mm": gate[:, 1] + sd.opening_mm * rng.standard_normal(n),
+            "opening_mm": moved[:, 1] + sd.opening_mm * rng.standard_normal(n),
             "hopper_kg": np.round((level + sd.scale_kg * slow) / step) * step}
 
 
@@ -115,6 +117,27 @@ def test_effects_of_natural_size_are_named(name: str, effect_id: str, size: floa
     cause = next(c for c in found.causes if c.id == effect_id)
     assert len(found.causes) == 1
     assert cause.size.value == pytest.approx(size, rel=0.25) and cause.size.low < size < cause.size.high
+
+
+def test_steps_below_the_noise_are_sought_over_this_machines_range() -> None:
+    """A step of 25 r/min with noise on top: the readings lie anywhere, and only the saw-tooth tells."""
+    machine = of("drive_alone")
+    columns = a_drive(with_effect(machine, "shaft.coarse_encoder", 25.0))
+    turning = columns["shaft_rpm"] > 0.0
+    columns["shaft_rpm"] += np.where(turning, 2.0 * np.random.default_rng(7).standard_normal(len(turning)), 0.0)
+    found = diagnose_run(columns, machine)
+    assert [cause.id for cause in found.causes] == ["shaft.coarse_encoder"], found.causes
+    assert found.causes[0].size.value == pytest.approx(25.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "knock_kg", "refilled"), [
+    ("spreader", 20.0, False), ("spreader", 200.0, True), ("planter", 1.5, False), ("planter", 20.0, True)])
+def test_a_refill_is_a_share_of_the_hopper(name: str, knock_kg: float, refilled: bool) -> None:
+    machine = of(name)
+    columns = a_run(machine, 1, 200.0, 200.0, 200.0)
+    columns["hopper_kg"] = columns["hopper_kg"] - np.where(columns["time_s"] < 100.0, knock_kg, 0.0)
+    hopper = run_data(gate(columns), machine).hopper
+    assert hopper is not None and bool(hopper.jumps) == refilled
 
 
 def test_a_manoeuvre_of_another_machine_is_within_its_ranges_and_separates() -> None:
