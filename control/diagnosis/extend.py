@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from control.machine.machine import CATALOGUE, Adopted, Machine, with_effect
+from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
 
 from .result import Cause, Diagnosis
@@ -74,4 +74,5 @@ def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:
 def _total(machine: Machine, cause: Cause) -> float:
     entry = CATALOGUE[cause.id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
-    return float(min(entry.high - entry.neutral, max(entry.low - entry.neutral, before + (cause.size.value or 0.0))))
+    low, high = bounds(cause.id, machine)
+    return float(min(high, max(low, before + (cause.size.value or 0.0))))

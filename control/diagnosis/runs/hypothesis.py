@@ -54,12 +54,6 @@ def stages_of(machine: Machine) -> Stages:
     return Stages({name: getattr(machine, name) for name in STAGES})
 
 
-def bounds(effect_id: str) -> tuple[float, float]:
-    """Allowed range of an effect's size."""
-    entry = CATALOGUE[effect_id]
-    return entry.low - entry.neutral, entry.high - entry.neutral
-
-
 def with_part(stages: Stages, part: Part) -> Stages:
     """Stages with one more effect on top of what they have; no bounds are looked at."""
     entry = CATALOGUE[part.id]

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.effect import FULL_REVOLUTION, SLEW
+from control.machine.machine import CATALOGUE, Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from . import noise as noises
@@ -49,11 +50,13 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
                 Nuisance("shaft", "time_constant_s", 0.01, t.time_constant_s))
     if channel == "gate":
         return (Nuisance("gate", "dead_time_s", 0.01, t.dead_time_s),
-                Nuisance("gate", "slew_mm_s", 0.5, machine.gate.slew_mm_s * t.gate_slew_percent / 100.0),
+                Nuisance("gate", "slew_mm_s", 0.5 * of_nominal(machine, SLEW),
+                         machine.gate.slew_mm_s * t.gate_slew_percent / 100.0),
                 Nuisance("gate", "home_error_mm", 0.05, t.opening_mm))
     if channel == "scale":
         return (Nuisance("flow", "gain_percent", 0.5, t.flow_percent),
-                Nuisance("flow", "zero_offset_g_rev", 0.5, t.opening_mm * machine.flow.grams_per_rev_mm))
+                Nuisance("flow", "zero_offset_g_rev", 0.5 * of_nominal(machine, FULL_REVOLUTION),
+                         t.opening_mm * machine.flow.grams_per_rev_mm))
     if channel == "speed":
         return (Nuisance("speed", "radius_percent", 0.2, t.wheel_percent),)
     return ()

@@ -7,10 +7,11 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.machine.machine import CATALOGUE
+from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
+from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal
 
 from .changes import changes
-from .hypothesis import MAX_SWITCHES, Part, Parts, bounds, replaced, without
+from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .model import HALT_S, GroupModel
 from .search import Candidate, Refit, Search
 from .stages import RunData
@@ -20,6 +21,7 @@ Array = npt.NDArray[np.float64]
 # A stop, read off a drive.
 MEDIAN_SAMPLES = 5          # an outlier is no turning
 TURNS_SHARE = 0.3           # of the predicted speed: a shaft that reads more obeys
+TURNING_RPM = 5.0           # a shaft asked for more turns; on the nominal machine, as STUCK_MM
 MIN_STILL_S = 3.0           # a drive must disobey for this long in all
 MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
 MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
@@ -44,11 +46,12 @@ def working_times(data: RunData, count: int = TIMES) -> Array:
     return np.interp(np.linspace(0.0, done[-1], count + 2)[1:-1], done, data.time_s)
 
 
-def blocked(data: RunData) -> list[Candidate]:
+def blocked(data: RunData, machine: Machine) -> list[Candidate]:
     """An outlet that closes at some time."""
     row = effects.FLOW_BLOCKED_OUTLET
     assert row.probe is not None
-    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, CATALOGUE[row.id].high) for at in working_times(data)]
+    high = bounds(row.id, machine).high
+    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, high) for at in working_times(data)]
 
 
 def stops(model: GroupModel) -> list[Candidate]:
@@ -57,7 +60,7 @@ def stops(model: GroupModel) -> list[Candidate]:
     predicted = model.predicted(())
     for channel in model.channels:
         if channel.name == "shaft":
-            asked = predicted["shaft"] > 5.0
+            asked = predicted["shaft"] > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
             obeyed = asked & (median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
@@ -66,7 +69,8 @@ def stops(model: GroupModel) -> list[Candidate]:
             at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
             effect = effects.GATE_STUCK.id
             if at is not None:
-                at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s)
+                near_mm = of_nominal(model.machine, OPENING_RANGE) * STUCK_MM
+                at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm)
         else:
             continue
         if at is not None and at > 0:
@@ -104,12 +108,12 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     return at if gained[min(at + least, len(gained) - 1)] > MIN_STILL_GAIN else None
 
 
-def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
+def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float, near_mm: float) -> int:
     """Sample about `at` at which the gate passed the place where it stands ever after: there it stopped."""
     level = float(np.median(measured[at:]))
     near = np.arange(max(0, at - round(STUCK_WITHIN_S / step_s)),
                      min(len(measured), at + round(STUCK_WITHIN_S / step_s) + 1))
-    away = np.abs(predicted[near] - level) / STUCK_MM + np.abs(near - at) * step_s / STUCK_WITHIN_S
+    away = np.abs(predicted[near] - level) / near_mm + np.abs(near - at) * step_s / STUCK_WITHIN_S
     return int(near[np.argmin(away)])
 
 
@@ -143,7 +147,7 @@ def with_onset(search: Search, found: Refit, data: RunData, threshold: float) ->
         others: Parts = without(found.parts, k)
         if part.onset_s is not None or len({t for p in others for t in p.switches}) + 1 > MAX_SWITCHES:
             continue
-        tried = changes(search.columns, others, found.noise, [Candidate(part, *bounds(part.id))])
+        tried = changes(search.columns, others, found.noise, [Candidate(part, *bounds(part.id, search.model.machine))])
         if not tried:
             continue
         alone = search.refit(others, found.noise)

@@ -23,7 +23,8 @@ from control.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.effect import HOPPER
+from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
 
 from .cost import field_cost
 from .gain import measure_gain
@@ -40,6 +41,7 @@ from .verdict import OTHERWISE, Remains, remains, suspected
 Array = npt.NDArray[np.float64]
 BEGINS = 8                  # independent times at which an effect may begin or grow, about
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
+RISE_KG = 1.0               # over one: a refill; on the nominal machine
 
 
 def channel_rows(one: Judged, data: RunData) -> list[Channel]:
@@ -52,7 +54,8 @@ def channel_rows(one: Judged, data: RunData) -> list[Channel]:
         floor = float(np.hypot(noise.fast_sd, channel.prior.floor_sd))
         p = _structure_p(one)
         if channel.name == "scale":
-            found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data))
+            found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data,
+                               of_nominal(one.search.model.machine, HOPPER) * RISE_KG))
             residual = residual - np.median(residual[:10])
         spread = float(np.var(measured))
         found.append(Channel(channel.name, channel.unit, len(residual), float(residual.mean()),
@@ -69,13 +72,14 @@ def _structure_p(one: Judged) -> float:
     return float(1.0 - (1.0 - single) ** max(1, BEGINS * len(one.scan)))
 
 
-def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData) -> Channel:
+def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData,
+          rise_kg: float) -> Channel:
     """Flow read off the scale's decrements over WINDOW_S of working time."""
     step = float(time_s[1] - time_s[0])
     hop = max(1, int(round(WINDOW_S / step)))
     working = np.interp(time_s, data.time_s, data.working)
     level = np.arange(0, len(reading) - hop, hop)
-    on = np.array([working[k:k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < 1.0 for k in level], bool)
+    on = np.array([working[k:k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < rise_kg for k in level], bool)
     if not on.any():
         return Channel("flow", "kg/s", 0, 0.0, 0.0, 0.0, 0.0, p)
     span_s = hop * step
@@ -101,10 +105,9 @@ def not_shown(one: Judged) -> list[NotShown]:
         best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
     found = []
     for effect_id in dict.fromkeys(c.part.id for c in kept):
-        entry = CATALOGUE[effect_id]
-        size = best.get(effect_id, np.inf)
-        most = max(abs(entry.low - entry.neutral), abs(entry.high - entry.neutral))
-        found.append(NotShown(effect_id, Detectable(size if size <= most else None, entry.effect.unit)))
+        machine, size = search.model.machine, best.get(effect_id, np.inf)
+        most = max(map(abs, bounds(effect_id, machine)))
+        found.append(NotShown(effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))))
     return found
 
 
@@ -139,7 +142,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     return Diagnosis(
         data=Data(path, "run", data.rows, data.duration_s, machine.id), channels=tuple(rows), verdict=verdict,
         causes=tuple(sorted(causes, key=_consequence, reverse=True)),
-        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent})),
+        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gain for own in gains for gain in own), extended_machine=None, findings=findings,
         tables=tuple(TableFit(one.stage, one.variable, one.nodes, one.values) for one in left), excited=excited)
@@ -160,10 +163,10 @@ def _consequence(cause: Cause) -> float:
     return abs(cause.field_cost.rate_error_percent or 0.0) + 10.0 * abs(cause.field_cost.place_error_m or 0.0)
 
 
-def _never_shown(there: set[str]) -> list[NotShown]:
+def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
     """Effects that this log could not show at any size."""
-    return [NotShown(effect_id, Detectable(None, entry.effect.unit))
-            for effect_id, entry in CATALOGUE.items() if effect_id not in there]
+    return [NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
+            for effect_id in CATALOGUE if effect_id not in there]
 
 
 def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:
@@ -192,7 +195,8 @@ def _structure_share(channel: Channel) -> float:
 
 def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
-    size = Size(seen.part.size, max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd, effect.unit)
+    low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
+    size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
     return Cause(seen.part.id, size, None, float(1.0 - chi2.sf(seen.gain, 1.0)), (), None, effect.advice,
                  field_cost(seen.part, machine, data))
 
@@ -201,7 +205,7 @@ def _cause(one: Judged, k: int, machine: Machine, data: RunData, suspicious: boo
     """suspicious : the name may be something else altogether; it then shares its probability with that."""
     part, sd = one.found.parts[k], one.found.sd[k]
     entry = CATALOGUE[part.id]
-    unit = entry.effect.unit
+    unit = unit_of(part.id, machine)
     weights = np.exp(-0.5 * np.array([0.0, *(max(0.0, r.behind) for r in one.rivals[k])]))
     nothing = float(chi2.sf(one.gains[k], 1.0))
     shares = weights / (weights.sum() + nothing)

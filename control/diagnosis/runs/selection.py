@@ -16,7 +16,16 @@ from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE
 
 from .changes import changes
-from .evidence import MIN_DRIFT, chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
+from .evidence import (
+    MIN_DRIFT,
+    chance,
+    null_of_maximum,
+    scores,
+    slow_share,
+    spread_over,
+    unevenness,
+    without_best_block,
+)
 from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
@@ -129,7 +138,7 @@ def _nothing(search: Search) -> Refit:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
     search.candidates += [*stops(search.model), *encoder_steps(search.model)]
     if "scale" in search.model.names:
-        search.candidates += blocked(search.model.data)
+        search.candidates += blocked(search.model.data, search.model.machine)
     settle(search.columns, ())
     _draw_in(search, ())
     settle(search.columns, ())

@@ -3,9 +3,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.machine.machine import Machine, bounds
+
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Part, Parts, bounds
+from .hypothesis import Part, Parts
 from .likelihood import Role, fitted, problem
 from .model import Nuisance
 from .noise import coefficients
@@ -35,7 +37,7 @@ def settle(columns: Columns, parts: Parts) -> Parts:
         for share in STEP_SHARES:
             model.move({n.key: float(np.clip(before.get(n.key, 0.0) + share * size, -MAX_OFFSET_SD * n.sd,
                                              MAX_OFFSET_SD * n.sd)) for n, size in steps})
-            tried = tuple(_grown(part, share * sizes.get(k, 0.0)) for k, part in enumerate(parts))
+            tried = tuple(_grown(part, share * sizes.get(k, 0.0), model.machine) for k, part in enumerate(parts))
             now = _at_rest(columns, tried)
             if now > best:
                 break
@@ -106,6 +108,6 @@ def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: N
         model.move({**model.offsets, n.key: best})
 
 
-def _grown(part: Part, by: float) -> Part:
-    low, high = bounds(part.id)
+def _grown(part: Part, by: float, machine: Machine) -> Part:
+    low, high = bounds(part.id, machine)
     return part._replace(size=min(high, max(low, part.size + float(by))))

@@ -142,7 +142,7 @@ def _without_and_with(columns: Columns, now: Refit, shapes: Sequence[Column]) ->
 def dependence(columns: Columns, now: Refit, stage: str, variable: str) -> Dependence | None:
     """A stage's dependence on a variable at a hypothesis; None where the variable hardly moves."""
     shapes = columns.forms.over(stage, variable)
-    over = span(columns.model.data, variable)
+    over = span(columns.model.data, variable, columns.model.machine)
     if not shapes or over is None:
         return None
     p, plain, full = _without_and_with(columns, now, shapes)

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.result import Gain
+from control.machine.machine import bounds
 
 from . import noise as noises
 from .channels import ChannelSeries
-from .hypothesis import bounds
 from .likelihood import problem, solved
 from .noise import series_of
 from .selection import THRESHOLD, Doubt, Judged, Refused
@@ -116,7 +116,7 @@ def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bo
     channels = ROWS[part.id].channels
     if any(r.channel in channels for r in left):
         return True
-    low, high = bounds(part.id)
+    low, high = bounds(part.id, one.search.model.machine)
     reach = AT_BOUND * (high - low)
     if ROWS[part.id].has_slope and (part.size > high - reach or (low < 0.0 and part.size < low + reach)):
         return True

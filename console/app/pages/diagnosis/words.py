@@ -186,7 +186,7 @@ def rivals(cause: CauseShown) -> str:
 def plan_words(found: Found) -> str:
     if found.next_run is None:
         return ""
-    return _(RUNS.get(found.next_run.id, found.next_run.plan))
+    return _(found.next_run.plan)       # RUNS, on the machine that their numbers are of
 
 
 def plan_steps(found: Found) -> tuple[str, ...]:
