@@ -33,6 +33,12 @@ def is_there(name: str) -> bool:
     return any(list(base.glob(name.rstrip("/") + ending)) for base in BASES for ending in ("", ".py"))
 
 
+def insides(text: str) -> dict[str, set[str]]:
+    """Folder -> what the table of the larger rooms says to be in it."""
+    rows = [row for row in text[text.index("| folder |"):text.index("## One tick")].splitlines()[2:] if row]
+    return {names(row.split("|")[1])[0]: set(re.findall(r"`(\w+)`", row.split("|", 2)[2])) for row in rows}
+
+
 PATHS = sorted({name for name in names(PAGE.read_text(encoding="utf-8")) if "/" in name or name.endswith(".py")})
 
 
@@ -47,3 +53,16 @@ def test_what_is_there_is_named_on_the_page(room: str) -> None:
             for cell in first_cells(PAGE.read_text(encoding="utf-8")) for name in names(cell)}
     there = {path.stem for path in (ROOT / room).iterdir() if path.suffix == ".py" or any(path.glob("*.py"))}
     assert there - {"__init__"} - told == set()
+
+
+@pytest.mark.parametrize(("folder", "told"), insides(PAGE.read_text(encoding="utf-8")).items())
+def test_the_larger_rooms_hold_what_the_page_says(folder: str, told: set[str]) -> None:
+    there = {path.stem for path in (ROOT / folder).iterdir() if path.suffix == ".py" or any(path.glob("*.py"))}
+    assert told == there - {"__init__"}
+
+
+def test_every_file_of_the_diagnosis_of_run_logs_is_a_step_on_its_page() -> None:
+    page = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    steps = page[page.index("| step |"):page.index("## Why it is done")]
+    there = {path.name for path in (ROOT / "control" / "diagnosis" / "runs").glob("*.py")}
+    assert set(re.findall(r"`(\w+\.py)`", steps)) == there - {"__init__.py"}

@@ -117,6 +117,7 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
+    from console.reports.verdict import short_name
     from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
@@ -126,7 +127,7 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
         refuse_to_adopt(cause)
         if cause.rivals:
             typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
-                       f"{', '.join(rival.id for rival in cause.rivals)}", err=True)
+                       f"{', '.join(short_name(rival.id) for rival in cause.rivals)}", err=True)
     extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
     return dataclasses.replace(found, extended_machine=str(out))

@@ -97,10 +97,14 @@ def _shares(cause: Cause) -> str:
         said = percent(cause.probability)
         return f'<div class="sized"><span class="big">{said}</span>{share_bar(cause.probability, said, True)}</div>'
     rows = [(cause.id, cause.probability), *others(cause)]
-    cells = "".join(f"<span>{escape(title_of(effect_id))} <span class=\"id\">{escape(effect_id)}</span></span>"
+    cells = "".join(f"<span>{escape(title_of(effect_id))}{_id(effect_id)}</span>"
                     f'<span class="number">{percent(share)}</span>{share_bar(share, percent(share), k == 0)}'
                     for k, (effect_id, share) in enumerate(rows))
     return f'<div class="rivals">{cells}</div><span class="dim">This data cannot tell these apart.</span>'
+
+
+def _id(effect_id: str) -> str:
+    return f' <span class="id">{escape(effect_id)}</span>' if effect_id in CATALOGUE else ""
 
 
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:

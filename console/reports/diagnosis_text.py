@@ -1,6 +1,7 @@
 """A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
 from __future__ import annotations
 
+from console.reports.verdict import short_name
 from control.diagnosis.result import Cause, Diagnosis, Unexplained
 from control.machine.machine import CATALOGUE
 
@@ -58,7 +59,7 @@ def _cause(cause: Cause) -> list[str]:
     since = "" if cause.onset_s is None else f", since {cause.onset_s:.0f} s"
     lines = [f"{cause.id}: {entry.effect.title if entry else ''}",
              f"    {value}{span}{which}{since}; probability {cause.probability:.2f}"]
-    rivals = [f"{rival.id} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
+    rivals = [f"{short_name(rival.id)} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
     cost = cause.field_cost

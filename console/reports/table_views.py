@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -11,15 +10,25 @@ import numpy.typing as npt
 from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
-from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, with_effects
+from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, group_name, with_effects
 from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
 
 IN_STEPS = LAG_COARSE_CLOCK.id  # shows in how the times heap, not in what the machine does
-CLEARLY_WORSE = 4.0             # in variances of a row: by so much an effect must hurt before it is not held here
 UNSORTED = ("replicate", "area_m2", "duration_s")       # shown against only where nothing else varies
+
+
+class Part(NamedTuple):
+    """A cause as the model takes it. `scope`: the rows that it holds in, as its cause names them; None: all."""
+
+    effect: SizedEffect
+    scope: str | None
+
+    @property
+    def id(self) -> str:
+        return self.effect.candidate.id
 
 
 class Group(NamedTuple):
@@ -58,38 +67,29 @@ def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence
 
     Raises ValueError with one line for tables that cannot be used.
     """
-    parts = tuple(SizedEffect(Candidate(cause.id, cause.member), cause.size.value) for cause in causes
+    parts = tuple(Part(SizedEffect(Candidate(cause.id, cause.member), cause.size.value), cause.scope)
+                  for cause in causes
                   if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
     return tuple(_view(piece, machine, parts) for table in map(usable, tables)
                  for piece in pieces_of(table, machine))
 
 
-def _view(piece: Piece, machine: Machine, parts: tuple[SizedEffect, ...]) -> TableView:
+def _view(piece: Piece, machine: Machine, parts: tuple[Part, ...]) -> TableView:
     nominal = piece.predict(machine)
-    sets = [held for count in range(len(parts), -1, -1) for held in combinations(parts, count)]
-    rows_of = {held: piece.predict(with_effects(machine, held)) if held else nominal for held in sets}
-    felt = [part.candidate.id for part in parts if np.any(rows_of[(part,)] != nominal)]
+    felt = dict.fromkeys(part.id for part in parts
+                         if np.any(piece.predict(with_effects(machine, (part.effect,))) != nominal))
     extended = nominal.copy()
     groups = []
-    texts = list(dict.fromkeys(piece.group.tolist()))
-    for text in texts:
+    for text in dict.fromkeys(piece.group.tolist()):
         rows = piece.group == text
-        held = _held(piece.observed[rows], {k: v[rows] for k, v in rows_of.items()}, sets) if len(texts) > 1 else parts
-        extended[rows] = rows_of[held][rows]
-        names = [part.candidate.id for part in held]
-        groups.append(Group(text, rows, tuple(n for n in names if n in felt), tuple(n for n in felt if n not in names)))
+        held = [part for part in parts if part.scope in (None, group_name(piece.table, text))]
+        if held:
+            extended[rows] = piece.predict(with_effects(machine, tuple(part.effect for part in held)))[rows]
+        names = {part.id for part in held}
+        groups.append(Group(text, rows, tuple(n for n in felt if n in names), tuple(n for n in felt if n not in names)))
     variables = dict(piece.variables)
     return TableView(piece.name, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
                      _main(variables, extended - nominal, nominal), tuple(groups))
-
-
-def _held(observed: Array, predictions: dict[tuple[SizedEffect, ...], Array],
-          sets: Sequence[tuple[SizedEffect, ...]]) -> tuple[SizedEffect, ...]:
-    """The largest set of effects that no smaller one beats clearly: an effect may hold in rows of one label only."""
-    losses = {held: float(np.sum((observed - predictions[held]) ** 2)) for held in sets}
-    least = min(losses.values())
-    spread = least / max(1, len(observed) - 1)
-    return next(held for held in sets if losses[held] <= least + CLEARLY_WORSE * spread)
 
 
 def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from console.reports.numbers import fixed, number
 from console.reports.variables import plain
-from control.diagnosis.result import Cause, Diagnosis, FieldCost
+from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, FieldCost
 from control.machine.machine import CATALOGUE
 
 WORDS = {"none": "nothing found", "named": "named", "ambiguous": "not told apart", "unexplained": "unexplained",
@@ -12,8 +12,16 @@ PLACE_DIGITS = 2
 
 
 def title_of(effect_id: str) -> str:
+    """What an effect is called; of a rival that is none, that it is something else."""
+    if effect_id == UNKNOWN:
+        return "Something else"
     entry = CATALOGUE.get(effect_id)
     return entry.effect.title if entry else effect_id
+
+
+def short_name(effect_id: str) -> str:
+    """An effect by its id; a rival that is none by its title, as it stands in a list."""
+    return _small(title_of(effect_id)) if effect_id == UNKNOWN else effect_id
 
 
 def sentence(found: Diagnosis) -> str:

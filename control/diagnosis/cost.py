@@ -1,8 +1,8 @@
 """What an effect costs in the field when nobody knows of it: the dose, through the machine model.
 
-Control asks for shaft speed and opening by the nominal machine, tells the ground speed by a wheel or a receiver and
-trims the flow by the scale; each of these it believes. So the dose goes with the flow, with the speed that is told,
-and against the mass that the scale tells.
+Control sets shaft speed and opening by the nominal machine, takes the ground speed from a wheel or a receiver, and
+trims the flow by the scale. It believes all three. So the dose is proportional to the flow and to the speed that is
+read, and inversely proportional to the mass that the scale reads.
 """
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from control.machine.scale import ScaleInput, scale_reads
 from control.machine.speed import SpeedInput, speed_start, speed_step
 
 USUAL_MPS = 1.25            # ground speed where data has none (decision paper: about 4.5 km/h)
-STEP_S = 1.0                # over which the scale tells a mass
+STEP_S = 1.0                # over which the mass that the scale reads is taken
 
 
 class Point(NamedTuple):
@@ -27,8 +27,8 @@ class Point(NamedTuple):
     speed_mps: float = USUAL_MPS
     pitch_deg: float = 0.0
     time_s: float = 0.0         # since the run began
-    working: float = 1.0        # 1: under draught
-    refills: float = 0.0        # so far
+    working: float = 1.0        # 1: pulling under load, 0: not
+    refills: float = 0.0        # number of refills so far
 
 
 def dose(machine: Machine, points: Sequence[Point]) -> float:

@@ -58,19 +58,19 @@ class Row:
 
     # -- what it may be taken for
     form_over: str = ""                 # recorded variable over which its form may differ from the catalogue's
-    siblings: tuple[str, ...] = ()      # effects of nearly the same form: its own may differ from it by theirs
-    moves: str = ""                     # nominal value of its stage that it moves: its size is as open as that is
-    along: str = ""                     # slow variable that it follows: tested again with that moved along the log
+    siblings: tuple[str, ...] = ()      # effects of nearly the same form: its own form may lean towards theirs
+    moves: str = ""                     # nominal value of its stage that it adds to: that value's tolerance is its own
+    along: str = ""                     # slow variable that it follows: tested again with that variable shifted in time
     move_shaped: bool = False           # shows at each move of a drive, as a command missing from the log does
 
     # -- when it begins
     may_begin: bool = True              # whether it may begin in the middle of a run
-    loss_begins_as: str = ""            # the effect that a loss of this kind is, where it begins in mid-run
+    loss_begins_as: str = ""            # effect that such a loss is called where it begins in mid-run
 
     # -- in bench tables
     only_adds: bool = False             # something lost or extra: never less of it than the machine file has
     constant_time: bool = False         # the same time in every row, as the steps of a coarse clock may make it
-    half_looks_like: tuple[str, ...] = ()       # what half of it, all on one of two sides, may pass for
+    half_looks_like: tuple[str, ...] = ()       # effects that half of it, all on one of two sides, may be taken for
     scoped_in: tuple[str, ...] = ()     # kinds of tables in which it may hold for one label or one table only
 
     # -- what it costs

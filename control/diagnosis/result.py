@@ -9,6 +9,7 @@ UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: somet
 CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
+UNKNOWN = "unknown"        # id of a rival that is no effect of the catalogue
 STRUCTURE_P = 1e-3         # a channel whose structure has less than this is never called noise
 
 
@@ -32,7 +33,7 @@ class Channel:
     rmse: float
     noise_floor: float
     explained_by_nominal: float         # share of the channel's variance
-    structure_p: float                  # probability of so much structure where there is none
+    structure_p: float                  # p-value: probability that noise alone shows so much structure
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,8 @@ class Size:
 
 @dataclass(frozen=True, slots=True)
 class Rival:
+    """`id`: of an effect, or UNKNOWN."""
+
     id: str
     probability: float
 
@@ -108,8 +111,8 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class NextRun:
-    """What would tell rivals apart. `id`, `minutes` and `steps` are for programs; they are empty where no run of the
-    program's list does, and `plan` is the effect's own experiment."""
+    """What would tell rivals apart. `id`, `minutes` and `steps` are for programs. Where no run of the program's list
+    tells them apart, these are empty and `plan` is the effect's own experiment."""
 
     why: str
     plan: str

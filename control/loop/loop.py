@@ -70,7 +70,7 @@ class ControlLoop:
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events: list[str] = []                    # of the next row
-        self._refused_s: float | None = None            # epoch of GNSS that was refused last
+        self._refused_s: float | None = None            # epoch of the last GNSS place that was refused
         self._time_s: float | None = None               # of the tick before
         self._begun_s = 0.0
         self._metres_left_m: float | None = None

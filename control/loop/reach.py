@@ -22,7 +22,7 @@ class Reach:
         self._acceleration = moment.sensed.acceleration_mps2
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
-        self._kept: dict[float, Settled] = {}       # by rate: within a tick the same rate is asked for several times
+        self._kept: dict[float, Settled] = {}       # lag by rate: a tick asks for the same rate several times
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
 
     def lag(self, before: Target, change: Change) -> Lag:

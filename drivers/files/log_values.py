@@ -42,9 +42,11 @@ def with_good_values(columns: Columns) -> tuple[Columns, list[Finding]]:
     """The columns put right, and what was found. Arrays that change are copied."""
     columns = dict(columns)
     findings: list[Finding] = []
+    no_latitude = np.isin(columns.get("lat_deg", np.zeros_like(columns["time_s"])), SENTINELS)
     for name, limits in PLAUSIBLE.items():
         if name in columns:
-            columns[name] = _without_sentinels(name, columns[name], limits, findings)
+            columns[name] = _without_sentinels(name, columns[name], limits, findings,
+                                               no_latitude if name == "lon_deg" else None)
     _positions(columns, findings)
     for name in _HEADS:
         _percent(name, columns, findings)
@@ -55,13 +57,19 @@ def with_good_values(columns: Columns) -> tuple[Columns, list[Finding]]:
     return columns, findings
 
 
-def _without_sentinels(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]) -> Floats:
+def _without_sentinels(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding],
+                       inside: NDArray[np.bool_] | None) -> Floats:
+    """A number inside the limits is one where it is far larger than all others; or in the rows `inside`, where given.
+
+    For longitudes those in which the latitude is one: -99 degrees beside a latitude is a place in Mexico.
+    """
     if not values.size or not _reaches_a_sentinel(values, limits):
         return values
     suspect = np.isin(values, SENTINELS)
-    others = np.abs(values[~suspect & np.isfinite(values)])
-    apart = np.abs(values) > SENTINEL_APART * others.max() if others.size else np.zeros(values.shape, bool)
-    sentinel = suspect & ((values < limits[0]) | (values > limits[1]) | apart)
+    if inside is None:
+        others = np.abs(values[~suspect & np.isfinite(values)])
+        inside = np.abs(values) > SENTINEL_APART * (others.max() if others.size else np.inf)
+    sentinel = suspect & ((values < limits[0]) | (values > limits[1]) | inside)
     count = int(sentinel.sum())
     if count == 0:
         return values

@@ -14,13 +14,15 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.data import Curve, Stopped, found_from, to_plain
+from console.app.pages.diagnosis.data import Curve, RivalShown, Stopped, found_from, to_plain
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
 from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
 from console.locale import catalogue, use
+from console.reports.verdict import title_of
+from control.diagnosis.result import UNKNOWN
 from control.machine.machine import CATALOGUE
 from control.orders import Do
 
@@ -305,6 +307,11 @@ def test_verdicts_in_one_line():
     two = named._replace(verdict="ambiguous", causes=(one._replace(rivals=sample_found().causes[0].rivals[:1]),))
     assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
                                              "by a factor. This data cannot tell.")
+    other = RivalShown(UNKNOWN, title_of(UNKNOWN), 0.5)
+    doubtful = named._replace(verdict="ambiguous", causes=(one._replace(rivals=(other,)),))
+    assert diagnosis_words.sentence(doubtful) == ("Flutes fill less at high shaft speed, or: Something else. This data "
+                                                  "cannot tell.")
+    assert diagnosis_words.rivals(doubtful.causes[0]) == "Something else 50 %"
     left = sample_found("none")._replace(verdict="unexplained", left=(("flow", "supply_v", 0.4),))
     assert diagnosis_words.sentence(left) == "flow follows supply, and no known cause explains it."
 
@@ -372,6 +379,7 @@ def test_long_lists_keep_the_chosen_row_in_sight():
 
 def test_every_effect_of_the_catalogue_is_known_in_chinese():
     known = catalogue("zh").texts
+    assert known.get(title_of(UNKNOWN))
     for entry in CATALOGUE.values():
         for text in (entry.effect.title, entry.effect.advice):
             assert known.get(text), text

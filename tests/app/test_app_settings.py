@@ -7,7 +7,9 @@ from typing import get_args
 import pytest
 
 from console.app import actions
+from console.app.action import ANYWHERE
 from console.app.app import TopdressApp
+from console.app.pages.all import all_pages
 from console.app.pages.settings.settings_list import SettingsList
 from console.app.services import Services
 from console.app.settings import SettingsStore, clash, keymap_problem, theme_of
@@ -237,3 +239,9 @@ async def test_a_theme_of_the_users_own(source, clock):
     assert app.theme == "dusk" and store.trouble == ""
     with pytest.raises(ValueError, match=r"colours\.pink: unknown: allowed background, "):
         ThemeData(name="x", like="day", colours={"pink": "#000000"})
+
+
+def test_the_tables_of_pages_name_the_same_pages():
+    opened = [one.id.removesuffix("_screen") for one in actions.pages()]
+    assert opened == list(all_pages(None, Services()))
+    assert {one.where for one in actions.ACTIONS} - {ANYWHERE} <= set(opened)

@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from control.diagnosis.extend import extend
-from control.diagnosis.result import STRUCTURE_P
 from control.diagnosis.runs import evidence, log, noise, onset, search, stages, unexplained
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import Cancelled, diagnose_run

@@ -164,6 +164,13 @@ def test_sentinels_are_emptied_and_said(written: Written, column: str, value: fl
     assert said(log, "sentinel") == f"column {column}: 1 value {value:g} emptied: not known"
 
 
+def test_a_longitude_of_minus_99_is_a_place_where_the_latitude_is_one(written: Written) -> None:
+    mexico = read_log(written(b"time_s,lat_deg,lon_deg\n0,19.4,-99\n1,19.4,0\n2,19.4,-99\n"))
+    assert mexico.numbers("lon_deg").tolist() == [-99.0, 0.0, -99.0] and "sentinel" not in ids(mexico)
+    china = read_log(written(b"time_s,lat_deg,lon_deg\n0,34.28,119.88\n1,-99,-99\n2,34.28,119.88\n"))
+    assert np.isnan(china.numbers("lat_deg")[1]) and np.isnan(china.numbers("lon_deg")[1])
+
+
 def test_honest_values_that_look_like_sentinels_stay(written: Written) -> None:
     log = read_log(written(table("time_s,hopper_kg", [f"{k},{995 + k}" for k in range(10)])))
     assert log.columns["hopper_kg"].tolist() == [995 + k for k in range(10)] and ids(log) == set()

@@ -13,6 +13,7 @@ from console.reports.run_pictures import LEAST_SHARE
 from console.reports.run_views import parts_of, run_views
 from console.reports.table_views import table_views
 from control.calibration.bench_table import BenchTable
+from control.diagnosis import diagnose_tables
 from control.diagnosis.result import Cause
 from control.machine.machine import Machine
 
@@ -87,10 +88,24 @@ def test_effect_of_one_label_is_held_there_only(machine: Machine, cause_of: Call
     noise = 0.01 * np.random.default_rng(6).standard_normal(14)
     lag = nominal + np.where(label == "field", 0.3, 0.0) + noise
     table = BenchTable("lag", {"shaft_rpm": rpm, "lag_s": lag}, "source", "t.csv", label)
-    view, = table_views([table], machine, [cause_of("lag.offset", 0.3)])
+    view, = table_views([table], machine, [cause_of("lag.offset", 0.3, scope="t.csv field")])
     assert [(g.label, g.held, g.not_held) for g in view.groups] == [("field", ("lag.offset",), ()),
                                                                     ("rig", (), ("lag.offset",))]
     assert np.abs(view.after).max() < 0.05
+    everywhere, = table_views([table], machine, [cause_of("lag.offset", 0.3)])
+    assert [(g.label, g.held) for g in everywhere.groups] == [("field", ("lag.offset",)), ("rig", ("lag.offset",))]
+
+
+def test_the_scope_that_a_diagnosis_tells_is_the_one_that_is_shown(machine: Machine) -> None:
+    rpm = np.tile(np.repeat(np.arange(10.0, 71.0, 10.0), 3), 2)
+    label = np.array(["field"] * 21 + ["rig"] * 21)
+    nominal = table_views([BenchTable("lag", {"shaft_rpm": rpm, "lag_s": 0.0 * rpm})], machine, [])[0].nominal
+    lag = nominal + np.where(label == "field", 0.3, 0.0) + 0.01 * np.random.default_rng(6).standard_normal(42)
+    table = BenchTable("lag", {"shaft_rpm": rpm, "lag_s": lag}, "source", "bench/t.csv", label)
+    found = diagnose_tables([table], machine)
+    view, = table_views([table], machine, found.causes)
+    assert [cause.scope for cause in found.causes] == ["t.csv field"]
+    assert [group.label for group in view.groups if group.held] == ["field"]
 
 
 def test_the_setting_that_the_effect_follows_is_shown(bench_tables: dict[str, BenchTable], machine: Machine,

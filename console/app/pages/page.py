@@ -30,8 +30,8 @@ GONE_AGE_S = 1.1               # old enough to be greyed
 
 
 class Page(Screen[None]):
-    """A screen reached by an F-key. A subclass gives `where`, `body` and what it shows; its keys stand beside it in
-    `keys.py`. Below 80 x 24 only state, alarms and keys are left."""
+    """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows; its keys stand beside
+    it in `keys.py`. Below 80 x 24 only state, alarms and keys are left."""
 
     AUTO_FOCUS = ""
     where: ClassVar[str] = ANYWHERE

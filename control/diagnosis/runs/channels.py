@@ -23,7 +23,7 @@ from .noise import NoisePrior, Segments, segments
 from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
-FINE_S = 0.025              # rows in which the speed stage is given a speed that really runs on
+FINE_S = 0.025              # rows of the speed stage: the true speed goes on between two readings
 Rows = Callable[[Schedule, float], Array]    # schedule, model step s -> (n, 2) at the log's rows
 MAX_CHAINED = 4             # refills of one log that are filled into the model
 SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows

@@ -48,7 +48,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     cancelled
         Asked between steps; True ends the diagnosis with `Cancelled`.
     seed
-        Not used: the bootstrap has a seed of its own. It is here so that both entries are called alike.
+        Not used: the bootstrap has its own seed. It is here so that both entries have the same arguments.
     each
         `map`, or that of a pool: the groups of channels may be judged side by side.
 

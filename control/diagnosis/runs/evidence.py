@@ -23,11 +23,11 @@ from .noise import Noise, series_of
 Array = npt.NDArray[np.float64]
 
 BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
-REPLICATES = 1000           # so that a chance of 0.002 is two of them
+REPLICATES = 1000           # a probability of 0.002 is then two of them
 SEED = 20260101             # of the signs: the same log gives the same diagnosis
-UNEVEN = 1.5                # times the variance of even noise between blocks: less is chance
+UNEVEN = 1.5                # times the variance between blocks that even noise gives: below it is chance
 MIN_DRIFT = 0.12            # of the fast noise's s.d.: less is no drift
-NO_NOISE = -30.0            # logarithm of an s.d. that stands for none
+NO_NOISE = -30.0            # logarithm of an s.d. so small that it stands for none
 
 
 class Scores(NamedTuple):

@@ -21,18 +21,18 @@ from .stages import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
 
-MIN_GAIN = 60.0             # of twice the log-likelihood, of all spells together; set on the tuning half
+MIN_GAIN = 60.0             # gain in twice the log-likelihood, all spells together; set on the tuning half
 MAX_SHARE = 60.0            # % of the time: what stands still for longer is no bridge
 
 # Bridges of many seconds, block by block: two states and a cost at each beginning (Viterbi's path).
 BLOCK_S = 3.0               # a bridge stands at least about twice as long
 BEGIN_COST = 6.0            # in log-likelihood, of each further spell
-MAX_BLOCK_SCORE = 12.0      # of one block, either way: a refill or a knock on the scale is no bridge
+MAX_BLOCK_SCORE = 12.0      # a block counts no more than this: a refill or a knock on the scale is no bridge
 
 # Bridges below the scale's noise, by the step that each leaves in (reading - prediction) for good.
 STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
-STEP_GAP_S = 8.0            # of a step's own
-MIN_STEP_SD = 4.0           # of the difference of two sides
+STEP_GAP_S = 8.0            # left out around a step
+MIN_STEP_SD = 4.0           # in s.d. of the difference between the two sides
 MIN_STEPS_SEEN = 2          # and two more for each step downwards
 MAX_UNSEEN = 6.0            # of the mass of the steps seen: further standstills may lie below the noise
 UNSEEN_SD = 0.2             # of that mass
@@ -42,7 +42,7 @@ MIN_DIPS = 6                # and three more for each rise of the same size
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 MIN_DIP = 0.1               # of the speed
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
-FAST_MPS = 0.6              # slower, a reading says little of the ratio
+FAST_MPS = 0.6              # below this speed a reading says little about the ratio
 
 
 class ReadOff(NamedTuple):

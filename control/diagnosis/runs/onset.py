@@ -26,16 +26,16 @@ MIN_STILL_S = 3.0           # a drive must disobey for this long in all
 MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
 MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
-STUCK_MM = 0.02             # worth as much as STUCK_WITHIN_S
-SAME_PLACE_SD = 1.0         # of one reading: a command so near to where a drive stands cannot tell whether it moves
+STUCK_MM = 0.02             # an opening that counts as much as STUCK_WITHIN_S does
+SAME_PLACE_SD = 1.0         # s.d. of a reading: a command so near to the standing drive does not show whether it moves
 STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
 TIMES = 16                  # tried over the working time
 ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
 HALVINGS = 5                # of the step by which an onset is moved, about
-NARROWER = 0.45             # times the step, in each
-MAX_OTHER_ONSETS = 2        # of a hypothesis that is given one more
+NARROWER = 0.45             # factor on the step in each halving
+MAX_OTHER_ONSETS = 2        # a hypothesis with more onsets than this is given no further one
 
 
 def working_times(data: RunData, count: int = TIMES) -> Array:

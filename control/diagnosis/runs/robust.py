@@ -26,9 +26,9 @@ Array = npt.NDArray[np.float64]
 FREEDOM = 3.0               # degrees of freedom of Student's t
 MEDIAN_TO_SCALE = 0.7649    # median of the absolute value of t with three degrees of freedom
 LOCAL = 15                  # samples of the local median
-SLOW = 201                  # samples: what is slower is no memory of the fast noise
-WORTH = 1.2                 # times less variance, from which on the tails are treated at all
-MIN_SAMPLES = 400           # fewer say nothing of tails
+SLOW = 201                  # samples: slower waves are not the memory of the fast noise
+WORTH = 1.2                 # ratio of variances from which on tails are treated at all
+MIN_SAMPLES = 400           # samples: fewer say nothing about tails
 
 # What is a tail at all (`draw_in`).
 OUTLIER_SD = 4.5            # a lone reading further off than this is drawn in to it

@@ -20,10 +20,10 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-MAX_ROUNDS = 4              # of a refit: model and sizes in turn
-SETTLED_SD = 0.05           # of a size's own s.d.: a refit that moves none by more is at its end
+MAX_ROUNDS = 4              # rounds of a refit: the model is run, then sizes are fitted
+SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size moves by more
 RIVAL_FORM_SHARE = 0.1      # of an effect's own signal that its form may be wrong by, where names are held together
-FITTED_FROM = 4.0           # of twice the log-likelihood under a given noise, from which on the noise is fitted too
+FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the noise is fitted too
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
 THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size (chi-square, one degree of freedom)

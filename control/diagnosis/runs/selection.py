@@ -46,12 +46,12 @@ BEGINS_PRICE = 10.0         # of a part that is found with its onset: every time
 BEGUN_REFITTED = 4          # best of these that are refitted in full
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full
-MAX_TANGLED = 0.97          # likeness of two effects' traces: above it they are not two findings
+MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
 
 # Whether one part's evidence holds (`_holds`).
 FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replicates in which noise gains as much
-MIN_WITHOUT_BLOCK = 0.5     # of THRESHOLD, kept when the block that speaks loudest is left out ...
-MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and of the part's own gain
+MIN_WITHOUT_BLOCK = 0.5     # share of THRESHOLD that must be left without the block with most evidence ...
+MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and share of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
 BEGUN_IN_DRIFT = 3.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
 MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
@@ -61,7 +61,7 @@ SURE = 4.0                  # ... asked of what gains less than so many times TH
 RIVAL_GAP = 6.0             # behind by at most this: 95 % of a chi-square with one degree of freedom is 3.8
 RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms are never quite right
 MAX_RIVALS = 12             # of a scan that are looked at
-SCAN_REACH = 3.0            # times the gap, and SCAN_MARGIN: so far a scan may be behind before it is not refitted
+SCAN_REACH = 3.0            # times the gap, plus SCAN_MARGIN: what is further behind in a scan is not refitted
 SCAN_MARGIN = 10.0
 
 

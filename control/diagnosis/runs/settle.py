@@ -13,12 +13,12 @@ from .model import Nuisance
 from .noise import coefficients
 
 MAX_ROUNDS = 4
-STEP_SHARES = (1.0, 0.4, 0.15)      # of the step that the slopes ask for, until one gains
+STEP_SHARES = (1.0, 0.4, 0.15)      # shares of the step that the slopes ask for, tried until one gains
 MAX_OFFSET_SD = 3.0                 # of a tolerance
 SETTLED_SD = 0.05                   # of a tolerance: smaller steps are not worth the model's runs
-MIN_GAIN = 0.5                      # of the log-likelihood, for a further round
+MIN_GAIN = 0.5                      # gain in log-likelihood that asks for a further round
 DEAD_TIME_HALVINGS = 5              # of its tolerance, when a dead time is looked for: down to a thirtieth of it
-DEAD_TIME_GAIN = 2.0                # of the log-likelihood, for a dead time to be moved at all
+DEAD_TIME_GAIN = 2.0                # gain in log-likelihood below which a dead time is not moved
 
 
 def settle(columns: Columns, parts: Parts) -> Parts:

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 MAX_ROWS = 100_000          # longer logs are looked at in windows, row by row ...
 WINDOW_ROWS = 20_000        # ... of so many rows in all
 WINDOWS = 5
-EVERY_ROW = 20              # of the recorded variables between the windows
+EVERY_ROW = 20              # of the recorded variables are kept between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
@@ -33,11 +33,11 @@ SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 # r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
-STILL_AFTER_S = 1.5         # it has run down by then
+STILL_AFTER_S = 1.5         # after the command to stop: it has run down by then
 REFILL_KG = 3.0
 REFILL_SD = 8.0             # of the scale's noise, at least: a large hopper's share is more, a small one's may be less
 WORKING_RPM = 2.0
-TOLD_WITHIN_S = 120.0       # of the fill, an event belongs to it
+TOLD_WITHIN_S = 120.0       # of a fill: an event so near belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
 MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out
 

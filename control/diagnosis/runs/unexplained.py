@@ -23,19 +23,19 @@ Array = npt.NDArray[np.float64]
 # Gains are of twice the log-likelihood; the floors were set on the tuning half of the benchmark (docs/diagnosis.md).
 OPEN_THRESHOLD = 30.0       # for SHAPES shapes, the largest over all stages and variables
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
-TIME_FACTOR = 2.0           # times both, over variables in which slow noise is smooth by its nature
-TIME_LIKE = frozenset({"time_s", "hopper_kg"})      # those: time, and what only falls with time
-TIME_TIE = 0.7              # of the gain over the hopper's level, from which on the time is named in its place
+TIME_FACTOR = 2.0           # factor on both for variables over which slow noise looks smooth
+TIME_LIKE = frozenset({"time_s", "hopper_kg"})      # these are: time, and what only falls with time
+TIME_TIE = 0.7              # time is named instead of the hopper's level from this share of its gain on
 
-# What is nobody's worry: below both.
+# Below both of these a structure does not matter.
 MIN_SHARE = 0.005           # of the variance left
 MIN_FIELD_PERCENT = 0.1     # of the dose
 
 # Whether it shows all over the log (`holds`), and whether it is drift (`as_drift`).
-MIN_WITHOUT_BLOCK = 0.4     # of the evidence, kept when the block that speaks loudest is left out
+MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without the block with most of it
 SLOW_ENERGY = 0.5           # of a structure, in bands where the slow noise is stronger than the fast
 DRIFT_LEFT = 0.2            # of the slow noise's variance, once the structure is taken out
-SHIFTS = 7                  # of a slow variable along the log: what it gains then is what drift gives
+SHIFTS = 7                  # shifts of a slow variable in time: what it gains then is what drift gives
 SHIFT_MARGIN = 1.5          # times the most that it gains then
 
 # Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft

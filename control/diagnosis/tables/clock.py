@@ -17,8 +17,8 @@ from .piece import Array
 LEVEL = 0.002
 DRAWS = 1500                # of smooth scatter
 BATCH = 100
-MAX_REACHED = 5             # draws that heap as clearly, after which it is plain that noise does
-MIN_Z = 3.5                 # of the best of hundreds of steps: below it nothing is to be tested
+MAX_REACHED = 5             # draws that heap as clearly, after which no more are made: noise does it too
+MIN_Z = 3.5                 # of the best of hundreds of steps: below it no test is made
 DETECTABLE_Z = 4.5          # what a step must reach to be found
 MIN_SD = 0.3                # of the mean cosine, times sqrt(rows): what smooth scatter has at the least
 MIN_ROWS = 8
@@ -39,7 +39,7 @@ MAX_STEPS_PER_VALUE = 39
 COARSE_DIGIT_S = 0.1        # a last digit of so much is itself a step: nobody writes lags so roughly by choice
 PRINTED_S = 0.001
 
-DITHERED = 0.35             # of a step: scatter below this does not even its rounding out
+DITHERED = 0.35             # share of a step: smaller scatter does not average the rounding out
 
 
 class Clock(NamedTuple):

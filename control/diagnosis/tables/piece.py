@@ -47,6 +47,17 @@ class Piece(NamedTuple):
     noise_sd: float | None = None           # what the machine file says of the sensor, for spread 1
     clocked: bool = False                   # times of a detector: may come in steps
 
+    @property
+    def table(self) -> str:
+        """Name of the table that the column is in."""
+        return self.name.rsplit(" ", 1)[0]
+
+
+def group_name(table: str, label: str) -> str:
+    """What people call the rows of one label (the `scope` of a cause): the table, by its file's name, and the label."""
+    short = table.replace("\\", "/").rsplit("/", 1)[-1] or "the table"
+    return f"{short} {label}".strip()
+
 
 def with_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
     """The machine with effects on top of those it has; bounds are not looked at."""

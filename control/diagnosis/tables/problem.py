@@ -153,8 +153,7 @@ def _groups(pieces: Sequence[Piece]) -> tuple[IntArray, tuple[tuple[str, str], .
     names: dict[tuple[str, str], int] = {}
     rows = []
     for piece in pieces:
-        table = piece.name.rsplit(" ", 1)[0]
-        rows += [names.setdefault((table, text), len(names)) for text in piece.group.tolist()]
+        rows += [names.setdefault((piece.table, text), len(names)) for text in piece.group.tolist()]
     return np.array(rows), tuple(names)
 
 

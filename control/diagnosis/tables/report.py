@@ -16,7 +16,7 @@ from .cost import field_cost
 from .evidence import label_contrasts
 from .experiments import Pair, Plan, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
-from .piece import BoolArray, Candidate, Piece, SizedEffect
+from .piece import BoolArray, Candidate, Piece, SizedEffect, group_name
 from .problem import Problem
 from .selection import Selected, Selection
 from .sizes import settings_differ
@@ -24,7 +24,7 @@ from .verdict import Judgement
 
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
-OUTSTANDING = 2.0               # times the common scatter, from which on a setting is pointed out
+OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 MIN_INFLATION_SAID = 1.05       # of the intervals
 MIN_ROWS_SAID = 4
@@ -60,7 +60,7 @@ def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, sus
     return Cause(candidate.id, Size(size, size - half, size + half, unit_of(candidate.id, problem.machine)), None,
                  probability, rivals,
                  candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
-                 scope=None if candidate.scope is None else _group_name(problem, candidate.scope))
+                 scope=None if candidate.scope is None else group_name(*problem.group_names[candidate.scope]))
 
 
 def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[float, tuple[Rival, ...]]:
@@ -148,7 +148,7 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
     out += _label_sentences(problem)
     out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
             if clock is not None and clock.shown]
-    out += [f"{candidate.id} {size:+.3g} holds in the rows of {_group_name(problem, candidate.scope)} only"
+    out += [f"{candidate.id} {size:+.3g} holds in the rows of {group_name(*problem.group_names[candidate.scope])} only"
             for candidate, size in selection.effects if candidate.scope is not None]
     out += _lack_of_fit_sentences(problem, selection)
     if structure is not None and structure.shown and selection.selected:
@@ -244,10 +244,3 @@ def _setting(piece: Piece, rows: BoolArray) -> str:
     at = int(np.flatnonzero(rows)[0])
     parts = [f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"]
     return " ".join([*parts, str(piece.group[at])]).strip()
-
-
-def _group_name(problem: Problem, scope: int) -> str:
-    """The table, by its file's name, and the label."""
-    table, text = problem.group_names[scope]
-    short = table.replace("\\", "/").rsplit("/", 1)[-1] or "the table"
-    return f"{short} {text}".strip()

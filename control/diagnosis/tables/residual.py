@@ -1,6 +1,6 @@
 """Whether what is left is noise: each column's residual against its replicates, else against the order of its settings.
 
-`unexplained` looks for smooth dependences; these tests look for anything at all, of no shape that was thought of.
+`unexplained` looks for smooth dependences; these tests look for any departure from noise, of whatever shape.
 """
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ MIN_DOF = 2.0               # that a forward step must leave
 MIN_PAIR_DOF = 3.0
 MAX_EFFECTS = 3             # at once
 SWEEPS = 2                  # of lateral steps
-BETTER = 0.999              # of the residual sum of squares: a lateral step must gain so much
+BETTER = 0.999              # share of the residual sum of squares that a lateral step must gain
 
 RIVAL_P = 0.03              # rivals: a confidence set of 97 %, a little wider than the 95 % that is reported
 

@@ -25,8 +25,8 @@ UTC, UTC_US = "utc", "utc_us"   # the log's column, and here as microseconds sin
 COMMANDS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
 SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
 STANDING_MPS = 0.05             # slower, and a flow is no rate
-DIGITS = 12                     # of a converted number: more than any file holds, fewer than a double's last ones
-_BAD_SHARE = 0.5                # more cells that are no number than this: the column is another one
+DIGITS = 12                     # digits kept of a converted number: more than a file holds, fewer than a double has
+_BAD_SHARE = 0.5                # share of cells that are no number; above it the wrong column was named
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,9 +28,9 @@ from drivers.files.imports.words import (
 from drivers.files.log_values import PLAUSIBLE
 
 MOVING_MPS = 0.3
-TOO_FAST = 60.0                 # no machine works at such a speed in km/h or any larger unit: a rotation
+TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation
 FAST_MPS = 8.0                  # no spreader works at more than 29 km/h: such a number is km/h, or no ground speed
-DEGREES = ("latitude", "longitude", "heading")      # what these are in needs no word
+DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
 _LOG_UNITS = {"speed": "m/s", "rotation": "r/min", "length": "mm", "mass": "kg", "rate": "kg/ha", "angle": "deg",
               "voltage": "V", "share": "%", "time": "s"}
@@ -65,7 +65,7 @@ def _candidate(raw: RawTable, name: str) -> Candidate | None:
     if subject.id == "speed" and unit is None and _too_fast(values):
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
-        return None                     # a ground speed that somebody wants
+        return None                     # a wanted ground speed is no reading
     return Candidate(name, target, unit, implied and unit is None, role, values=values)
 
 

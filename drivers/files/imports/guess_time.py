@@ -141,7 +141,7 @@ class _Counted(NamedTuple):
 
 
 def _since_1970(first: float) -> _Counted | None:
-    """By the first time: logs are younger than 2001, and whoever wrote one in seconds did so before 2096."""
+    """By the first time: 1e9 s is 2001, 4e9 s is 2096."""
     if 1e9 <= first < 4e9:
         return _Counted("unix_s", "seconds since 1970")
     if 1e12 <= first < 4e12:

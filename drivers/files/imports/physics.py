@@ -14,9 +14,9 @@ Floats = NDArray[np.float64]
 SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}       # to one m/s
 SPEED_TOLERANCE = 0.08
 FARTHEST_LAG = 40                   # rows, within which an answer is looked for
-LEAST_CHANGES = 8                   # of a command, to tell anything of its answer
+LEAST_CHANGES = 8                   # a command needs so many to tell anything about its answer
 LEAST_CORRELATION = 0.3             # of steps of command and answer
-AS_GOOD = 0.98                      # of the best correlation: repeating commands agree at many lags, the nearest holds
+AS_GOOD = 0.98                      # of the best correlation: repeating commands agree at many lags, the nearest wins
 A_SETTING_A_ROW = 0.5               # share of rows with another command: a table of settings, not a run
 SETTLED_S = 0.5                     # and rows so far apart that each can have settled
 

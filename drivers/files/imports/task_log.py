@@ -18,8 +18,8 @@ from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.prescriptions.task_files import TaskFiles, find_task_files, task_tree
 from drivers.files.prescriptions.words import PrescriptionError
 
-# Of TIM and its PTN, in the order in which a record holds those that every record tells: attribute, bytes as numpy
-# writes them, step, name here, the number that means not known.
+# The fields of TIM and its PTN that every record tells, in their order in a record: attribute, type as numpy writes it,
+# step, name here, the number that means not known.
 _HEAD = (
     ("PTN", "A", "<i4", 1e-7, "lat_deg", None), ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
     ("PTN", "C", "<i4", 0.001, "altitude_m", None), ("PTN", "D", "u1", 1.0, "fix_quality", 15),

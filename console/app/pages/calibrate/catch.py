@@ -9,10 +9,10 @@ from collections import deque
 from statistics import fmean
 from typing import Literal, NamedTuple
 
-TURNING_RPM = 2.0             # below, the shaft stands: what the lag paper starts its clock at
+TURNING_RPM = 2.0             # below this the shaft stands: the lag paper starts its clock here
 SETTLE_S = 5.0                # flutes and tubes are full and the gate stands still after that
 WEIGH_S = 30.0                # advised
-LEAST_REVOLUTIONS = 3.0       # fewer make no point
+LEAST_REVOLUTIONS = 3.0       # fewer revolutions make no point
 LEAST_POINTS = 3
 GAP_S = 1.0                   # frames farther apart: nothing is counted between them
 RESTING_READINGS = 15         # of the hopper scale, five a second

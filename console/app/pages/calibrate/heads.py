@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 CHECK_S = 30.0
 FOULED_SHARE = 0.04           # of the median: published fouling is 2 to 10 %, heads agree to 0.1 % when clean
 UNSTEADY_NDVI = 0.05          # spread (1 s.d.) about the median; a good head has 0.01, the crop itself about as much
-LEAST_HEADS = 3               # a median of two blames both
+LEAST_HEADS = 3               # with two heads the median cannot tell which is wrong
 LEAST_SAMPLES = 25
 SILENT_SHARE = 0.5            # of the samples
 

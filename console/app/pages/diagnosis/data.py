@@ -175,14 +175,14 @@ class DiagnosisService(Protocol):
 
 
 def to_plain(value: Any) -> Any:
-    """Of the tuples above: what JSON can hold, by name."""
+    """The tuples above as plain data that JSON can hold, by name."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: to_plain(part) for name, part in value._asdict().items()}
     return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
 
 
 def found_from(plain: dict[str, Any]) -> Found:
-    """The other way about."""
+    """Plain data of `to_plain` as the tuples above."""
     causes = tuple(CauseShown(**one | {"rivals": tuple(RivalShown(**r) for r in one["rivals"]),
                                        "over": _curve(one["over"]), "time": _curve(one["time"])})
                    for one in plain["causes"])

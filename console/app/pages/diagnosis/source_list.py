@@ -18,7 +18,7 @@ HEAD_ROWS = 2
 class SourcesView(NamedTuple):
     sources: tuple[Source, ...]
     at: int
-    looking: bool               # the folders are being read
+    looking: bool               # True while the folders are read
     language: str
 
 

@@ -9,8 +9,8 @@ from control.safety import Allowances
 
 
 def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
-    """Values are an order and its value as text, `allow_outside:True`. A second dose is allowed by forbidding to
-    forbid it."""
+    """Values are an order and its value as text, `allow_outside:True`. A second dose is allowed by switching off the
+    guard against it."""
     allow, no_double = (frame.allow, frame.no_double) if frame is not None else (Allowances(), True)
     found = ((Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
              (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),

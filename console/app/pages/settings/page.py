@@ -25,10 +25,6 @@ UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial:
 LANGUAGE_WORDS = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
 THEME_WORDS = {"day": N_("day"), "night": N_("night"), "contrast": N_("high contrast")}
 SOUND_WORDS = {"on": N_("sound on"), "off": N_("sound off")}
-WHERE_WORDS = {ANYWHERE: N_("keys of every screen"), "run": N_("keys: run"), "map": N_("keys: map"),
-               "trends": N_("keys: trends"), "devices": N_("keys: devices"), "calibrate": N_("keys: calibrate"),
-               "replay": N_("keys: replay"), "diagnosis": N_("keys: diagnosis"), "job": N_("keys: job"),
-               "settings": N_("keys: settings")}
 
 
 class Row(NamedTuple):
@@ -91,9 +87,11 @@ class SettingsScreen(Page):
             _number(speed, _("numbers"), ("console", "numbers_hz"), now.console.numbers_hz, (1.0, 5.0), _HZ),
             _number(speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ),
             _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ)]
-        for action in sorted(actions.ACTIONS, key=lambda one: list(WHERE_WORDS).index(one.where)):
+        pages = {one.id.removesuffix("_screen"): _("keys: {page}").format(page=_(one.label)) for one in actions.pages()}
+        groups = {ANYWHERE: _("keys of every screen")} | pages
+        for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
             keys = actions.keys_of(action, now.keymap)
-            found.append(Row(_(WHERE_WORDS[action.where]), _(action.label), ("keymap", action.id),
+            found.append(Row(groups[action.where], _(action.label), ("keymap", action.id),
                              "  ".join(actions.key_name(key) for key in keys), _(action.help)))
         return found
 

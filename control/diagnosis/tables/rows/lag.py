@@ -52,7 +52,7 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
     if speed is not None:
         variables["speed_mps"] = speed
-    # A distance is read to a constant error in m: its time is the noisier the slower it was driven.
+    # A distance has a constant error in m: the slower the drive, the larger the error of its time.
     spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
     return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
                  column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
