@@ -14,7 +14,7 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.data import Curve, Stopped, found_from, to_plain
+from console.app.pages.diagnosis.data import Curve, LeftShown, Stopped, found_from, to_plain
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
 from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
@@ -290,8 +290,8 @@ async def test_every_action_is_in_the_palette(desk):
 # --- words and views -------------------------------------------------------------------------------------------------
 
 def test_a_found_goes_through_json_and_comes_back():
-    found = sample_found()._replace(left=(("flow", "supply_v", 0.4),), left_curve=sample_found().causes[0].over,
-                                    notes=("a note",), refused=("x: y",))
+    found = sample_found()._replace(left=(LeftShown("flow", "supply_v", 0.4),), not_judged=("gate",),
+                                    left_curve=sample_found().causes[0].over, notes=("a note",), refused=("x: y",))
     assert found_from(to_plain(found)) == found
 
 
@@ -305,8 +305,9 @@ def test_verdicts_in_one_line():
     two = named._replace(verdict="ambiguous", causes=(one._replace(rivals=sample_found().causes[0].rivals[:1]),))
     assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
                                              "by a factor. This data cannot tell.")
-    left = sample_found("none")._replace(verdict="unexplained", left=(("flow", "supply_v", 0.4),))
-    assert diagnosis_words.sentence(left) == "flow follows supply, and no known cause explains it."
+    left = sample_found("none")._replace(verdict="unexplained", left=(LeftShown("flow", "supply_v", 0.4),))
+    assert diagnosis_words.sentence(left) == ("flow follows supply, and no known cause explains it: 40 % of what is "
+                                              "left there.")
 
 
 def test_cost_in_both_units_and_where_nothing_is_known():
@@ -333,7 +334,7 @@ def test_only_the_gain_of_the_causes_is_told():
     found = sample_found()
     gain = found.gains[0]
     found = found._replace(gains=(gain, gain._replace(metric="rmse, r/min, placebo shaft.gain", after=9.0)))
-    assert diagnosis_shown.channels(found).left == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
+    assert diagnosis_shown.channels(found).gains == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
 
 
 def test_the_interval_bar_has_zero_in_its_middle():

@@ -63,6 +63,23 @@ class CauseShown(NamedTuple):
     place_m: float | None
     over: Curve | None = None
     time: Curve | None = None
+    until_s: float | None = None
+    grows: bool = False                 # from its onset on to its size at the end
+
+
+class LeftShown(NamedTuple):
+    """What of a channel no effect explains; fields as in `control.diagnosis.result.Unexplained`."""
+
+    channel: str
+    variable: str
+    explained_share: float
+    rms: float | None = None
+    noise: float | None = None
+    unit: str = ""
+    dose_percent: float | None = None
+    hint: str = ""
+    from_s: float | None = None
+    period_s: float | None = None
 
 
 class ChannelShown(NamedTuple):
@@ -106,7 +123,7 @@ class Found(NamedTuple):
     verdict: str
     causes: tuple[CauseShown, ...]
     channels: tuple[ChannelShown, ...]
-    left: tuple[tuple[str, str, float], ...]        # channel, variable, share: what no effect explains
+    left: tuple[LeftShown, ...]
     gains: tuple[GainShown, ...]
     notes: tuple[str, ...]              # about the data itself
     next_run: RunPlan | None
@@ -116,6 +133,7 @@ class Found(NamedTuple):
     left_curve: Curve | None = None
     folder: str = ""
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
+    not_judged: tuple[str, ...] = ()    # channels
 
 
 class Stop:
@@ -188,11 +206,11 @@ def found_from(plain: dict[str, Any]) -> Found:
                    for one in plain["causes"])
     return Found(**plain | {
         "causes": causes, "channels": tuple(ChannelShown(**one) for one in plain["channels"]),
-        "left": tuple((str(c), str(v), float(s)) for c, v, s in plain["left"]),
+        "left": tuple(LeftShown(**one) for one in plain["left"]),
         "gains": tuple(GainShown(**one) for one in plain["gains"]),
         "next_run": None if plain["next_run"] is None else RunPlan(**plain["next_run"]),
         "left_curve": _curve(plain["left_curve"]),
-        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted")}})
+        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged")}})
 
 
 def _curve(plain: dict[str, Any] | None) -> Curve | None:

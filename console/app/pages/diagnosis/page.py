@@ -70,8 +70,8 @@ class DiagnosisScreen(Page):
             yield Verdict((), id="dia-verdict")
             with Horizontal(id="dia-found"):
                 with Vertical(id="dia-left"):
-                    yield Causes(CausesView((), 0, "", in_use()), id="dia-causes")
-                    yield ChannelTable(ChannelsView((), (), in_use()), id="dia-channels")
+                    yield Causes(CausesView((), 0, (), in_use()), id="dia-causes")
+                    yield ChannelTable(ChannelsView((), (), (), in_use()), id="dia-channels")
                     yield RunPlanPanel(PlanView("", (), "", in_use()), id="dia-run")
                 with Vertical(id="dia-right"):
                     yield ResidualPlot(None, id="dia-over")
