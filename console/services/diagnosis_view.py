@@ -24,7 +24,7 @@ from console.reports.table_views import TableView, table_views
 from console.reports.verdict import headlines_first, others, title_of
 from console.reports.words import not_judged
 from console.services.separating_run import drivable
-from control.diagnosis.extend import adoptable
+from control.diagnosis.extend import not_adoptable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import Part
 from control.machine.machine import CATALOGUE, Machine
@@ -58,15 +58,12 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids that a machine file may take up, and a line for each cause that it may not."""
-    able = [cause.id for cause in adoptable(found)]
     kept, refused = [], []
     for cause in found.causes:
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
-        elif cause.onset_s is not None or CATALOGUE[cause.id].effect.onset_only:
-            refused.append(f"{cause.id}: began during the run: repair it, the model stays")
-        elif cause.id not in able:
-            refused.append(f"{cause.id}: its size is not known")
+        elif why := not_adoptable(cause):
+            refused.append(f"{cause.id}: {why}")
         else:
             kept.append(cause.id)
     refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"

@@ -120,6 +120,7 @@ async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
         text = "\n".join(shown(desk))
         assert "flow.fill_falloff, shaft.voltage_sag" in text and "does not tell the rivals apart" in text
+        assert "flow.fill_falloff is taken up, though this data cannot" in text
         assert "The running job keeps its machine file" in text
         await pilot.press("escape", "k", "enter")
         await pilot.pause()

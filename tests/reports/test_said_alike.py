@@ -134,7 +134,7 @@ def test_a_cause_less_likely_than_not_is_in_no_headline(cause_of: Callable[..., 
     weak = cause_of("gate.offset", size=GATE, probability=0.49, rivals=(Rival(UNKNOWN, 0.5),))
     even = replace(weak, probability=0.5)
     strong = cause_of("shaft.voltage_sag", probability=0.9)
-    assert [headlined(one) for one in (weak, even, strong)] == [False, False, True]
+    assert [headlined(one) for one in (weak, replace(weak, rivals=()), even, strong)] == [False, False, False, True]
     found = found_of(weak, strong, verdict="ambiguous", channels=CHANNELS)
     titles = [CATALOGUE[one.id].effect.title for one in (strong, weak)]
     on_page = found_of_page(found)
