@@ -177,6 +177,30 @@ async def test_report_data_and_type_a_path(desk, service, shown):
         assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
 
 
+async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock, shown):
+    service = MadeUpDiagnosis(unsure=("/data/planter.xlsx: columns.opening_mm: what is 100 % in mm?",))
+    desk = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await opened(desk, pilot)
+        await pilot.press("t")
+        await pilot.pause()
+        await pilot.press(*"planter.xlsx", "enter")
+        await settled(desk, pilot)
+        text = "\n".join(shown(desk))
+        assert isinstance(desk.screen, TextDialog) and "what is 100 % in mm?" in text
+        assert "/data/planter.import.yaml" in text and page.shown is None
+        await pilot.press("escape")
+        await settled(desk, pilot)
+        assert page.said == "not brought in: the import file has open questions"
+        assert page.sources == SOURCES                  # read anew: the import file is there now
+        service.unsure = ()
+        await pilot.press("t")
+        await pilot.pause()
+        await pilot.press(*"planter.xlsx", "enter")
+        await settled(desk, pilot)
+        assert page.shown is not None and page.said == ""
+
+
 async def test_another_machine_file_may_be_held_against(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await opened(desk, pilot)

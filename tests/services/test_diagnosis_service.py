@@ -36,7 +36,7 @@ def folder(tmp_path):
     (here / "catch.csv").write_text(CATCH, encoding="utf-8")
     (here / "run.csv").write_text("time_s,shaft_rpm\n0.0,1\n0.05,2\n", encoding="utf-8")
     (here / "run.truth.csv").write_text("time_s,flow_kg_s\n0,1\n", encoding="utf-8")
-    (here / "shopping.csv").write_text("eggs,milk\n6,1\n", encoding="utf-8")
+    (here / "notes.md").write_text("eggs,milk\n6,1\n", encoding="utf-8")
     os.utime(here / "catch.csv", (1_700_000_000, 1_700_000_000))
     return here
 
@@ -54,7 +54,7 @@ def test_what_can_be_diagnosed_is_listed_newest_first(files, folder):
 
 
 @pytest.mark.parametrize(("path", "said"), [("", "no file is named"), ("none.csv", "No such file"),
-                                            ("shopping.csv", "neither a run log"), (".", "Is a directory")])
+                                            ("notes.md", "neither a run log"), (".", "neither a run log")])
 def test_a_typed_path_that_will_not_do_is_refused_in_one_line(files, folder, path, said):
     with pytest.raises(ValueError, match=said) as caught:
         files.source(str(folder / path) if path else path)

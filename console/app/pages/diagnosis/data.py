@@ -9,8 +9,11 @@ Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; th
 Export = Literal["report", "data"]
 
 
+IMPORT = "import"           # kind of a file that is brought in first, or of how one is
+
+
 class Source(NamedTuple):
-    """A file that can be diagnosed. kind: run, or that of a bench table."""
+    """A file that can be diagnosed. kind: run, that of a bench table, or IMPORT."""
 
     path: str
     name: str
@@ -161,6 +164,14 @@ class Stopped(Exception):
     """The work was cancelled."""
 
 
+class OpenQuestions(ValueError):
+    """A file cannot be brought in before these lines are answered in the import file."""
+
+    def __init__(self, questions: tuple[str, ...], import_file: str) -> None:
+        super().__init__(questions[0] if questions else import_file)
+        self.questions, self.import_file = questions, import_file
+
+
 class DiagnosisService(Protocol):
     """Files and long work of the page. Errors are one-line ValueErrors; long work raises Stopped where it is cancelled.
 
@@ -177,7 +188,10 @@ class DiagnosisService(Protocol):
         """Machine files to hold the data against, beside the one that the log names."""
 
     def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
-        """machine None: the one that the log names, else the configured one."""
+        """machine None: the one that the log names, else the configured one.
+
+        A file of kind IMPORT is brought in first: as a new log of the user's own folder; OpenQuestions where not sure.
+        """
 
     def adopt(self, found: Found) -> str:
         """Writes the new machine file; its path."""

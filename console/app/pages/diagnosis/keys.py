@@ -49,7 +49,8 @@ def type_path(page: DiagnosisScreen) -> None:
         if path is not None:
             page.diagnose(service.source(path))
 
-    page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"), wrong), typed)
+    what = _("A run log, a bench table, or the log of another machine")
+    page.app.push_screen(NameDialog(_("Which file?"), "", what, wrong), typed)
 
 
 def against(page: DiagnosisScreen) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 import re
 from math import floor, log10
 
-from console.app.pages.diagnosis.data import CauseShown, Curve, Found, LeftShown
+from console.app.pages.diagnosis.data import IMPORT, CauseShown, Curve, Found, LeftShown
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
@@ -15,9 +15,10 @@ VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous"
 VERDICT_SYMBOLS = {"none": "-", "named": "!", "ambiguous": "?", "unexplained": "??", "not_judged": "??"}
 
 KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
-         "heads": N_("heads table"), "place": N_("place table")}
+         "heads": N_("heads table"), "place": N_("place table"), IMPORT: N_("other log")}
 
-STAGES = {"reading": N_("reading the file"), "data": N_("looking at the data"), "model": N_("predicting every channel"),
+STAGES = {"reading": N_("reading the file"), "importing": N_("bringing in the file"),
+          "data": N_("looking at the data"), "model": N_("predicting every channel"),
           "shaft": N_("shaft and gate"), "gate": N_("shaft and gate"), "metering": N_("shaft, gate, flow, scale"),
           "flow": N_("flow and scale"), "speed": N_("speeds"), "heads": N_("sensor heads"),
           "result": N_("weighing the causes"), "pictures": N_("drawing"), "report": N_("writing the report"),
