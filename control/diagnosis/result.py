@@ -6,10 +6,10 @@ from typing import Any, Literal
 
 FORMAT = "topdress-diagnosis/1"
 UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
-CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
+RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
+CHANNELS = (*RUN_CHANNELS, "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
-UNKNOWN = "unknown"        # id of a rival that is no effect of the catalogue
 STRUCTURE_P = 1e-3         # a channel whose structure has less than this is never called noise
 
 

@@ -166,7 +166,7 @@ def off_by(of_time, seed=31):
 
 def only_cause(columns):
     found = diagnose_run(columns, Machine())
-    assert [c.id for c in found.causes] in (["gate.offset"], ["gate.home_error"])       # without the scale both the same
+    assert [c.id for c in found.causes] in (["gate.offset"], ["gate.home_error"])   # the same without scale
     assert {r.id for r in found.causes[0].rivals} <= {"gate.offset", "gate.home_error"}
     return found.causes[0]
 

@@ -96,7 +96,7 @@ def test_page_holds_everything(full: Diagnosis, run_columns: dict[str, Any], mac
         for words in (cause.id, entry.title, entry.physics, cause.advice):
             assert words in said
     for words in ("Not told apart".lower(), "shaft.load_droop", "21 %", "shaft.dead_band", "7 %", "4.0 to 6.0",
-                  "head 3", "2 min 10 s into the log", "5.9 % too little is spread", "0.25 m beyond its place",
+                  "head 3", "since 130 s", "5.9 % too little is spread", "0.25 m beyond its place",
                   "Stairs, twice", "Refill by bags", "0.2868", "0.2830 to 0.2910", "blocks 2, 5, 7 of 8", "-9999",
                   "0.27 %", "gate.stuck", "ab12", "9.9", "2026-05-01", "huanghai"):
         assert words in said, words
