@@ -289,7 +289,7 @@ class DiagnosisScreen(Page):
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
         elif state is WorkerState.ERROR and isinstance(worker.error, OpenQuestions):
-            self._ask(worker.error)
+            self.ask(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, Stopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
         if state is WorkerState.CANCELLED:              # the app ends: its process must not outlive it
@@ -300,7 +300,7 @@ class DiagnosisScreen(Page):
                 self.sources, self._brings_in = None, False
             self.look()
 
-    def _ask(self, open_: OpenQuestions) -> None:
+    def ask(self, open_: OpenQuestions) -> None:
         """What is unsure about a file of another machine, and where it can be put right."""
         self.said = _("not brought in: the import file has open questions")
         how = _("Put these lines right in the import file, or take away the comments that say unsure; then choose it "

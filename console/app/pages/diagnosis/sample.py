@@ -73,6 +73,10 @@ def sample_found(verdict: str = "ambiguous") -> Found:
     return found
 
 
+OPEN = OpenQuestions(("/data/planter.csv: columns.opening_mm: Schieberöffnung is in %: the file does not say what "
+                      "100 % is in mm",), "/data/planter.import.yaml")
+
+
 class MadeUpDiagnosis:
     """A `DiagnosisService` that knows its answers; it keeps what it was asked. wait: until when work goes on."""
 
