@@ -376,5 +376,6 @@ def _in_its_place(search: Search, part: Part) -> list[Candidate]:
     """What could stand in a part's place: all candidates, and those that may begin also when and as it does."""
     same = [] if part.onset_s is None or CATALOGUE[part.id].effect.onset_only else [
         c._replace(part=part._replace(id=c.part.id, size=c.part.size, member=c.part.member)) for c in search.candidates
-        if c.part.onset_s is None and ROWS[c.part.id].may_begin and ROWS[c.part.id].has_slope]
+        if c.part.onset_s is None and ROWS[c.part.id].may_begin and ROWS[c.part.id].has_slope
+        and ROWS[c.part.id].loss_begins_as != part.id]          # the same thing by another name
     return [*search.candidates, *same]

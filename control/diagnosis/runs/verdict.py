@@ -111,7 +111,7 @@ def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
 
 def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bool:
     """Whether the k-th name may be something else: its channel's rest is not noise, its size stands at a bound, or it
-    makes rows worse that it was not fitted to."""
+    makes rows worse that it was not fitted to (by the 90 % interval: a drift hides what a small effect gains)."""
     part = one.found.parts[k]
     channels = ROWS[part.id].channels
     if any(r.channel in channels for r in left):
@@ -121,4 +121,4 @@ def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bo
     if ROWS[part.id].has_slope and (part.size > high - reach or (low < 0.0 and part.size < low + reach)):
         return True
     shown = {"flow" if channel == "scale" else channel for channel in channels}
-    return any(g.after >= g.before for g in gains if g.of == "names" and g.channel in shown)
+    return any(g.low >= g.before for g in gains if g.of == "names" and g.channel in shown)
