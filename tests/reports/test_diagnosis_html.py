@@ -137,7 +137,7 @@ def test_two_tables_and_nothing_found(bench_tables: dict[str, BenchTable], machi
 
 @pytest.fixture(scope="module")
 def views(run_columns: dict[str, Any], machine: Machine) -> tuple[View, ...]:
-    return run_views({name: values[::4] for name, values in run_columns.items()}, machine)
+    return run_views({name: values[::2] for name, values in run_columns.items()}, machine)
 
 
 @pytest.mark.parametrize("effect_id", OF_RUNS)
