@@ -197,7 +197,7 @@ def test_what_comes_and_goes_at_one_frequency_is_not_noise():
 
 def test_a_further_column_may_be_the_cause():
     columns = a_run(Machine(), seed=33)
-    torque = 300.0 + 40.0 * np.sin(columns["time_s"] / 23.0)
+    torque = 300.0 + 10.0 * levels(np.random.default_rng(3), columns["time_s"], 0.0, 8.0, 15.0)
     columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * (1.0 + 0.0003 * (torque - 300.0))
     found = diagnose_run({**columns, "x_engine_torque_nm": torque, "x_fan_rpm": np.roll(torque, 1500)}, Machine())
     assert found.verdict == "unexplained"

@@ -32,6 +32,7 @@ STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
 TIMES = 16                  # tried over the working time
+MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
 ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
 HALVINGS = 5                # of the step by which an onset is moved, about
 NARROWER = 0.45             # factor on the step in each halving
@@ -170,7 +171,7 @@ def with_end(search: Search, found: Refit, threshold: float) -> Refit:
         ends = [one.part.onset_s for one in changes(search.columns, best.parts, best.noise, [back])
                 if not one.part.grows and one.part.size * part.size < 0.0]
         for at_s in ends:
-            if at_s is not None and part.onset_s is not None and at_s > part.onset_s:
+            if at_s is not None and part.onset_s is not None and at_s > part.onset_s + MIN_SPAN_S:
                 tried = search.refit(replaced(best.parts, k, best.parts[k]._replace(until_s=at_s)), best.noise)
                 if 2.0 * (tried.log_likelihood - best.log_likelihood) > threshold:
                     best = refined(search, tried, search.model.data)

@@ -19,6 +19,7 @@ from .changes import changes
 from .evidence import (
     MIN_DRIFT,
     chance,
+    coarser,
     null_of_maximum,
     scores,
     slow_share,
@@ -226,7 +227,8 @@ def _beyond(search: Search, one: Refused) -> float:
 
 def _begin(search: Search, now: Refit) -> list[Part]:
     """The best parts that begin within the log, at once or growing."""
-    if len({time_s for part in now.parts for time_s in part.switches}) + 1 > MAX_SWITCHES:
+    rounded = any(ROWS[part.id].found_by is FoundBy.STEPS for part in now.parts)    # rounding changes with the speed
+    if rounded or len({time_s for part in now.parts for time_s in part.switches}) + 1 > MAX_SWITCHES:
         return []
     taken = {(p.id, p.member) for p in now.parts}
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
@@ -256,7 +258,8 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and (
             _slow(search, trace, alone) or _drifts(search, trace, found)):
         return Doubt.DRIFT
-    if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
+    blocks = seen if part.onset_s is None else coarser(seen)   # one manoeuvre is no evidence
+    if without_best_block(blocks, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
         return Doubt.STRETCH
     if row.along and gain < SURE * THRESHOLD and \
             gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along):

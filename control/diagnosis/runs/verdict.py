@@ -29,6 +29,7 @@ DRIFT_S = 30.0
 MIN_BLOCKS = 8              # of DRIFT_S
 MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
                             # largest of 60 healthy channels: 29
+MIN_PERIOD_S = 3.0          # quicker than that a sensor hums, and no dose follows it on the ground
 MIN_SHARE = 0.05            # of what the names explain: less is how forms differ
 AT_BOUND = 0.01             # of a size's range: closer to its bound, the size is not known
 OTHERWISE = 0.5             # probability of something else beside a name that is only suspected
@@ -106,7 +107,8 @@ def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
     explained = max(0.0, 2.0 * (one.found.log_likelihood - one.null.log_likelihood))
     if highest <= 0.0 or power[at] < max(MAX_LINE, MIN_SHARE * explained):
         return None
-    return float(2.0 * np.pi / highest * channel.grid.step_s)
+    period_s = float(2.0 * np.pi / highest * channel.grid.step_s)
+    return period_s if period_s > MIN_PERIOD_S else None
 
 
 def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bool:
