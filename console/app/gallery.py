@@ -12,6 +12,8 @@ from typing import NamedTuple
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
 from console.app.pages.calibrate.poses import pose
+from console.app.pages.diagnosis.page import DiagnosisScreen
+from console.app.pages.diagnosis.sample import OPEN
 from console.app.pages.job.sample import CUT_OFF, SampleDesk
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
@@ -103,6 +105,7 @@ PICTURES = (
     Picture("diagnosis-80x24-day", (80, 24), screen="diagnosis"),
     Picture("diagnosis-120x40-zh", (120, 40), language="zh", screen="diagnosis"),
     Picture("diagnosis-list-80x24-night", (80, 24), "night", screen="diagnosis-list"),
+    Picture("diagnosis-import-100x30-day", (100, 30), screen="diagnosis-import"),
     Picture("devices-120x40-day", (120, 40), screen="devices"),
     Picture("devices-120x40-night", (120, 40), "night", screen="devices"),
     Picture("devices-80x24-day", (80, 24), screen="devices", alarms=True),
@@ -214,8 +217,11 @@ async def _lay_over(app: TopdressApp, picture: Picture) -> None:
 
 
 async def prepare_diagnosis(app: TopdressApp, screen: str, wait: Callable[[], Awaitable[None]]) -> None:
-    """The list of files; and, unless that alone is wanted, what was found in the second of them."""
+    """The list of files; and, unless that alone is wanted, what was found in the second, or is not known of another."""
     await _worked(app, wait)
+    if screen == "diagnosis-import" and isinstance(app.page, DiagnosisScreen):
+        app.page.ask(OPEN)
+        await wait()
     if screen == "diagnosis":
         await app.action_do("dia_down")
         await app.action_do("dia_begin")

@@ -77,7 +77,7 @@ def calibrate(
     table = read_bench_table(data, what.value)
     if what is What.CATCH:
         fitted, flow = fit_flow(table, loaded, date=today)
-        _tell_flow(flow)
+        _tell_flow(flow, loaded)
     else:
         fitted, line = fit_lag(table, loaded, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=today)
         _tell_lag(line)
@@ -127,14 +127,14 @@ def _tell_heads(fit: HeadsFit) -> None:
         typer.echo(f"note: {note}")
 
 
-def _tell_flow(fit: FlowFit) -> None:
+def _tell_flow(fit: FlowFit, machine: Machine) -> None:
     typer.echo(f"{fit.rows_used} catches, {fit.shaft_rpm[0]:g}-{fit.shaft_rpm[1]:g} r/min, "
                f"{fit.opening_mm[0]:g}-{fit.opening_mm[1]:g} mm, scatter {fit.residual_sd_percent:.2f} %")
     typer.echo(f"grams per revolution and mm  {_span(fit.grams_per_rev_mm)}")
     if fit.zero_offset_g_rev is not None:
         typer.echo(f"grams per revolution at zero opening  {_span(fit.zero_offset_g_rev)}")
     if fit.fill_falloff_percent is not None:
-        typer.echo(f"lost at 100 r/min, %  {_span(fit.fill_falloff_percent)}")
+        typer.echo(f"lost at {machine.flow.full_rpm:g} r/min, %  {_span(fit.fill_falloff_percent)}")
     for note in fit.notes:
         typer.echo(f"note: {note}")
 

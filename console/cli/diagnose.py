@@ -117,17 +117,19 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
-    from console.reports.verdict import short_name
-    from control.diagnosis.extend import adoptable, extend, refuse_to_adopt
+    from console.reports.words import name_of
+    from control.diagnosis.extend import adoptable, extend, not_adoptable, refuse_to_adopt
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     if not adoptable(found):
         raise CommandError(f"{out}: no effect was found that a machine file could take up, so nothing is written")
     for cause in found.causes:
         refuse_to_adopt(cause)
-        if cause.rivals:
+        if why := not_adoptable(cause):
+            typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
+        elif cause.rivals:
             typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
-                       f"{', '.join(short_name(rival.id) for rival in cause.rivals)}", err=True)
+                       f"{', '.join(name_of(rival.id) for rival in cause.rivals)}", err=True)
     extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
     return dataclasses.replace(found, extended_machine=str(out))

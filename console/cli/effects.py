@@ -7,33 +7,40 @@ from typing import Annotated
 
 import typer
 
-from console.cli.outputs import Force, marked, refuse_collisions
+from console.cli.outputs import Force, marked, named, refuse_collisions
 
 
 def effects(
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
     as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
                                                  "Markdown.")] = None,
+    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one: bounds of sizes are shares of "
+                                         "its ranges.")] = "huanghai",
     force: Force = False,
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
-    from control.machine.machine import CATALOGUE
+    from control.machine.machine import CATALOGUE, bounds, unit_of
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    loaded = load(machine, MACHINE).model
     if as_page is not None:
         from console.reports.effects_page import markdown
         from drivers.files.atomic import write_atomically
-        refuse_collisions((), [marked(as_page, b"topdress effects --markdown")], force)
-        write_atomically(as_page, markdown(CATALOGUE))
+        refuse_collisions([named(machine, MACHINE.folder)], [marked(as_page, b"topdress effects --markdown")], force)
+        write_atomically(as_page, markdown(CATALOGUE, loaded))
         if not as_json:
             return
     if as_json:
         typer.echo(json.dumps([{
-            "id": e.effect.id, "unit": e.effect.unit, "low": e.low, "high": e.high, "title": e.effect.title,
+            "id": e.effect.id, "unit": unit_of(e.effect.id, loaded), "low": bounds(e.effect.id, loaded).low,
+            "high": bounds(e.effect.id, loaded).high, "title": e.effect.title,
             "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
             "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()], indent=1))
         return
     for e in CATALOGUE.values():
         effect = e.effect
-        typer.echo(f"{effect.id}  ({effect.unit}; {e.low:g} to {e.high:g})")
+        low, high = bounds(effect.id, loaded)
+        typer.echo(f"{effect.id}  ({unit_of(effect.id, loaded)}; {low:g} to {high:g})")
         typer.echo(f"    {effect.title}. {effect.physics}")
         typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
         typer.echo(f"    do: {effect.advice}")

@@ -51,17 +51,12 @@ def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -
 
 def _guess(files: list[Path], place: Path, force: bool) -> None:
     from drivers.files.atomic import write_atomically
-    from drivers.files.imports.mapping_text import mapping_text
+    from drivers.files.imports.mapping_text import first_import_file
     refuse_collisions(_read(files), [Output((place,))], force)
     raw, found = _guessed(files)
-    count = len(found.doubts)
-    unsure = "nothing is unsure" if count == 0 else f"{count} {'line is' if count == 1 else 'lines are'} unsure"
-    names = " ".join(path.name for path in files)
-    head = [f"Guessed from {raw.path.name}: {unsure}. The keys: docs/import.md.",
-            f"Then: topdress import {names} --mapping {place.name} --out LOG.csv"]
-    write_atomically(place, mapping_text(found, head))
-    typer.echo(f"{place}: {unsure}")
-    for line in _open_questions(raw, found):
+    write_atomically(place, first_import_file(found, files, place))
+    typer.echo(f"{place}: {found.unsure}")
+    for line in found.questions(raw.path):
         typer.echo(line)
 
 
@@ -70,10 +65,6 @@ def _guessed(files: list[Path]) -> tuple[RawTable, Guess]:
     from drivers.files.imports.read import read_raw
     raw = read_raw(files[0])
     return raw, guess(raw)
-
-
-def _open_questions(raw: RawTable, found: Guess) -> list[str]:
-    return [f"{raw.path}: {'.'.join(doubt.key)}: {doubt.text}" for doubt in found.doubts]
 
 
 def _read(files: list[Path]) -> list[Path]:
@@ -109,6 +100,6 @@ def _mapping(files: list[Path], place: Path | None) -> tuple[RawTable | None, Im
         return None, load(place, IMPORT).model
     raw, found = _guessed(files)
     if not found.sure:
-        raise ImportTrouble(*_open_questions(raw, found), f"{raw.path}: not imported: --guess writes an import file in "
+        raise ImportTrouble(*found.questions(raw.path), f"{raw.path}: not imported: --guess writes an import file in "
                             "which these lines can be put right")
     return raw, found.mapping

@@ -13,8 +13,9 @@ from console.reports.numbers import decimals_of, fixed, number, p_value, percent
 from console.reports.page_style import STYLE
 from console.reports.pictures import Pictures, pictures_of
 from console.reports.variables import plain
-from console.reports.verdict import WORDS, cost, member_of, others, sentence, title_of
-from control.diagnosis.result import Cause, Diagnosis, Gain, NextRun
+from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
+from console.reports.words import headlined, left_facts, when
+from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun
 from control.machine.machine import CATALOGUE
 
 # The page may fetch nothing, whatever words a hostile file has put into it.
@@ -31,17 +32,18 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     matplotlib.
     """
     need_matplotlib()
+    found = headlines_first(found)
     pictures = pictures_of(found, tools)
     name = escape(found.data.path or "data")
     parts = (
         _head(found),
+        section("About the data", items(found.findings) if found.findings else ""),
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained)))),
         section("Measured beside predicted", *(figure(picture) for picture in pictures.data)),
         _next_run(found.next_run),
         section("Gain on data that the naming never saw", _gains(found.gain)),
         section("Channels", _channels(found)),
-        section("About the data", items(found.findings) if found.findings else ""),
         _not_shown(found),
         _provenance(found, tools))
     body = "\n".join(part for part in parts if part)
@@ -68,13 +70,15 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
     pairs = [("Size", _size(cause, unit))] if unit else []
     if member_of(cause):
         pairs.append(("Which", escape(member_of(cause))))
-    if cause.onset_s is not None:
-        pairs.append(("Since", escape(f"{span_of(cause.onset_s)} into the log")))
+    then = when(cause.onset_s, cause.until_s, cause.grows, cause.size.value, cause.size.unit)
+    if then:
+        pairs.append(("When", escape(then)))
     pairs += [("Probability", _shares(cause)), ("In the field", escape(cost(cause.field_cost))),
               ("What to do", f'<span class="do">{escape(cause.advice)}</span>')]
     physics = paragraph(entry.effect.physics, "dim") if entry else ""
     kind = "cause open" if others(cause) else "cause"
-    return (f'<section class="{kind}"><h3>{escape(title_of(cause.id))} <span class="id">{escape(cause.id)}</span></h3>'
+    title = title_of(cause.id) if headlined(cause) else f"Suspected: {title_of(cause.id)}"
+    return (f'<section class="{kind}"><h3>{escape(title)} <span class="id">{escape(cause.id)}</span></h3>'
             f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>")
 
 
@@ -104,18 +108,21 @@ def _shares(cause: Cause) -> str:
 
 
 def _id(effect_id: str) -> str:
-    return f' <span class="id">{escape(effect_id)}</span>' if effect_id in CATALOGUE else ""
+    """Of an effect of the catalogue."""
+    return "" if effect_id == UNKNOWN else f' <span class="id">{escape(effect_id)}</span>'
 
 
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
     left = found.unexplained[k]
     share = percent(left.explained_share)
+    said = left_facts(left)
+    facts = items(said) if said else ""
     if not left.variable:
         return paragraph(f"{left.channel}: {share} of its error is not noise, and neither a catalogued effect nor a "
-                         "recorded variable accounts for it.")
+                         "recorded variable accounts for it.") + facts
     text = (f"{left.channel} depends on {plain(left.variable, found.data.kind)} ({left.variable}): {share} of what is "
             "left there follows it, and no catalogued effect says why.")
-    return paragraph(text) + figure(pictures.left[k])
+    return paragraph(text) + facts + figure(pictures.left[k])
 
 
 def _next_run(plan: NextRun | None) -> str:

@@ -1,7 +1,8 @@
 """A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
 from __future__ import annotations
 
-from console.reports.verdict import short_name
+from console.reports.verdict import headlines_first
+from console.reports.words import headlined, left_facts, name_of, not_judged, when
 from control.diagnosis.result import Cause, Diagnosis, Unexplained
 from control.machine.machine import CATALOGUE
 
@@ -10,7 +11,11 @@ SHOWN_LIMIT = 8
 
 def summary(found: Diagnosis) -> list[str]:
     """Lines for a terminal."""
+    found = headlines_first(found)
     lines = [_head(found)]
+    missing = not_judged(found.data.kind, [channel.channel for channel in found.channels])
+    if missing:
+        lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]
     if found.channels:
         lines.append("")
@@ -43,11 +48,12 @@ def _head(found: Diagnosis) -> str:
 
 def _left(left: Unexplained) -> str:
     percent = 100 * left.explained_share
+    facts = "".join(f"; {fact}" for fact in left_facts(left))
     if not left.variable:
         return f"{left.channel}: {percent:.0f} % of its error is not noise, and neither an effect nor a recorded " \
-            "variable accounts for it"
+            f"variable accounts for it{facts}"
     return f"{left.channel} depends on {left.variable} ({percent:.0f} % of what is left), and no catalogued effect " \
-        "says why"
+        f"says why{facts}"
 
 
 def _cause(cause: Cause) -> list[str]:
@@ -56,10 +62,11 @@ def _cause(cause: Cause) -> list[str]:
     value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
     span = "" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})"
     which = "" if cause.member is None else f", number {cause.member}"
-    since = "" if cause.onset_s is None else f", since {cause.onset_s:.0f} s"
-    lines = [f"{cause.id}: {entry.effect.title if entry else ''}",
-             f"    {value}{span}{which}{since}; probability {cause.probability:.2f}"]
-    rivals = [f"{short_name(rival.id)} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
+    then = when(cause.onset_s, cause.until_s, cause.grows, size.value, size.unit)
+    suspected = "" if headlined(cause) else "suspected: "
+    lines = [f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
+             f"    {value}{span}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
+    rivals = [f"{name_of(rival.id)} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
     cost = cause.field_cost

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from control.machine.effect import Entry
+from control.machine.machine import NOMINAL, Machine, bounds, unit_of
 
 HEAD = """# Effects
 
@@ -14,27 +15,32 @@ An effect is judged only on data where it can be seen; elsewhere a diagnosis lis
 
 This page is written by `topdress effects --markdown docs/effects.md`; change the parameters, not the page.
 """
+WHOSE = """
+Ranges are those of machine `{id}`. Where one is a share of figures of the machine file, `topdress effects --machine
+FILE` gives another machine's.
+"""
 STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out of the hopper",
           "scale": "Hopper scale", "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place"}
 
 
-def markdown(catalogue: Mapping[str, Entry]) -> str:
+def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
     """The page: a table of all ids, then each effect by stage, in the order of the catalogue."""
-    lines = [HEAD, "| id | what happens | size in | range | seen in |", "|---|---|---|---|---|"]
-    lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(e.effect.unit)} | {_range(e)} | "
-              f"{_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
+    lines = [HEAD + WHOSE.format(id=machine.id), "| id | what happens | size in | range | seen in |",
+             "|---|---|---|---|---|"]
+    lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(unit_of(e.effect.id, machine))} | "
+              f"{_range(e, machine)} | {_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
     for stage in dict.fromkeys(entry.stage for entry in catalogue.values()):
         lines += ["", f"## {STAGES.get(stage, stage)}"]
         for entry in catalogue.values():
             if entry.stage == stage:
-                lines += _effect(entry)
+                lines += _effect(entry, machine)
     return "\n".join(lines) + "\n"
 
 
-def _effect(entry: Entry) -> list[str]:
+def _effect(entry: Entry, machine: Machine) -> list[str]:
     effect = entry.effect
     which = {"heads": "head", "flow": "outlet"}.get(entry.stage, "member") if effect.member_field else ""
-    size = f"{effect.unit}; {_range(entry)}"
+    size = f"{unit_of(effect.id, machine)}; {_range(entry, machine)}"
     if effect.onset_only:
         size += "; the size is the time at which it begins"
     return ["", f"### {effect.id}", "", f"**{effect.title}.** {effect.physics}", "",
@@ -54,10 +60,12 @@ def _anchor(entry: Entry) -> str:
     return entry.effect.id.replace(".", "")
 
 
-def _range(entry: Entry) -> str:
+def _range(entry: Entry, machine: Machine) -> str:
     if entry.effect.onset_only:
         return "at any time"
-    return f"{entry.low - entry.neutral:g} to {entry.high - entry.neutral:g}"
+    low, high = bounds(entry.effect.id, machine)
+    shares = " x ".join(entry.effect.scales_with)
+    return f"{low:g} to {high:g}" + (f", a share of {shares}" if shares else "")
 
 
 def _cell(text: str) -> str:

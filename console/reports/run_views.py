@@ -13,6 +13,7 @@ from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.hypothesis import MAX_SWITCHES, Part, schedule, stages_of
 from control.diagnosis.runs.log import gate
+from control.diagnosis.runs.model import in_course
 from control.diagnosis.runs.stages import Drive, RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
 from control.machine.over_log import MOST_STEP_S
@@ -76,11 +77,13 @@ class View(NamedTuple):
         return late if shown_share(late, effect) > shown_share(best, effect) + more else best
 
     def own(self, parts: Sequence[Part]) -> tuple[Part, ...]:
-        """Those effects that this channel can feel, as many onsets as one run may have."""
-        mine = [part for part in parts if CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name]]
-        late = [part for part in mine if part.onset_s is not None]
-        dropped = late[MAX_SWITCHES:]
-        return tuple(part for part in mine if part not in dropped)
+        """Those effects that this channel can feel, as many beginnings and ends as one run may have."""
+        kept: list[Part] = []
+        for part in parts:
+            if CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name] and len(
+                    {time_s for one in (*kept, part) for time_s in one.switches}) <= MAX_SWITCHES:
+                kept.append(part)
+        return tuple(kept)
 
 
 def parts_of(causes: Sequence[Cause]) -> tuple[Part, ...]:
@@ -92,7 +95,7 @@ def parts_of(causes: Sequence[Cause]) -> tuple[Part, ...]:
             continue
         size = 1.0 if entry.effect.onset_only else float(cause.size.value or 0.0)
         onset_s = cause.size.value if entry.effect.onset_only and cause.onset_s is None else cause.onset_s
-        found.append(Part(cause.id, size, onset_s, cause.member))
+        found.append(Part(cause.id, size, onset_s, cause.member, cause.until_s, cause.grows))
     return tuple(found)
 
 
@@ -114,9 +117,15 @@ def _predictor(channel: ChannelSeries, machine: Machine) -> Callable[[tuple[Part
     base = stages_of(machine)
     known: dict[tuple[Part, ...], Array] = {}
 
+    def _grown(part: Part) -> Array:
+        """What grows is no switch of the schedule: what it would do all along, weighted with its course."""
+        whole = channel.predict(schedule(base, (Part(part.id, part.size, member=part.member),)), MOST_STEP_S)
+        return in_course(whole - channel.predict(schedule(base, ()), MOST_STEP_S), channel, part)
+
     def predict(parts: tuple[Part, ...]) -> Array:
         if parts not in known:
-            known[parts] = channel.predict(schedule(base, parts), MOST_STEP_S)
+            steady = channel.predict(schedule(base, parts), MOST_STEP_S)
+            known[parts] = steady + sum(_grown(part) for part in parts if part.grows)
         return known[parts]
     return predict
 

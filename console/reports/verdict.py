@@ -1,8 +1,11 @@
 """A diagnosis in one sentence, and its consequences in plain words."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 from console.reports.numbers import fixed, number
 from console.reports.variables import plain
+from console.reports.words import SOMETHING_ELSE, headlined, not_judged
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, FieldCost
 from control.machine.machine import CATALOGUE
 
@@ -12,36 +15,47 @@ PLACE_DIGITS = 2
 
 
 def title_of(effect_id: str) -> str:
-    """What an effect is called; of a rival that is none, that it is something else."""
     if effect_id == UNKNOWN:
-        return "Something else"
+        return SOMETHING_ELSE
     entry = CATALOGUE.get(effect_id)
     return entry.effect.title if entry else effect_id
 
 
-def short_name(effect_id: str) -> str:
-    """An effect by its id; a rival that is none by its title, as it stands in a list."""
-    return _small(title_of(effect_id)) if effect_id == UNKNOWN else effect_id
+def headlines_first(found: Diagnosis) -> Diagnosis:
+    """With the causes that are only suspected behind the others."""
+    return replace(found, causes=tuple(sorted(found.causes, key=lambda cause: not headlined(cause))))
 
 
 def sentence(found: Diagnosis) -> str:
-    """The verdict with the causes by name."""
-    titles = [_small(title_of(cause.id)) for cause in found.causes]
+    """What was not judged, then the verdict with the causes by name, those left out that are only suspected."""
+    missing = not_judged(found.data.kind, [channel.channel for channel in found.channels])
+    lead = f"Not judged: {', '.join(missing)}. " if missing and found.verdict != "not_judged" else ""
+    return lead + _verdict(found)
+
+
+def _verdict(found: Diagnosis) -> str:
+    told = [cause for cause in found.causes if headlined(cause)]
+    titles = [_small(title_of(cause.id)) for cause in told]
     named = f"{_count(len(titles))}: {'; '.join(titles)}"
+    suspected = len(found.causes) - len(told)
+    more = f" {suspected} more {'is' if suspected == 1 else 'are'} only suspected." if suspected else ""
     if found.verdict == "none":
         return "Nothing beyond noise: the machine model predicts this data as well as its sensors allow."
     if found.verdict == "not_judged":
         return "Nothing was judged: no channel of this data could be held against the machine model."
+    if found.verdict in ("named", "ambiguous") and not told:
+        return f"Something is there, but no cause is likely enough to be named: {suspected} suspected."
     if found.verdict == "named":
-        return f"{named}."
+        return f"{named}.{more}"
     if found.verdict == "ambiguous":
-        doubtful = sum(1 for cause in found.causes if others(cause))
+        doubtful = sum(1 for cause in told if others(cause))
         which = "It" if len(titles) == 1 else "One of them" if doubtful == 1 else "Some of them"
-        return f"{named}. {which} could also be something else: this data does not tell."
+        doubt = f" {which} could also be something else: this data does not tell." if doubtful else ""
+        return f"{named}.{doubt}{more}"
     left = " and ".join(f"{one.channel} depends on {plain(one.variable, found.data.kind)}" if one.variable else
                         f"the error of {one.channel} is not noise" for one in found.unexplained) or "something is left"
     beside = f" Beside it: {'; '.join(titles)}." if titles else ""
-    return f"There is structure that no known effect explains: {left}.{beside}"
+    return f"There is structure that no known effect explains: {left}.{beside}{more}"
 
 
 def others(cause: Cause) -> tuple[tuple[str, float], ...]:

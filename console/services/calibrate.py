@@ -69,7 +69,7 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Fitted:
         return slope * opening_mm + offset
 
     def fills(shaft_rpm: float) -> float:
-        return 1.0 - falloff / 100.0 * (shaft_rpm / 100.0) ** 3
+        return 1.0 - falloff / 100.0 * (shaft_rpm / machine.flow.full_rpm) ** 3
 
     low_mm, high_mm = flow.opening_mm
     low_rpm, high_rpm = flow.shaft_rpm

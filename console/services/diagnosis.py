@@ -15,8 +15,20 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.app.pages.diagnosis.data import Export, Found, Source, Stop, Stopped, Tell, found_from
+from console.app.pages.diagnosis.data import (
+    IMPORT,
+    Export,
+    Found,
+    OpenQuestions,
+    Source,
+    Stop,
+    Stopped,
+    Tell,
+    found_from,
+)
 from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
+from console.services.foreign_files import is_listed, may_be_brought_in
+from console.services.free_path import free_path
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -64,8 +76,8 @@ class DiagnosisFiles:
         found: dict[Path, float] = {}
         for folder in self.folders:
             with contextlib.suppress(OSError):
-                for path in folder.glob("*.csv"):
-                    if not path.name.endswith(".truth.csv") and not path.name.startswith("."):
+                for path in folder.iterdir():
+                    if is_listed(path):
                         with contextlib.suppress(OSError):
                             found[path.resolve()] = path.stat().st_mtime
         if running_log and Path(running_log).is_file():
@@ -94,7 +106,8 @@ class DiagnosisFiles:
     # --- long work -----------------------------------------------------------------------------------------------
 
     def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
-        return self._worked(Order(source.path, str(self._folder()), source.kind, machine, self.machine), tell, stop)
+        return self._worked(Order(source.path, str(self._folder()), source.kind, machine, self.machine,
+                                  logs=str(self.own / "logs")), tell, stop)
 
     def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
         if found.next_run is None or not found.next_run.id:
@@ -112,15 +125,20 @@ class DiagnosisFiles:
                 stderr=heard, env=os.environ | ONE_THREAD, start_new_session=True, text=True) as child:
             stop.then(child.kill)
             done, why = False, ""
+            asked: OpenQuestions | None = None
             assert child.stdout is not None
             for line in child.stdout:
                 with contextlib.suppress(ValueError):
                     said = json.loads(line)
                     if "share" in said:
                         tell(float(said["share"]), str(said["stage"]))
+                    if "questions" in said:
+                        asked = OpenQuestions(tuple(map(str, said["questions"])), str(said["import_file"]))
                     done, why = bool(said.get("done", done)), str(said.get("error", why))
         if stop.is_set():
             raise Stopped
+        if asked is not None:
+            raise asked
         if not done:
             lines = trouble.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             raise ValueError(why or (lines[-1] if lines else f"the diagnosis ended with code {child.returncode}"))
@@ -159,7 +177,7 @@ class DiagnosisFiles:
         machine = load(self.machine, MACHINE).model
         drive = drive_of(found.next_run.id, load("demo", JOB).model, machine)
         job = drive.job.model_copy(update={"title": found.next_run.plan})
-        path = _free(self.own / "jobs", job.id, ".yaml")
+        path = free_path(self.own / "jobs", job.id, ".yaml")
         said = f"Separating run, {found.next_run.minutes:g} minutes, planned by a diagnosis of {found.source}.\n"
         said += found.next_run.plan
         if drive.orders is not None:
@@ -170,20 +188,29 @@ class DiagnosisFiles:
 
 
 def _source(path: Path) -> Source:
-    """Raises OSError, and ValueError for a file that is neither a run log nor a bench table."""
+    """Raises OSError, and ValueError for a file that is no run log, no bench table and nothing that import reads."""
     status = path.stat()
+    kind = _kind(path)
+    if kind is None and may_be_brought_in(path):
+        kind = IMPORT
+    if kind is None:
+        raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
+    changed = dt.datetime.fromtimestamp(status.st_mtime).strftime("%Y-%m-%d %H:%M")
+    return Source(str(path), path.name, kind, changed, _size(status.st_size))
+
+
+def _kind(path: Path) -> str | None:
+    """By the columns: run, that of a bench table, or None."""
+    if path.suffix.lower() != ".csv":
+        return None
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES).decode("utf-8-sig", errors="replace")
     lines = [line for line in header.splitlines() if line.strip() and not line.startswith("#")]
     names = tuple(name.strip().strip('"') for name in (lines[0] if lines else "").replace(";", ",").split(","))
-    kind: str | None = "run"
-    if "time_s" not in names:
-        from control.calibration.bench_table import recognise  # takes a second: only where there is such a file
-        kind = recognise(names)
-    if kind is None:
-        raise ValueError(f"{path}: neither a run log (column time_s) nor a bench table")
-    changed = dt.datetime.fromtimestamp(status.st_mtime).strftime("%Y-%m-%d %H:%M")
-    return Source(str(path), path.name, kind, changed, _size(status.st_size))
+    if "time_s" in names:
+        return "run"
+    from control.calibration.bench_table import recognise  # takes a second: only where there is such a file
+    return recognise(names)
 
 
 def _size(count: int) -> str:
@@ -205,14 +232,6 @@ def _as_planted(found: Found) -> str:
 def _kept(made: Path, folder: Path, stem: str, ending: str) -> str:
     from drivers.files.atomic import write_atomically
     folder.mkdir(parents=True, exist_ok=True)
-    path = _free(folder, stem, ending)
+    path = free_path(folder, stem, ending)
     write_atomically(path, made.read_bytes())
     return str(path)
-
-
-def _free(folder: Path, stem: str, ending: str) -> Path:
-    """A name that nothing has yet: nothing is overwritten."""
-    path, number = folder / f"{stem}{ending}", 2
-    while path.exists():
-        path, number = folder / f"{stem}-{number}{ending}", number + 1
-    return path

@@ -1,7 +1,8 @@
 """The Diagnosis page's heavy work as a process of its own: `python -m console.services.diagnosis_job FILE.json`.
 
 The file says what is to be done (`Order` below). While it works it writes {"share": 0.3, "stage": "flow"} lines on
-stdout, and at last {"done": true} or {"error": "one line"}. In the folder then lie view.json, result.json, report.html,
+stdout, and at last {"done": true}, {"error": "one line"}
+or {"questions": [...], "import_file": "path"}. In the folder then lie view.json, result.json, report.html,
 and machine.yaml where something can be adopted. Ending the process cancels.
 """
 from __future__ import annotations
@@ -14,6 +15,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from console.app.pages.diagnosis.data import IMPORT, OpenQuestions
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -31,7 +34,8 @@ NICE = 10                       # the control loop comes first
 @dataclasses.dataclass(frozen=True, slots=True)
 class Order:
     """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run first and diagnose
-    its log instead of `data`. planted: effects of the machine that drives it (grammar of `simulate --effect`)."""
+    its log instead of `data`. planted: effects of the machine that drives it (grammar of `simulate --effect`).
+    logs: folder of the log that data of kind import becomes first."""
 
     data: str
     folder: str
@@ -41,10 +45,17 @@ class Order:
     manoeuvre: str = ""
     planted: tuple[str, ...] = ()
     seed: int = 1
+    logs: str = ""
 
 
 def work(order: Order, tell: Tell) -> None:
     """Everything; raises ValueError, OSError or a ConfigError of one line."""
+    notes: tuple[str, ...] = ()
+    if order.kind == IMPORT:
+        from console.services.foreign_files import brought_in
+        tell(0.0, "importing")
+        log, notes = brought_in(Path(order.data), Path(order.logs))
+        order = dataclasses.replace(order, data=str(log), kind="run")
     machine = machine_of(order)
     data, name, done = Path(order.data), Path(order.data).name, 0.0
     if order.manoeuvre:
@@ -55,7 +66,7 @@ def work(order: Order, tell: Tell) -> None:
     def later(share: float, stage: str) -> None:
         tell(done + (1.0 - done) * share, stage)
 
-    _diagnosed(order, machine, data, name, later)
+    _diagnosed(order, machine, data, name, notes, later)
 
 
 def machine_of(order: Order) -> Machine:
@@ -98,7 +109,9 @@ def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
         writer.close()
 
 
-def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell) -> None:
+def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tuple[str, ...],
+               tell: Tell) -> None:
+    """notes: of bringing the data in."""
     from console.app.pages.diagnosis.data import to_plain
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
@@ -112,7 +125,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, tell: Tell
         log = read_rows(data)
         columns = dict(log.columns)
         found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
-        found = dataclasses.replace(found, findings=(*map(str, log.findings), *found.findings))
+        found = dataclasses.replace(found, findings=(*notes, *map(str, log.findings), *found.findings))
         tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
     else:
         from control.diagnosis.tables.diagnose import diagnose_tables
@@ -179,6 +192,8 @@ def main(path: str) -> int:
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
         work(Order(**said | {"planted": tuple(said.get("planted", ()))}), told())
+    except OpenQuestions as asked:
+        _say({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:
         _say({"error": error.lines[0]})
     except (ValueError, OSError) as error:

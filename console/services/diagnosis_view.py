@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,17 @@ from console.app.pages.diagnosis.data import (
     Curve,
     Found,
     GainShown,
+    LeftShown,
     RivalShown,
     RunPlan,
 )
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views
 from console.reports.table_views import TableView, table_views
-from console.reports.verdict import others, title_of
+from console.reports.verdict import headlines_first, others, title_of
+from console.reports.words import not_judged
 from console.services.separating_run import drivable
-from control.diagnosis.extend import adoptable
+from control.diagnosis.extend import not_adoptable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import Part
 from control.machine.machine import CATALOGUE, Machine
@@ -34,6 +37,7 @@ _NO_PLACE = 0.005                   # m, less is not said
 def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_kg_ha: float | None,
              planted: tuple[str, ...] = ()) -> Found:
     """`tools`: as for the report, {"columns", "machine"} or {"tables", "machine"}."""
+    found = headlines_first(found)
     machine: Machine = tools["machine"]
     views: tuple[View, ...] = run_views(tools["columns"], machine) if "columns" in tools else ()
     tables = table_views(tools["tables"], machine, found.causes) if "tables" in tools else ()
@@ -44,24 +48,22 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
     run = found.next_run
     return Found(name, data.path, data.kind, data.machine, data.rows, data.duration_s, found.verdict, causes,
                  _channels(found, views, tables, parts),
-                 tuple((left.channel, left.variable, left.explained_share) for left in found.unexplained),
+                 tuple(LeftShown(**asdict(left)) for left in found.unexplained),
                  tuple(GainShown(g.channel, g.metric, g.before, g.after) for g in found.gain), found.findings,
                  None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0),
                  kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
-                 _left_curve(found, views, parts), "", planted)
+                 _left_curve(found, views, parts), "", planted,
+                 not_judged(data.kind, [channel.channel for channel in found.channels]))
 
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids that a machine file may take up, and a line for each cause that it may not."""
-    able = [cause.id for cause in adoptable(found)]
     kept, refused = [], []
     for cause in found.causes:
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
-        elif cause.onset_s is not None or CATALOGUE[cause.id].effect.onset_only:
-            refused.append(f"{cause.id}: began during the run: repair it, the model stays")
-        elif cause.id not in able:
-            refused.append(f"{cause.id}: its size is not known")
+        elif why := not_adoptable(cause):
+            refused.append(f"{cause.id}: {why}")
         else:
             kept.append(cause.id)
     refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
@@ -77,7 +79,8 @@ def _cause(cause: Cause, mean_target_kg_ha: float | None, over: Curve | None, ti
     size = cause.size
     return CauseShown(cause.id, title_of(cause.id), cause.advice, size.value, size.low, size.high, size.unit,
                       cause.member, cause.onset_s, cause.probability, rivals, percent, kg_ha,
-                      None if place is None or abs(place) < _NO_PLACE else place, over, time)
+                      None if place is None or abs(place) < _NO_PLACE else place, over, time, cause.until_s,
+                      cause.grows)
 
 
 def _channels(found: Diagnosis, views: Sequence[View], tables: Sequence[TableView],

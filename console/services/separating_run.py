@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from control.diagnosis.levels import opening_levels, shaft_levels
 from control.field.job import Job, SpeedChange
 from control.machine.machine import Machine
 from control.orders import Do, Order, TargetSource
@@ -54,12 +55,12 @@ def _standing(job: Job) -> Job:
 
 
 def _stairs(job: Job, machine: Machine) -> Drive:
-    shafts = [20.0, 40.0, 60.0, 80.0] * 2
+    shafts = shaft_levels(machine) * 2
     return Drive(_standing(job), 500.0, _bench([(rpm, machine.set_points.opening_mm) for rpm in shafts]))
 
 
 def _openings(job: Job, machine: Machine) -> Drive:
-    openings = [10.0, 20.0, 30.0, 40.0] * 2
+    openings = opening_levels(machine) * 2
     return Drive(_standing(job), 500.0, _bench([(machine.set_points.shaft_rpm, mm) for mm in openings]))
 
 

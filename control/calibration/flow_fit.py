@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.machine.machine import Machine
+from control.machine.machine import Machine, unit_of
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
@@ -17,7 +17,8 @@ LEVEL = 0.01            # an offset or a fall-off goes into the machine file onl
 
 @dataclass(frozen=True, slots=True)
 class FlowFit:
-    """g per revolution = (grams_per_rev_mm opening_mm + zero_offset_g_rev) (1 - fill_falloff_percent/100 (n/100)^3).
+    """g per revolution =
+    (grams_per_rev_mm opening_mm + zero_offset_g_rev) (1 - fill_falloff_percent/100 (n/full_rpm)^3).
 
     None: not shown by this test, 0 in the machine. `residual_percent`: (n,) measured over fitted - 1. Valid over the
     settings of the test.
@@ -65,6 +66,7 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
 class _Rows(NamedTuple):
     mass_per_rev: Array         # of all outlets, g, (n,)
     opening_mm: Array
+    share: Array                # of the shaft speed at which the fall-off is told
     shaft_rpm: Array
 
 
@@ -73,15 +75,16 @@ def _rows(table: BenchTable, machine: Machine) -> _Rows:
     grams = 1000.0 * columns["mass_kg"] / np.maximum(columns["shaft_rpm"] / 60.0 * columns["duration_s"], 1e-9)
     if "outlet" in columns:
         grams = grams * machine.geometry.outlets
-    return _Rows(np.where(columns["shaft_rpm"] > 0.0, grams, 0.0), columns["opening_mm"], columns["shaft_rpm"])
+    return _Rows(np.where(columns["shaft_rpm"] > 0.0, grams, 0.0), columns["opening_mm"],
+                 columns["shaft_rpm"] / machine.flow.full_rpm, columns["shaft_rpm"])
 
 
 def _fit(rows: _Rows, terms: tuple[str, ...]) -> Fit:
     """Gauss-Newton on ln-like weights: the residuals' unit is the fitted mass, so that noise is a share of it.
 
-    Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at 100 r/min.
+    Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at full_rpm.
     """
-    fast = (rows.shaft_rpm / 100.0) ** 3
+    fast = rows.share ** 3
     slope, offset, falloff = float(np.median(rows.mass_per_rev / rows.opening_mm)), 0.0, 0.0
     fit = None
     for _ in range(20):
@@ -141,8 +144,8 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
     if flow.zero_offset_g_rev is not None:
         records.append(record("flow.zero_offset", flow.zero_offset_g_rev, "g per revolution", table.path, date, valid))
     if flow.fill_falloff_percent is not None:
-        records.append(
-            record("flow.fill_falloff", flow.fill_falloff_percent, "% lost at 100 r/min", table.path, date, valid))
+        unit = unit_of("flow.fill_falloff", machine)
+        records.append(record("flow.fill_falloff", flow.fill_falloff_percent, unit, table.path, date, valid))
     stage = machine.flow._replace(
         grams_per_rev_mm=flow.grams_per_rev_mm.value, gain_percent=0.0,
         zero_offset_g_rev=flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0,

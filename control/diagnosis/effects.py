@@ -1,14 +1,19 @@
 """How a diagnosis treats each effect of the catalogue: one row an effect, and no second list.
 
 A new effect is its parameter in its stage's file (control/machine) and its row here: an effect without a row is an
-error at import, and so is a row without an effect. Sizes are in the unit that the catalogue gives the effect.
+error at import, and so is a row without an effect. Sizes are in the unit that the catalogue gives the effect, and those
+of the nominal machine; `Row.on` gives another's.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
-from control.machine.machine import CATALOGUE
+from control.machine.effect import OPENING_RANGE
+from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
+
+THRESHOLD_RATIO = 1.25              # of a threshold to the one tried below it
+MIN_THRESHOLD_SHARE = 0.01          # of the highest shaft speed: a shaft that is asked for less stands still
 
 
 class FoundBy(Enum):
@@ -48,7 +53,8 @@ class Row:
     also_on: tuple[str, ...] = ()       # channels beside its own stage's that it moves
     needs_refill: bool = False          # shows only after the hopper was filled up
     min_move_mm: float = 0.0            # the opening's command must move so far (1st to 99th percentile)
-    seen_in_steps: bool = True          # can be recognised although the shaft's speed is read in steps
+    needs: str = ""                     # recorded variable without which it cannot be told from others
+    seen_in_steps: bool = True          # can be told where the shaft's speed is read in steps
 
     # -- what it may be taken for
     form_over: str = ""                 # recorded variable over which its form may differ from the catalogue's
@@ -70,6 +76,17 @@ class Row:
     # -- what it costs
     costs: Costs = Costs.DOSE
 
+    def on(self, machine: Machine) -> Row:
+        """The row with the sizes that are natural on a machine: shares of its ranges."""
+        scale, opening = size_scale(self.id, machine), of_nominal(machine, OPENING_RANGE)
+        ladder = tuple(scale * size for size in self.ladder)
+        if self.threshold:
+            ladder = (*_finer(ladder[0], machine), *ladder)
+        return replace(self, probe=None if self.probe is None else scale * self.probe,
+                       ladder=ladder,
+                       slope_step=None if self.slope_step is None else scale * self.slope_step,
+                       min_move_mm=opening * self.min_move_mm)
+
     @property
     def stage(self) -> str:
         """Stage of the machine model that has the effect's parameter."""
@@ -87,6 +104,18 @@ class Row:
         return not (self.threshold or self.found_by is FoundBy.STEPS or CATALOGUE[self.id].effect.onset_only)
 
 
+def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
+    """Thresholds below the ladder's lowest that this shaft's commands pass; none where it is never asked for so little.
+
+    A threshold below the lowest command that is ever given shows nowhere.
+    """
+    found: list[float] = []
+    least = max(machine.limits.shaft_low_rpm, MIN_THRESHOLD_SHARE * machine.limits.shaft_high_rpm)
+    while (lowest_rpm := lowest_rpm / THRESHOLD_RATIO) > least:
+        found.insert(0, lowest_rpm)
+    return tuple(found)
+
+
 SHAFT_GAIN = Row("shaft.gain", probe=0.5, form_over="shaft_rpm")
 SHAFT_SLOW = Row("shaft.slow", ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",), moves="time_constant_s",
                  seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
@@ -95,7 +124,7 @@ SHAFT_DEAD_TIME = Row("shaft.dead_time", ladder=(0.03, 0.1, 0.25, 0.6), siblings
                       only_adds=True, constant_time=True, scoped_in=("lag",))
 SHAFT_DEAD_BAND = Row("shaft.dead_band", ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
 SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", probe=0.5, form_over="supply_v", along="supply_v")
-SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm")
+SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm", needs="opening_mm")
 SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", found_by=FoundBy.STEPS, costs=Costs.NEITHER)
 SHAFT_STALL = Row("shaft.stall", found_by=FoundBy.STOP)
 GATE_OFFSET = Row("gate.offset", probe=0.1, form_over="opening_mm", also_on=("scale",))     # flow follows the true one

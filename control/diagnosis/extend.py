@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from control.machine.machine import CATALOGUE, Adopted, Machine, with_effect
+from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
 
 from .result import Cause, Diagnosis
@@ -13,8 +13,8 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
            valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
     """The machine with the named causes adopted: simulated, predicted and compensated from then on.
 
-    A smooth dependence that no effect explains is not: neither plant nor control would evaluate it. Effects that begin
-    mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out.
+    A smooth dependence that no effect explains is not: neither plant nor control would evaluate it. Effects that begin,
+    grow or end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out.
 
     Parameters
     ----------
@@ -54,9 +54,19 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
 
 
 def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
-    """Causes that can be modelled from the start of a run: those with a size, and without an onset."""
-    return tuple(c for c in diagnosis.causes if not CATALOGUE[c.id].effect.onset_only and c.onset_s is None
-                 and c.size.value is not None)
+    """Causes that can be modelled from the start of a run: those with a size that was there all along."""
+    return tuple(c for c in diagnosis.causes if not not_adoptable(c))
+
+
+def not_adoptable(cause: Cause) -> str:
+    """Why no machine file takes up a cause; "" where one may."""
+    if cause.grows:
+        return "grew during the run: repair it, the model stays"
+    if cause.onset_s is not None or CATALOGUE[cause.id].effect.onset_only:
+        return "began during the run: repair it, the model stays"
+    if cause.until_s is not None:
+        return "ended during the run: the model stays"
+    return "" if cause.size.value is not None else "its size is not known"
 
 
 def refuse_to_adopt(cause: Cause) -> None:
@@ -74,4 +84,5 @@ def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:
 def _total(machine: Machine, cause: Cause) -> float:
     entry = CATALOGUE[cause.id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
-    return float(min(entry.high - entry.neutral, max(entry.low - entry.neutral, before + (cause.size.value or 0.0))))
+    low, high = bounds(cause.id, machine)
+    return float(min(high, max(low, before + (cause.size.value or 0.0))))

@@ -5,10 +5,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 FORMAT = "topdress-diagnosis/1"
-CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads", "lag", "place")
+UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
+RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
+CHANNELS = (*RUN_CHANNELS, "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
-UNKNOWN = "unknown"        # id of a rival that is no effect of the catalogue
 STRUCTURE_P = 1e-3         # a channel whose structure has less than this is never called noise
 
 
@@ -70,6 +71,8 @@ class Cause:
     advice: str
     field_cost: FieldCost
     scope: str | None = None            # the label or table that it holds for; None: all the data
+    until_s: float | None = None        # when it ended; None: not in this data
+    grows: bool = False                 # from nothing at its onset to its size at the end of the data
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +91,22 @@ class NotShown:
 class Unexplained:
     """`variable`: the recorded variable that the structure follows, "" where none is known to carry it.
 
-    `explained_share`: share of the error left by the named causes that the variable explains; without a variable, the
-    share that is not noise.
+    `explained_share`: of what the named causes leave, that the variable explains; without a variable, that is not
+    noise. `rms`, `noise`: of the channel, in its unit. `dose_percent`: r.m.s. in the dose, where that is known.
+    `hint`: the effect that comes nearest, though its evidence does not hold. `from_s`: when it seems to begin.
+    `period_s`: where it comes and goes at one frequency.
     """
 
     channel: str
     variable: str
     explained_share: float
+    rms: float | None = None
+    noise: float | None = None
+    unit: str = ""
+    dose_percent: float | None = None
+    hint: str = ""
+    from_s: float | None = None
+    period_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +130,7 @@ class Gain:
     low: float
     high: float
     held_out: str
+    of: Literal["names", "corrector", "placebo"] = "names"      # what is put in: the causes, or something to compare
 
 
 @dataclass(frozen=True, slots=True)

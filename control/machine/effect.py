@@ -3,16 +3,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, get_type_hints
+
+# What a size may be a share of: figures of the machine file, multiplied with each other.
+SHAFT_RANGE = ("limits.shaft_high_rpm",)
+OPENING_RANGE = ("limits.opening_high_mm",)
+SLEW = ("gate.slew_mm_s",)
+HOPPER = ("flow.full_kg",)
+FULL_REVOLUTION = ("flow.grams_per_rev_mm", *OPENING_RANGE)     # mass of a revolution at full opening
+FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)                    # ... and of a second at full speed
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Marks a stage parameter as an effect. The parameter's default is its neutral value."""
+    """Marks a stage parameter as an effect. The parameter's default is its neutral value.
+
+    The bounds of its size are those of its field. Where the size `scales_with` figures of the machine, `bounds` are
+    those of the nominal machine, and so are the sizes tried; the field's are what no machine exceeds.
+    """
 
     id: str                              # public contract, e.g. "shaft.dead_band"
-    unit: str
+    unit: str                            # may name a figure of its stages, e.g. "% lost at {flow.full_rpm:g} r/min"
     title: str
     physics: str                         # one sentence
     source: str                          # where such a thing is described, or how its size is known
@@ -22,10 +34,13 @@ class Effect:
     probes: tuple[float, ...] = (0.1,)   # sizes tried; several where the effect is a threshold (slope 0 at neutral)
     onset_only: bool = False             # its size is the time at which it begins; the parameter is then set to 1
     member_field: str = ""               # the parameter that says which head or outlet (1-based, 0 = none)
+    bounds: tuple[float, float] | None = None       # of the parameter, on the nominal machine
+    scales_with: tuple[str, ...] = ()    # figures of the machine file that the size is a share of
+    unit_form: str = ""                  # the unit before figures are put in; the catalogue fills it
 
 
 class Entry(NamedTuple):
-    """One catalogued effect: where it lives, its neutral value and the range its size may take."""
+    """One catalogued effect: where it lives, its neutral value and the range it may take on the nominal machine."""
 
     stage: str                           # name of the stage in the machine, e.g. "flow"
     field: str
@@ -46,12 +61,14 @@ def _bounds(marks: Iterable[Any]) -> tuple[float, float]:
 
 def catalogue(stages: dict[str, Any]) -> dict[str, Entry]:
     """Every effect of the stages by id, read off their annotated parameters. There is no second list."""
+    nominal = {name: stage() for name, stage in stages.items()}
     found: dict[str, Entry] = {}
     for name, stage in stages.items():
         for field, hint in get_type_hints(stage, include_extras=True).items():
             marks = getattr(hint, "__metadata__", ())
             for mark in marks:
                 if isinstance(mark, Effect):
-                    low, high = _bounds(marks)
-                    found[mark.id] = Entry(name, field, stage._field_defaults[field], low, high, mark)
+                    low, high = mark.bounds or _bounds(marks)
+                    effect = replace(mark, unit=mark.unit.format(**nominal), unit_form=mark.unit)
+                    found[mark.id] = Entry(name, field, stage._field_defaults[field], low, high, effect)
     return found

@@ -14,8 +14,9 @@ EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
 class Fall(NamedTuple):
     intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
-    valid_from_rpm: Annotated[float, Field(ge=0, le=1000)] = 10.0
-    valid_to_rpm: Annotated[float, Field(ge=0, le=1000)] = 70.0
+    valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
+    valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
+    full_rpm: Annotated[float, Field(gt=0, le=1e4)] = 100.0         # shaft speed at which the rebound is told
     offset_s: Annotated[float, Field(ge=-2, le=3), Effect(
         "lag.offset", "s", "Constant extra lag",
         "A longer tube or a later detection adds the same time at every speed.",
@@ -23,7 +24,7 @@ class Fall(NamedTuple):
         "Enter the measured lag; shorten the tube.",
         "Lag test at several shaft speeds, with distances and times.")] = 0.0
     rebound_s: Annotated[float, Field(ge=-2, le=3), Effect(
-        "lag.rebound", "s above the straight line at 100 r/min", "Lag rises again at high shaft speed",
+        "lag.rebound", "s above the straight line at {fall.full_rpm:g} r/min", "Lag rises again at high shaft speed",
         "Granules thrown faster strike the tube more often on their way down.",
         "lag paper, figure 9 and section 2.4.3", ("lag",),
         "Work at 70 r/min or below.",
@@ -87,7 +88,7 @@ def fall_start(time_s: float = 0.0) -> FallState:
 
 def drop_s(p: Fall, shaft_rpm: float) -> float:
     """Time from leaving the roller to the ground, s, without the effects of what came before (lag paper eq 6)."""
-    over = max(0.0, shaft_rpm - p.valid_to_rpm) / max(1.0, 100.0 - p.valid_to_rpm)
+    over = max(0.0, shaft_rpm - p.valid_to_rpm) / max(1.0, p.full_rpm - p.valid_to_rpm)
     straight = p.intercept_s + p.slope_s_per_rpm * shaft_rpm
     return max(0.0, straight + p.offset_s + p.rebound_s * over)
 

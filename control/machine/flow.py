@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import Effect
+from .effect import FULL_FLOW, FULL_REVOLUTION, Effect
 from .elements import FLAT, TABLE_X, Table, table_at
 
 SPELL_S = 12.0          # length of the time slots in which a bridge stands or not
@@ -18,20 +18,22 @@ class Flow(NamedTuple):
     flutes: Annotated[float, Field(ge=1, le=100)] = 6.0
     outlets: Annotated[float, Field(ge=1, le=100)] = 6.0
     full_kg: Annotated[float, Field(gt=0, le=20000)] = 300.0
+    full_rpm: Annotated[float, Field(gt=0, le=1e4)] = 100.0         # shaft speed at which the fall-off is told
     gain_percent: Annotated[float, Field(ge=-60, le=100), Effect(
         "flow.gain", "%", "Kilograms per revolution off by a factor",
         "Another bulk density or product fills the flutes with another mass.",
         "product and density: 5-50 %", ("run", "catch", "weigh"),
         "Do a catch test with this product.",
         "A static weigh tells it from the scale, two openings from an offset.")] = 0.0
-    zero_offset_g_rev: Annotated[float, Field(ge=-60, le=60), Effect(
+    zero_offset_g_rev: Annotated[float, Field(ge=-1e5, le=1e5), Effect(
         "flow.zero_offset", "g per revolution", "Material flows at zero opening, or needs some opening to start",
         "The rollers carry material past a closed gate, or the gate must open a little before any passes.",
         "an offset near 8 g per revolution is published", ("run", "catch"),
         "Catch test at two openings; renew the gate's brush or seal.",
-        "Two openings at one shaft speed.")] = 0.0
+        "Two openings at one shaft speed.",
+        bounds=(-60.0, 60.0), scales_with=FULL_REVOLUTION)] = 0.0
     fill_falloff_percent: Annotated[float, Field(ge=-10, le=60), Effect(
-        "flow.fill_falloff", "% lost at 100 r/min", "Flutes fill less at high shaft speed",
+        "flow.fill_falloff", "% lost at {flow.full_rpm:g} r/min", "Flutes fill less at high shaft speed",
         "A flute that passes quickly under the hopper has no time to fill.",
         "3-15 % above 60 r/min are published", ("run", "catch"),
         "Work at a larger opening and a lower shaft speed.",
@@ -73,12 +75,13 @@ class Flow(NamedTuple):
         "field experience with damp urea", ("run",),
         "Switch the agitator on; break lumps when filling.",
         "Watch the scale while the shaft turns at one speed.", probes=(10.0,))] = 0.0
-    leak_kg_h: Annotated[float, Field(ge=0, le=500), Effect(
+    leak_kg_h: Annotated[float, Field(ge=0, le=1e5), Effect(
         "flow.leak", "kg/h", "Material flows with the shaft stopped",
         "A worn gate or roller lets material trickle when nothing should.",
         "worn seals", ("run",),
         "Renew the gate's seal or brush.",
-        "Stand still with the shaft stopped and watch the scale.", probes=(1.0,))] = 0.0
+        "Stand still with the shaft stopped and watch the scale.", probes=(1.0,),
+        bounds=(0.0, 500.0), scales_with=FULL_FLOW)] = 0.0
     slope_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
         "flow.slope", "% more per degree nose up", "Flow changes with pitch",
         "On a slope the material leans towards or away from the rollers.",
@@ -130,7 +133,7 @@ def bridged(time_s: float, percent_of_time: float) -> bool:
 
 def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
     """Mass per revolution in steady state, level, hopper full, g: the part of the model that has an inverse."""
-    speed = shaft_rpm / 100.0
+    speed = shaft_rpm / p.full_rpm
     lost = p.fill_falloff_percent * speed * speed * speed
     mass = p.grams_per_rev_mm * opening_mm * (1.0 + p.gain_percent / 100.0) + p.zero_offset_g_rev
     return max(0.0, mass) * (1.0 - lost / 100.0)

@@ -1,9 +1,10 @@
 """One machine: its stages, measures, limits, noise and tolerances, as the machine file says."""
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from .effect import Entry, catalogue
 from .fall import Fall
@@ -125,18 +126,74 @@ class Machine(Part):
             raise ValueError("limits.shaft_low_rpm must be below limits.shaft_high_rpm")
         if self.limits.opening_low_mm >= self.limits.opening_high_mm:
             raise ValueError("limits.opening_low_mm must be below limits.opening_high_mm")
+        for effect_id, entry in CATALOGUE.items():
+            low, high = bounds(effect_id, self)
+            value = getattr(getattr(self, entry.stage), entry.field)
+            if not low <= value - entry.neutral <= high:
+                raise PydanticCustomError("size_of_effect", "{allowed}", {
+                    "wrong_key": (entry.stage, entry.field), "allowed": allowed_sizes(effect_id, self)})
         return self
+
+
+NOMINAL = Machine.model_construct()      # as its parts' defaults say; not validated, for that asks for it
+
+
+def of_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
+    """Figures of the machine file ("limits.shaft_high_rpm"), multiplied, as a multiple of the nominal machine's."""
+    share = 1.0
+    for figure in figures:
+        share *= _figure(machine, figure) / _figure(NOMINAL, figure)
+    return share
+
+
+def _figure(machine: Machine, name: str) -> float:
+    value: Any = machine
+    for part in name.split("."):
+        value = getattr(value, part)
+    return float(value)
+
+
+class Bounds(NamedTuple):
+    """Range of an effect's size, in its unit."""
+
+    low: float
+    high: float
+
+
+def size_scale(effect_id: str, machine: Machine) -> float:
+    """By what bounds and tried sizes of an effect on the nominal machine are multiplied for this one."""
+    return of_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
+
+
+def bounds(effect_id: str, machine: Machine) -> Bounds:
+    """Range of an effect's size on a machine. Raises KeyError for an id that is not catalogued."""
+    entry, scale = CATALOGUE[effect_id], size_scale(effect_id, machine)
+    return Bounds(scale * (entry.low - entry.neutral), scale * (entry.high - entry.neutral))
+
+
+def unit_of(effect_id: str, machine: Machine) -> str:
+    """Unit of an effect's size on a machine: it may name a figure of its file."""
+    return CATALOGUE[effect_id].effect.unit_form.format(**{name: getattr(machine, name) for name in STAGES})
+
+
+def allowed_sizes(effect_id: str, machine: Machine) -> str:
+    """What a size may be, in words: "allowed 0 to 390 r/min where limits.shaft_high_rpm is 650"."""
+    low, high = bounds(effect_id, machine)
+    figures = [f"{name} is {_figure(machine, name):g}" for name in CATALOGUE[effect_id].effect.scales_with]
+    return f"allowed {low:g} to {high:g} {unit_of(effect_id, machine)}" + (
+        f" where {' and '.join(figures)}" if figures else "")
 
 
 def with_effect(machine: Machine, effect_id: str, size: float, member: int | None = None) -> Machine:
     """The machine with one effect at `size` (its catalogue unit; 1 for those whose size is an onset).
 
-    Raises KeyError for an id that is not catalogued, ValueError for a size or member out of bounds.
+    Raises KeyError for an id that is not catalogued, ValueError for a size or member out of the machine's bounds.
     """
     entry = CATALOGUE[effect_id]
+    low, high = bounds(effect_id, machine)
+    if not entry.effect.onset_only and not low <= size <= high:
+        raise ValueError(f"{effect_id}: size {size:g}: {allowed_sizes(effect_id, machine)}")
     value = 1.0 if entry.effect.onset_only else entry.neutral + size
-    if not entry.low <= value <= entry.high:
-        raise ValueError(f"{effect_id}: size {size:g}: allowed {entry.low:g} to {entry.high:g} {entry.effect.unit}")
     changes: dict[str, float] = {entry.field: value}
     if entry.effect.member_field:
         most = machine.geometry.heads if entry.stage == "heads" else machine.geometry.outlets

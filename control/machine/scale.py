@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import Effect
+from .effect import HOPPER, Effect
 from .elements import FLAT, TABLE_X, Table, table_at
 
 
@@ -17,12 +17,13 @@ class Scale(NamedTuple):
         "load cell calibration; usual 0.5-5 %", ("static weigh", "run beside a known fill"),
         "Calibrate the scale with a known weight.",
         "A static weigh of a known fill.")] = 0.0
-    drift_kg_h: Annotated[float, Field(ge=-30, le=30), Effect(
+    drift_kg_h: Annotated[float, Field(ge=-1e4, le=1e4), Effect(
         "scale.drift", "kg/h", "Scale's zero drifts",
         "Warming cells and amplifiers move the zero through the day.",
         "load cell temperature drift", ("run",),
         "Let the scale warm up; tare at the refill.",
-        "Stand still with the shaft stopped for ten minutes.")] = 0.0
+        "Stand still with the shaft stopped for ten minutes.",
+        bounds=(-30.0, 30.0), scales_with=HOPPER)] = 0.0
     tilt_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
         "scale.tilt", "% more per degree nose up", "Reading changes with pitch",
         "On a slope part of the weight leaves the cells' axis.",

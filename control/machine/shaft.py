@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from .effect import Effect
+from .effect import SHAFT_RANGE, Effect
 from .elements import FLAT, TABLE_X, DelayLine, Table, line_held, line_put, line_start, stepped, table_at
 
 
@@ -34,12 +34,13 @@ class Shaft(NamedTuple):
         "lag paper, table 2: 0.383 s to 2 r/min", ("run", "response"),
         "Look at the bus cycle and the drive's filter setting.",
         "Steps of the shaft command, large and small: a dead time is the same for both.", probes=(0.01,))] = 0.0
-    dead_band_rpm: Annotated[float, Field(ge=0, le=60), Effect(
+    dead_band_rpm: Annotated[float, Field(ge=0, le=1e4), Effect(
         "shaft.dead_band", "r/min", "Shaft does not turn below some command",
         "Static friction holds the shaft until the duty cycle overcomes it.",
         "brushed motors with worm gears: 5-20 r/min", ("run",),
         "Grease the bearings, raise the drive's minimum duty.",
-        "A slow ramp of the shaft command from zero.", probes=(5.0, 10.0, 15.0, 20.0, 30.0, 40.0))] = 0.0
+        "A slow ramp of the shaft command from zero.", probes=(5.0, 10.0, 15.0, 20.0, 30.0, 40.0),
+        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE)] = 0.0
     sag_percent_per_v: Annotated[float, Field(ge=0, le=30), Effect(
         "shaft.voltage_sag", "% lost per V", "Shaft loses speed when the supply falls below nominal",
         "An open-loop motor's speed follows its supply voltage.",
@@ -52,12 +53,13 @@ class Shaft(NamedTuple):
         "open-loop motor under load", ("run",),
         "Check the motor's current limit; clean caked material from the rollers.",
         "A staircase of openings at one shaft command.")] = 0.0
-    encoder_step_rpm: Annotated[float, Field(ge=0, le=20), Effect(
+    encoder_step_rpm: Annotated[float, Field(ge=0, le=1e4), Effect(
         "shaft.coarse_encoder", "r/min", "Measured shaft speed comes in steps",
         "Few encoder lines counted over a short gate give a speed in whole counts.",
         "60 / (lines x gate time)", ("run",),
         "Use an encoder with more lines, or measure the period instead of counting.",
-        "A slow ramp of the shaft command.", probes=(0.5, 1.0, 2.0, 4.0))] = 0.0
+        "A slow ramp of the shaft command.", probes=(0.5, 1.0, 2.0, 4.0),
+        bounds=(0.0, 20.0), scales_with=SHAFT_RANGE)] = 0.0
     stalled: Annotated[float, Field(ge=0, le=1), Effect(
         "shaft.stall", "s", "Shaft stops at some time though commanded",
         "A jammed roller, a broken coupling or a tripped fuse stops the shaft.",

@@ -14,7 +14,7 @@ from drivers.files.yaml_text import KeyPath
 
 _MAX_VALUE_LENGTH = 60
 _MAX_NAMES = 15
-_OWN_WORDS = frozenset({"value_error", "assertion_error"})     # raised by the models themselves, in plain words
+_OWN_WORDS = frozenset({"value_error", "assertion_error", "size_of_effect"})     # raised by the models, in plain words
 
 
 def explain(error: ValidationError, model: type[BaseModel], data: object, label: str,
@@ -96,8 +96,9 @@ def _value_at(data: object, path: KeyPath) -> object:
 def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
     """pydantic's place without the names of union members, which are no keys of the file."""
     path: list[str | int] = []
-    last = len(detail["loc"]) - 1
-    for index, step in enumerate(detail["loc"]):
+    place = (*detail["loc"], *detail.get("ctx", {}).get("wrong_key", ()))     # a model may say which key is wrong
+    last = len(place) - 1
+    for index, step in enumerate(place):
         inner = _value_at(data, (step,))
         if inner is not _NOWHERE:
             path.append(step)

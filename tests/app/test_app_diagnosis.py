@@ -14,7 +14,7 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.data import Curve, RivalShown, Stopped, found_from, to_plain
+from console.app.pages.diagnosis.data import Curve, LeftShown, Stopped, found_from, to_plain
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
 from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
@@ -122,6 +122,7 @@ async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
         text = "\n".join(shown(desk))
         assert "flow.fill_falloff, shaft.voltage_sag" in text and "does not tell the rivals apart" in text
+        assert "flow.fill_falloff is taken up, though this data cannot" in text
         assert "The running job keeps its machine file" in text
         await pilot.press("escape", "k", "enter")
         await pilot.pause()
@@ -176,6 +177,30 @@ async def test_report_data_and_type_a_path(desk, service, shown):
         await pilot.press("e", "escape", "j", "escape")
         await pilot.pause()
         assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
+
+
+async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock, shown):
+    service = MadeUpDiagnosis(unsure=("/data/planter.xlsx: columns.opening_mm: what is 100 % in mm?",))
+    desk = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await opened(desk, pilot)
+        await pilot.press("t")
+        await pilot.pause()
+        await pilot.press(*"planter.xlsx", "enter")
+        await settled(desk, pilot)
+        text = "\n".join(shown(desk))
+        assert isinstance(desk.screen, TextDialog) and "what is 100 % in mm?" in text
+        assert "/data/planter.import.yaml" in text and page.shown is None
+        await pilot.press("escape")
+        await settled(desk, pilot)
+        assert page.said == "not brought in: the import file has open questions"
+        assert page.sources == SOURCES                  # read anew: the import file is there now
+        service.unsure = ()
+        await pilot.press("t")
+        await pilot.pause()
+        await pilot.press(*"planter.xlsx", "enter")
+        await settled(desk, pilot)
+        assert page.shown is not None and page.said == ""
 
 
 async def test_another_machine_file_may_be_held_against(desk, service):
@@ -292,8 +317,8 @@ async def test_every_action_is_in_the_palette(desk):
 # --- words and views -------------------------------------------------------------------------------------------------
 
 def test_a_found_goes_through_json_and_comes_back():
-    found = sample_found()._replace(left=(("flow", "supply_v", 0.4),), left_curve=sample_found().causes[0].over,
-                                    notes=("a note",), refused=("x: y",))
+    found = sample_found()._replace(left=(LeftShown("flow", "supply_v", 0.4),), not_judged=("gate",),
+                                    left_curve=sample_found().causes[0].over, notes=("a note",), refused=("x: y",))
     assert found_from(to_plain(found)) == found
 
 
@@ -307,13 +332,9 @@ def test_verdicts_in_one_line():
     two = named._replace(verdict="ambiguous", causes=(one._replace(rivals=sample_found().causes[0].rivals[:1]),))
     assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
                                              "by a factor. This data cannot tell.")
-    other = RivalShown(UNKNOWN, title_of(UNKNOWN), 0.5)
-    doubtful = named._replace(verdict="ambiguous", causes=(one._replace(rivals=(other,)),))
-    assert diagnosis_words.sentence(doubtful) == ("Flutes fill less at high shaft speed, or: Something else. This data "
-                                                  "cannot tell.")
-    assert diagnosis_words.rivals(doubtful.causes[0]) == "Something else 50 %"
-    left = sample_found("none")._replace(verdict="unexplained", left=(("flow", "supply_v", 0.4),))
-    assert diagnosis_words.sentence(left) == "flow follows supply, and no known cause explains it."
+    left = sample_found("none")._replace(verdict="unexplained", left=(LeftShown("flow", "supply_v", 0.4),))
+    assert diagnosis_words.sentence(left) == ("flow follows supply, and no known cause explains it: 40 % of what is "
+                                              "left there.")
 
 
 def test_cost_in_both_units_and_where_nothing_is_known():
@@ -340,7 +361,7 @@ def test_only_the_gain_of_the_causes_is_told():
     found = sample_found()
     gain = found.gains[0]
     found = found._replace(gains=(gain, gain._replace(metric="rmse, r/min, placebo shaft.gain", after=9.0)))
-    assert diagnosis_shown.channels(found).left == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
+    assert diagnosis_shown.channels(found).gains == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
 
 
 def test_the_interval_bar_has_zero_in_its_middle():

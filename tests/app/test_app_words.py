@@ -21,9 +21,9 @@ APP = Path(console.app.__file__).parent
 
 
 def marked() -> dict[str, str]:
-    """Every text in `_()` or `N_()` of the app, with the file it stands in."""
+    """Every text in `_()` or `N_()` of the app and of the words that it shares with reports, with its file."""
     texts = {}
-    for path in sorted(APP.rglob("*.py")):
+    for path in sorted([*APP.rglob("*.py"), *(APP.parent / "reports").rglob("*.py")]):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("_", "N_"):
                 argument = node.args[0]

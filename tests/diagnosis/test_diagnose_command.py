@@ -11,9 +11,12 @@ from typer.testing import CliRunner
 from console.cli import app
 from console.cli.diagnose import _adopt
 from console.services.diagnosis_view import sorted_out
+from control.diagnosis.result import UNKNOWN, Rival
 from control.diagnosis.tables import diagnose_tables
 from control.machine.machine import Machine
 from drivers.files.bench_table import read_bench_table
+from drivers.files.config import load
+from drivers.files.kinds import MACHINE
 
 
 def lag_table(path: Path, later_s: float, label: str = "", more_s: float = 0.0) -> Path:
@@ -57,6 +60,19 @@ def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path:
     _adopt(replace(found, causes=(replace(cause, scope=None),)), Machine(), [tmp_path / "two.csv"],
            tmp_path / "new.yaml")                         # though a sentence still says where it holds
     assert (tmp_path / "new.yaml").exists()
+
+
+def test_what_is_only_suspected_is_adopted_with_a_note_and_what_grew_is_not(tmp_path: Path,
+                                                                           capsys: pytest.CaptureFixture[str]) -> None:
+    table = lag_table(tmp_path / "one.csv", 0.3)
+    found = diagnose_tables([read_bench_table(table)], Machine())
+    suspected = replace(found.causes[0], id="lag.offset", probability=0.5, rivals=(Rival(UNKNOWN, 0.5),))
+    grown = replace(suspected, id="lag.rebound", onset_s=10.0, grows=True, rivals=())
+    _adopt(replace(found, causes=(suspected, grown)), Machine(), [table], tmp_path / "new.yaml")
+    said = capsys.readouterr().err
+    assert "lag.offset is adopted, though this data cannot tell it from something else" in said
+    assert "lag.rebound is not adopted: grew during the run" in said
+    assert [one.id for one in load(tmp_path / "new.yaml", MACHINE).model.adopted] == ["lag.offset"]
 
 
 @pytest.mark.parametrize(("more", "line"), [

@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from control.diagnosis.extend import extend
-from control.diagnosis.result import STRUCTURE_P
 from control.diagnosis.runs import evidence, log, noise, onset, search, stages, unexplained
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
@@ -156,13 +155,66 @@ def test_what_no_effect_explains_is_said_with_its_variable():
     assert extend(Machine(), found) == Machine()        # nothing would evaluate it
 
 
-def test_structure_whose_every_name_was_refused_is_never_called_noise():
-    """A gate that reads ever higher from the middle of the run on: no effect of the catalogue grows."""
-    columns = a_run(Machine(), seed=31)
-    columns["opening_mm"] = columns["opening_mm"] + 0.8 * np.clip((columns["time_s"] - 300.0) / 200.0, 0.0, 1.0)
-    found = diagnose_run({name: columns[name] for name in ("time_s", "opening_mm_cmd", "opening_mm")}, Machine())
-    assert min(c.structure_p for c in found.channels) < STRUCTURE_P
+GATE = ("time_s", "opening_mm_cmd", "opening_mm")
+
+
+def off_by(of_time, seed=31):
+    """A log of the gate alone whose reading is off by a function of time, mm."""
+    columns = a_run(Machine(), seed=seed)
+    return {name: columns[name] + (of_time(columns["time_s"]) if name == "opening_mm" else 0.0) for name in GATE}
+
+
+def only_cause(columns):
+    found = diagnose_run(columns, Machine())
+    assert [c.id for c in found.causes] in (["gate.offset"], ["gate.home_error"])   # the same without scale
+    assert {r.id for r in found.causes[0].rivals} <= {"gate.offset", "gate.home_error"}
+    return found.causes[0]
+
+
+def test_an_effect_may_begin_anywhere():
+    cause = only_cause(off_by(lambda t: np.where(t > 300.0, 0.6, 0.0)))
+    assert cause.size.value == pytest.approx(0.6, abs=0.02) and cause.onset_s == pytest.approx(300.0, abs=1.0)
+    assert cause.until_s is None and not cause.grows
+
+
+def test_an_effect_may_end_again():
+    cause = only_cause(off_by(lambda t: np.where((t > 200.0) & (t < 320.0), 0.6, 0.0)))
+    assert cause.size.value == pytest.approx(0.6, abs=0.02)
+    assert cause.onset_s == pytest.approx(200.0, abs=1.0) and cause.until_s == pytest.approx(320.0, abs=1.0)
+
+
+def test_an_effect_may_grow():
+    cause = only_cause(off_by(lambda t: 0.8 * np.clip((t - 300.0) / 300.0, 0.0, 1.0)))
+    assert cause.grows and cause.size.value == pytest.approx(0.8, abs=0.05)
+    assert cause.onset_s == pytest.approx(300.0, abs=15.0)
+
+
+def test_what_comes_and_goes_at_one_frequency_is_not_noise():
+    found = diagnose_run(off_by(lambda t: 0.05 * np.sin(2.0 * np.pi * t / 7.0)), Machine())
     assert found.verdict == "unexplained" and found.unexplained[0].channel == "gate"
+    assert found.unexplained[0].period_s == pytest.approx(7.0, rel=0.01)
+
+
+def test_a_further_column_may_be_the_cause():
+    columns = a_run(Machine(), seed=33)
+    torque = 300.0 + 10.0 * levels(np.random.default_rng(3), columns["time_s"], 0.0, 8.0, 15.0)
+    columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * (1.0 + 0.0003 * (torque - 300.0))
+    found = diagnose_run({**columns, "x_engine_torque_nm": torque, "x_fan_rpm": np.roll(torque, 1500)}, Machine())
+    assert found.verdict == "unexplained"
+    assert [(u.channel, u.variable) for u in found.unexplained] == [("speed", "x_engine_torque_nm")]
+
+
+def test_one_stage_alone_is_judged_without_the_columns_of_others():
+    columns = a_run(with_effect(Machine(), "shaft.slow", 0.3), seed=34)
+    found = diagnose_run({name: columns[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")}, Machine())
+    assert ids(found) == ["shaft.slow"] and {c.channel for c in found.channels} == {"shaft"}
+
+
+@pytest.mark.parametrize("every", [2, 10, 20])
+def test_a_healthy_log_of_few_rows_a_second_is_healthy(every):
+    """Rows every 0.2, 1 and 2 s of a machine whose commands change every 4 and 5 s."""
+    columns = {name: values[::every] for name, values in a_run(Machine(), seed=35, seconds=1200.0).items()}
+    assert diagnose_run(columns, Machine()).verdict == "none"
 
 
 def test_a_log_of_which_nothing_can_be_judged_says_so():

@@ -9,6 +9,7 @@ import pytest
 
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import (
+    RUN_CHANNELS,
     Cause,
     Channel,
     Data,
@@ -98,7 +99,8 @@ def found_of(cause_of: Callable[..., Cause]) -> Callable[..., Diagnosis]:
     def made(*causes: Cause, kind: str = "run", **changes: Any) -> Diagnosis:
         given: dict[str, Any] = {
             "data": Data(f"{kind}.csv", kind, 2400, 240.0 if kind == "run" else None, "huanghai"),
-            "channels": (Channel("shaft", "r/min", 2370, -0.14, 0.37, 0.285, 0.999, 0.0004),),
+            "channels": tuple(Channel(name, "r/min", 2370, -0.14, 0.37, 0.285, 0.999, 0.0004)
+                              for name in (RUN_CHANNELS if kind == "run" else ("shaft",))),
             "verdict": "named" if causes else "none", "causes": causes,
             "not_shown": (NotShown("shaft.gain", Detectable(0.27, "%")), NotShown("gate.stuck", Detectable(None, "s"))),
             "unexplained": (), "next_run": None, "gain": (), "extended_machine": None}

@@ -59,6 +59,17 @@ def test_flow_is_in_grams_a_second(run_columns: dict[str, Any], machine: Machine
     assert means.mean[0] == pytest.approx(1000.0 * used / (run_columns["time_s"][-1] - 5.0), rel=0.06)
 
 
+def test_what_ends_or_grows_is_drawn_so(run_columns: dict[str, Any], machine: Machine,
+                                        cause_of: Callable[..., Cause]) -> None:
+    view = next(view for view in run_views(run_columns, machine) if view.name == "gate")
+    cause = cause_of("gate.offset", 1.0, onset_s=60.0)
+    for changes, wanted in (({"until_s": 120.0}, (0.0, 1.0, 0.0, 0.0)), ({"grows": True}, (0.0, 0.08, 0.58, 0.94))):
+        part = parts_of([replace(cause, **changes)])[0]
+        effect = view.effect((part,), part)
+        seen = [effect[np.searchsorted(view.time_s, at_s)] for at_s in (50.0, 75.0, 165.0, 230.0)]
+        assert np.abs(seen) == pytest.approx(wanted, abs=0.02)
+
+
 def test_effect_with_an_onset_begins_there(run_columns: dict[str, Any], machine: Machine,
                                            cause_of: Callable[..., Cause]) -> None:
     part = parts_of([cause_of("shaft.stall")])[0]

@@ -14,6 +14,7 @@ from console.app.pages.diagnosis.data import Stop, Stopped
 from console.services.diagnosis import DiagnosisFiles
 from console.services.diagnosis_view import sorted_out
 from console.services.separating_run import _DRIVES, drivable, drive_of
+from control.diagnosis.extend import adoptable
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
 from control.diagnosis.runs.next_run import manoeuvres
 from control.orders import State
@@ -35,7 +36,7 @@ def folder(tmp_path):
     (here / "catch.csv").write_text(CATCH, encoding="utf-8")
     (here / "run.csv").write_text("time_s,shaft_rpm\n0.0,1\n0.05,2\n", encoding="utf-8")
     (here / "run.truth.csv").write_text("time_s,flow_kg_s\n0,1\n", encoding="utf-8")
-    (here / "shopping.csv").write_text("eggs,milk\n6,1\n", encoding="utf-8")
+    (here / "notes.md").write_text("eggs,milk\n6,1\n", encoding="utf-8")
     os.utime(here / "catch.csv", (1_700_000_000, 1_700_000_000))
     return here
 
@@ -53,7 +54,7 @@ def test_what_can_be_diagnosed_is_listed_newest_first(files, folder):
 
 
 @pytest.mark.parametrize(("path", "said"), [("", "no file is named"), ("none.csv", "No such file"),
-                                            ("shopping.csv", "neither a run log"), (".", "Is a directory")])
+                                            ("notes.md", "neither a run log"), (".", "neither a run log")])
 def test_a_typed_path_that_will_not_do_is_refused_in_one_line(files, folder, path, said):
     with pytest.raises(ValueError, match=said) as caught:
         files.source(str(folder / path) if path else path)
@@ -127,18 +128,24 @@ def test_cancelling_ends_the_process_at_once(files, folder):
 
 # --- what may be adopted ---------------------------------------------------------------------------------------------
 
-def cause(effect_id: str, value: float | None = 5.0, onset_s: float | None = None, scope: str | None = None) -> Cause:
-    return Cause(effect_id, Size(value, None, None, "%"), onset_s, 0.9, (), None, "", FieldCost(None, None), scope)
+def cause(effect_id: str, value: float | None = 5.0, onset_s: float | None = None, scope: str | None = None,
+          until_s: float | None = None, grows: bool = False) -> Cause:
+    return Cause(effect_id, Size(value, None, None, "%"), onset_s, 0.9, (), None, "", FieldCost(None, None), scope,
+                 until_s, grows)
 
 
 def test_scoped_late_and_sizeless_effects_are_refused():
     found = Diagnosis(Data("t.csv", "lag", 9, None, "m"), (), "named",
                       (cause("lag.offset", scope="t.csv after"), cause("flow.gain"),
                        cause("shaft.stall", 100.0), cause("scale.gain", None),
-                       cause("shaft.gain", onset_s=60.0)), (), (), None, (), None)
+                       cause("shaft.gain", onset_s=60.0), cause("gate.offset", until_s=60.0),
+                       cause("gate.gain", grows=True)), (), (), None, (), None)
     kept, refused = sorted_out(found)
     assert kept == ("flow.gain",)
-    assert [why.split(":")[0] for why in refused] == ["lag.offset", "shaft.stall", "scale.gain", "shaft.gain"]
+    assert [why.split(":")[0] for why in refused] == ["lag.offset", "shaft.stall", "scale.gain", "shaft.gain",
+                                                       "gate.offset", "gate.gain"]
+    assert "ended during the run" in refused[4] and "grew during the run" in refused[5]
+    assert [one.id for one in adoptable(found)] == ["lag.offset", "flow.gain"]
     assert "holds in the rows of t.csv after only" in refused[0] and "during the run" in refused[1]
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from control.machine.compiled import flow_run, gate_run, heads_run, scale_run, shaft_run, speed_run
+from control.machine.effect import HOPPER
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput
-from control.machine.machine import Machine
+from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import LEAST_STEPS, MOST_STEP_S, input_rows
 from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
@@ -24,8 +25,9 @@ from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows of the speed stage: the true speed goes on between two readings
 Rows = Callable[[Schedule, float], Array]    # schedule, model step s -> (n, 2) at the log's rows
-MAX_CHAINED = 4             # up to so many refills of a log are simulated in one go
-SEAM_S = 20.0               # a gap above MAX_BRIDGED_STEPS times this is the seam of two windows
+MAX_CHAINED = 4             # refills of one log that are filled into the model
+SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
+OVER_FULL_KG = 5.0          # free in the model's hopper above the highest reading, on the nominal machine
 WHITE_S = 0.02              # correlation time that stands for "none"
 
 
@@ -100,7 +102,8 @@ def gate_channel(drive: Drive, machine: Machine) -> ChannelSeries:
 def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -> ChannelSeries:
     """Scale reading, kg. table_at : value of the smooth extension's variable at each bin's begin (m+1,)."""
     count = len(h.time_s) - 1
-    levels = _hopper_levels(h, np.zeros(count + 1) if table_at is None else table_at)
+    over_full_kg = of_nominal(machine, HOPPER) * OVER_FULL_KG
+    levels = _hopper_levels(h, np.zeros(count + 1) if table_at is None else table_at, over_full_kg)
     middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
 
     def predict(plan: Schedule, step_s: float) -> Array:
@@ -116,10 +119,11 @@ def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -
     per_bin = max(1.0, h.grid.step_s / 0.05)
     return _channel("scale", "kg", h.grid, h.reading_kg, predict,
                     NoisePrior(noise.scale_kg, noise.scale_correlation_s,
-                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin)))
+                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin),
+                               walk_sd=h.unseen * machine.flow.grams_per_rev_mm / 60_000.0))
 
 
-def _hopper_levels(h: Hopper, table_at: Array) -> Callable[[Schedule], Array]:
+def _hopper_levels(h: Hopper, table_at: Array, over_full_kg: float) -> Callable[[Schedule], Array]:
     """Level of the hopper in the middle of each bin, kg (m,), as the flow leaves it.
 
     The flow follows the true opening: what the opening's reading is off by is taken off first.
@@ -139,7 +143,7 @@ def _hopper_levels(h: Hopper, table_at: Array) -> Callable[[Schedule], Array]:
                             opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
                             table_at=table_at)
         # The model's hopper is full at full_kg; a reading above that is taken down and put back on afterwards.
-        over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + 5.0)
+        over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + over_full_kg)
         hopper = np.empty(count - 1)
         for begin, end, start_kg in pieces:
             first = FlowOutput(0.0, start_kg - over_kg)

@@ -8,10 +8,12 @@ import numpy.typing as npt
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
+from control.machine.effect import HOPPER
+from control.machine.machine import Machine, bounds, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries
-from .hypothesis import Part, Parts, bounds, schedule
+from .hypothesis import Part, Parts, schedule
 from .likelihood import Column, Label, Problem, Role, problem, projected
 from .model import GroupModel, stamp_sd_s
 from .noise import coefficients, series_of
@@ -22,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
-REFILL_SD_KG = 0.5          # of what the operator wrote down
+REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
 UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
 MAX_KEPT = 200              # columns of candidates that are kept
@@ -73,11 +75,14 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
         turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
         return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
     if channel.name == "scale" and data.hopper is not None:
-        bins = np.arange(len(data.hopper.reading_kg))
+        bins, hopper = np.arange(len(data.hopper.reading_kg)), of_nominal(model.machine, HOPPER)
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
-        return [_column(model, label, {"scale": np.ones(len(channel.measured))}, UNKNOWN_KG),
-                *(_column(model, label, {"scale": after}, REFILL_SD_KG if told else UNKNOWN_KG)
-                  for after, told in zip(steps, data.hopper.told, strict=True))]
+        return [_column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
+                *(_column(model, label, {"scale": after}, hopper * (REFILL_SD_KG if told else UNKNOWN_KG))
+                  for after, told in zip(steps, data.hopper.told, strict=True)),
+                *(_column(model, label, {"scale": channel.grid.of((bins >= end).astype(np.float64))},
+                          metered * model.machine.flow.grams_per_rev_mm / 60_000.0)
+                  for end, metered in data.hopper.gaps)]
     if channel.name == "speed":
         row = effects.SPEED_GNSS_LATENCY
         assert row.slope_step is not None
@@ -113,7 +118,8 @@ class Forms:
         return self._columns(stage, variable, data._replace(variables={**data.variables, variable: moved}))
 
     def _columns(self, stage: str, variable: str, data: RunData) -> list[Column]:
-        model, over, name = self._model, span(data, variable), TABLES[stage].channel
+        model, name = self._model, TABLES[stage].channel
+        over = span(data, variable, model.machine)
         if over is None or name not in model.names:
             return []
         rows = series(stage, over, model.channel(name), self._units.get(stage, np.ones(1)), data, model.base,
@@ -123,7 +129,7 @@ class Forms:
 
 def _unit(model: GroupModel, part: Part) -> Array:
     """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
-    size = ROWS[part.id].probe
+    size = ROWS[part.id].on(model.machine).probe
     assert size is not None
     return next(iter(model.difference((), part._replace(size=size)).values())) / size
 
@@ -157,12 +163,10 @@ class Columns:
             row = ROWS[part.id]
             if not row.has_slope:
                 continue
-            step = _slope_step(part)
+            step = _slope_step(part, model.machine)
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
             now = model.predicted(parts)
-            plan = schedule(model.base, moved)
-            change = {c.name: (c.predict(plan, MOST_STEP_S) - now[c.name]) / step
-                      for c in model.channels if c.name in row.channels}
+            change = {name: (one - now[name]) / step for name, one in model.run(moved, only=row.channels).items()}
             found.append(_column(self.model, Label(Role.SLOPE, part.id, k), change))
         return found
 
@@ -192,7 +196,7 @@ class Columns:
         row = ROWS[part.id]
         found = list(self.forms.over(row.stage, row.form_over)) if row.form_over else []
         for sibling in row.siblings:
-            step = ROWS[sibling].ladder[1]
+            step = ROWS[sibling].on(self.model.machine).ladder[1]
             change = self.model.difference(parts, Part(sibling, step))
             found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
         return found
@@ -233,11 +237,11 @@ class Columns:
         return found
 
 
-def _slope_step(part: Part) -> float:
+def _slope_step(part: Part, machine: Machine) -> float:
     """Difference of size over which a part's slope is taken, away from the bound of its size."""
-    row = ROWS[part.id]
+    row = ROWS[part.id].on(machine)
     step = row.probe or max(0.002, 0.02 * abs(part.size))
     if row.ladder:
         step = max(0.02 * abs(part.size), 0.02 * abs(row.ladder[-1]))
     step = row.slope_step or step
-    return step if part.size + step <= bounds(part.id)[1] else -step
+    return step if part.size + step <= bounds(part.id, machine).high else -step

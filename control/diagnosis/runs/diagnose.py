@@ -10,7 +10,7 @@ from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
 from .channels import ChannelSeries, channels
-from .findings import between_rows, on_the_whole, step_findings
+from .findings import between_rows, on_the_whole, step_findings, unsure_drives
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate
 from .model import GROUPS
@@ -104,7 +104,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     step(0.0, "data")
     log, data, read_off = _series(columns, machine)
     seen = channels(data, machine)
-    findings = [*log.findings, *step_findings(seen, machine)]
+    findings = [*log.findings, *unsure_drives(log, data), *step_findings(seen, machine)]
     step(0.1, "model")
     found = _judged(seen, machine, data, step, each)
     findings += on_the_whole(log, found, machine)

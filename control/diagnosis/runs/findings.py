@@ -13,7 +13,7 @@ from .channels import ChannelSeries, gate_channel, shaft_channel, step_error
 from .hypothesis import schedule, stages_of
 from .log import Clean
 from .selection import Judged
-from .stages import looked_at, whole_drives
+from .stages import FINE_LOG_S, RunData, looked_at, whole_drives
 
 STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
 TICK_S = 0.05               # control's usual tick
@@ -58,12 +58,19 @@ def step_findings(seen: Mapping[str, ChannelSeries], machine: Machine) -> list[s
     return found
 
 
+def unsure_drives(log: Clean, data: RunData) -> list[str]:
+    """Said of drives whose commands between the rows are not in the log, so that hardly a row can be judged."""
+    return [f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command changes between nearly "
+            "all of them: what was commanded in between is not in the log"
+            for word, drive in (("shaft", data.shaft), ("gate", data.gate)) if word in log.stages and drive is None]
+
+
 def between_rows(log: Clean, ids: set[str]) -> list[str]:
     """Said of small faults of the drives where the log may not hold every command that was given."""
     steps = np.diff(log.time_s)
     lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
     doubtful = sorted(one for one in ids if ROWS[one].move_shaped)
-    if not doubtful or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
+    if not doubtful or log.step_s > FINE_LOG_S or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
         return []
     why = f"{100.0 * lost:.0f} % of the rows are missing" if lost >= LOST_SHARE else \
         f"rows come every {log.step_s:.2g} s, and control may decide more often"

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from .channels import ChannelSeries
 from .likelihood import Z90, Column, Role, fitted, problem
 from .noise import Noise, coefficients, segments, series_of
 from .selection import Judged
-from .smooth import MIN_RANGE, TABLES
+from .smooth import TABLES, variables_of
 from .unexplained import DOWNSTREAM
 
 Array = npt.NDArray[np.float64]
@@ -84,7 +85,8 @@ def _channel_gain(judged: Judged, blocks: _HeldOut, columns: Sequence[tuple[Colu
     fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
     for word, others in _instead(judged, blocks.whole.name):
         left = _corrected(blocks, fixed, others, before, noise)
-        found.append(_gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words))
+        gain = _gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words)
+        found.append(replace(gain, of="placebo" if word.startswith("placebo") else "corrector"))
     return found
 
 
@@ -113,7 +115,7 @@ def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
     for stage in TABLES:
         if TABLES[stage].channel != channel:
             continue
-        for variable in MIN_RANGE:
+        for variable in variables_of(judged.search.model.data):
             columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
             if columns:
                 p, count = search.columns.compressed((), columns)

@@ -5,16 +5,27 @@ from typing import Any, NamedTuple
 
 from control.machine.machine import CATALOGUE, STAGES, Machine
 
-MAX_SWITCHES = 3           # parameter sets of one run are compiled for this many onsets
+MAX_SWITCHES = 5           # parameter sets of one run are compiled for this many beginnings and ends
 
 
 class Part(NamedTuple):
-    """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its onset)."""
+    """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its onset).
+
+    onset_s : when it begins; None: it was there all along. until_s : when it ends; None: not in this log. grows : from
+    nothing at its onset, evenly, to `size` at the end of the log; else it is there at once.
+    """
 
     id: str
     size: float
     onset_s: float | None = None
     member: int | None = None
+    until_s: float | None = None
+    grows: bool = False
+
+    @property
+    def switches(self) -> tuple[float, ...]:
+        """Times at which a run of the model has other parameters for it."""
+        return () if self.grows else tuple(t for t in (self.onset_s, self.until_s) if t is not None and t > 0.0)
 
 
 Parts = tuple[Part, ...]
@@ -43,12 +54,6 @@ def stages_of(machine: Machine) -> Stages:
     return Stages({name: getattr(machine, name) for name in STAGES})
 
 
-def bounds(effect_id: str) -> tuple[float, float]:
-    """Allowed range of an effect's size."""
-    entry = CATALOGUE[effect_id]
-    return entry.low - entry.neutral, entry.high - entry.neutral
-
-
 def with_part(stages: Stages, part: Part) -> Stages:
     """Stages with one more effect on top of what they have; no bounds are looked at."""
     entry = CATALOGUE[part.id]
@@ -67,15 +72,19 @@ class Schedule(NamedTuple):
 
 
 def schedule(stages: Stages, parts: Parts) -> Schedule:
-    """When which stages are in force under a hypothesis. Raises ValueError for too many onsets."""
-    times = sorted({part.onset_s for part in parts if part.onset_s is not None and part.onset_s > 0.0})
+    """When which stages are in force under a hypothesis; what grows is left out (`GroupModel.run` has it).
+
+    Raises ValueError for too many beginnings and ends.
+    """
+    times = sorted({time_s for part in parts for time_s in part.switches})
     if len(times) > MAX_SWITCHES:
         raise ValueError(f"hypothesis with {len(times)} onsets: at most {MAX_SWITCHES} are allowed")
     sets = []
     for begin in (0.0, *times):
         now = stages
         for part in parts:
-            if part.onset_s is None or part.onset_s <= begin:
+            begun = part.onset_s is None or part.onset_s <= begin
+            if begun and not part.grows and (part.until_s is None or begin < part.until_s):
                 now = with_part(now, part)
         sets.append(now)
     return Schedule(tuple(sets), tuple(times))

@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.log_row import COLUMNS
+from control.orders import State
+
 Array = npt.NDArray[np.float64]
 
 SENTINELS = (-9999.0, -999.0, -99.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0)
@@ -30,6 +33,7 @@ NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper
 MIN_ROWS = 40
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 MAX_HELD_S = 3.0
+MIN_KNOWN = 0.5             # of the rows, of a further column
 
 
 class Clean(NamedTuple):
@@ -39,8 +43,17 @@ class Clean(NamedTuple):
     step_s: float                           # median
     columns: dict[str, Array]
     events: npt.NDArray[Any]                # texts, shape (n,)
+    state: npt.NDArray[Any]
     stages: tuple[str, ...]                 # channels that this log can show
     findings: tuple[str, ...]
+    further: dict[str, Array] = {}          # numbers beyond the published columns, by name
+
+    @property
+    def working(self) -> Array:
+        """1 where the log says that the machine works, 0 where not, NaN where it does not say: (n,)."""
+        if (self.state != "").any():
+            return np.where(self.state == State.WORKING, 1.0, 0.0)
+        return np.where(np.isfinite(self.columns["work_switch"]), self.columns["work_switch"] > 0.5, np.nan)
 
     def has(self, name: str) -> bool:
         return bool(np.isfinite(self.columns[name]).any())
@@ -78,7 +91,23 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
     if "flow" in stages:
         stages.append("scale")
     step = float(np.median(np.diff(time)))
-    return Clean(time, step, found, _texts(columns, "events", order), tuple(stages), tuple(findings))
+    further = _further(columns, order, findings)
+    return Clean(time, step, found, _texts(columns, "events", order), _texts(columns, "state", order),
+                 tuple(stages), tuple(findings), further)
+
+
+def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int64],
+             findings: list[str]) -> dict[str, Array]:
+    """Columns of numbers that are not of the published ones and change: something may depend on them."""
+    found = {}
+    for name, raw in columns.items():
+        if name in COLUMNS or not np.issubdtype(np.asarray(raw).dtype, np.number):
+            continue
+        values = _without_sentinels(name, np.asarray(raw, np.float64)[order], findings)
+        known = values[np.isfinite(values)]
+        if len(known) >= max(MIN_ROWS, MIN_KNOWN * len(values)) and np.ptp(np.percentile(known, (1.0, 99.0))) > 0.0:
+            found[name] = values
+    return found
 
 
 def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int64]]:

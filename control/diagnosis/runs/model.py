@@ -1,19 +1,20 @@
 """Channels that share effects, through the machine model: predictions, residuals, and the nominal values below them."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.effect import FULL_REVOLUTION, SLEW
+from control.machine.machine import CATALOGUE, Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from . import noise as noises
 from .channels import ChannelSeries
-from .hypothesis import Part, Parts, schedule, stages_of
+from .hypothesis import Part, Parts, Stages, schedule, stages_of
 from .noise import coefficients
 from .stages import RunData
 
@@ -49,11 +50,13 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
                 Nuisance("shaft", "time_constant_s", 0.01, t.time_constant_s))
     if channel == "gate":
         return (Nuisance("gate", "dead_time_s", 0.01, t.dead_time_s),
-                Nuisance("gate", "slew_mm_s", 0.5, machine.gate.slew_mm_s * t.gate_slew_percent / 100.0),
+                Nuisance("gate", "slew_mm_s", 0.5 * of_nominal(machine, SLEW),
+                         machine.gate.slew_mm_s * t.gate_slew_percent / 100.0),
                 Nuisance("gate", "home_error_mm", 0.05, t.opening_mm))
     if channel == "scale":
         return (Nuisance("flow", "gain_percent", 0.5, t.flow_percent),
-                Nuisance("flow", "zero_offset_g_rev", 0.5, t.opening_mm * machine.flow.grams_per_rev_mm))
+                Nuisance("flow", "zero_offset_g_rev", 0.5 * of_nominal(machine, FULL_REVOLUTION),
+                         t.opening_mm * machine.flow.grams_per_rev_mm))
     if channel == "speed":
         return (Nuisance("speed", "radius_percent", 0.2, t.wheel_percent),)
     return ()
@@ -72,6 +75,23 @@ def tolerance_of(effect_id: str, machine: Machine) -> float:
 def stamp_sd_s(machine: Machine, step_s: float) -> float:
     """How well the time of a GNSS reading is known (1 s.d.), in a log with rows of `step_s`."""
     return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
+
+
+def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
+    """What an effect does to a channel in the course of a log, from what it would do all along: both (m,).
+
+    A scale reads what flowed until then: what begins late has changed nothing before. Every other channel answers at
+    once, so that this is right for effects whose prediction is a straight line in their size.
+    """
+    time_s, onset_s = channel.grid.even_s, 0.0 if part.onset_s is None else part.onset_s
+    weight = (time_s >= onset_s).astype(np.float64)
+    if part.grows:
+        weight = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
+    if part.until_s is not None:
+        weight = np.where(time_s < part.until_s, weight, 0.0)
+    if channel.name == "scale" and ROWS[part.id].stage != "scale":
+        return np.asarray(np.cumsum(np.diff(change, prepend=change[0]) * weight))
+    return np.asarray((change.reshape(channel.copies, -1) * weight).ravel())
 
 
 class GroupModel:
@@ -121,9 +141,25 @@ class GroupModel:
         if parts not in self._predictions:
             if len(self._predictions) > MAX_PREDICTIONS:
                 self._predictions.pop(next(iter(self._predictions)))
-            plan = schedule(self.base, parts)
-            self._predictions[parts] = {c.name: c.predict(plan, MOST_STEP_S) for c in self.channels}
+            self._predictions[parts] = self.run(parts)
         return self._predictions[parts]
+
+    def run(self, parts: Parts, base: Stages | None = None, only: Collection[str] | None = None) -> dict[str, Array]:
+        """The model run under a hypothesis: (m,) by channel. base : other stages; only : these channels."""
+        base, channels = base or self.base, [c for c in self.channels if only is None or c.name in only]
+        plan = schedule(base, parts)
+        steady = {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
+        if not any(part.grows for part in parts):
+            return steady
+        now = dict(steady)
+        for part in parts:
+            if part.grows:
+                plan = schedule(base, (*parts, part._replace(onset_s=None, grows=False)))
+                for c in channels:
+                    if c.name in ROWS[part.id].channels:
+                        change = c.predict(plan, MOST_STEP_S) - steady[c.name]
+                        now[c.name] = now[c.name] + in_course(change, c, part)
+        return now
 
     def residual(self, parts: Parts) -> dict[str, Array]:
         """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts runs down."""
@@ -144,9 +180,7 @@ class GroupModel:
     def difference(self, parts: Parts, more: Part) -> dict[str, Array]:
         """What one more part does to the channels that it touches: (m,) by channel."""
         now = self.predicted(parts)
-        plan = schedule(self.base, (*parts, more))
-        touched = ROWS[more.id].channels
-        return {c.name: c.predict(plan, MOST_STEP_S) - now[c.name] for c in self.channels if c.name in touched}
+        return {name: one - now[name] for name, one in self.run((*parts, more), only=ROWS[more.id].channels).items()}
 
     def nominal(self, nuisance: Nuisance) -> float:
         """A value as the machine file has it."""

@@ -81,6 +81,7 @@ class NoisePrior(NamedTuple):
     slow_share: float = 0.2         # of the fast component
     slow_s: float = 120.0           # drift that remembers for longer cannot be told from a constant in an hour
     spread: tuple[float, float, float, float] = (1.0, 1.0, 1.5, 0.4)
+    walk_sd: float = 0.0            # of each sample's step of a random walk: what adds up unseen (between rows)
 
 
 class Noise(NamedTuple):
@@ -110,6 +111,8 @@ def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> A
     """Variance of one coefficient in each band (bands,)."""
     cos = np.cos(cut.omega)
     total = np.full(len(cos), prior.floor_sd ** 2)
+    if prior.walk_sd > 0.0:
+        total += prior.walk_sd ** 2 / np.maximum(2.0 - 2.0 * cos, (np.pi / max(2.0, float(cut.members.sum()))) ** 2)
     for log_sd, log_tau in ((theta[0], theta[1]), (theta[2], theta[3])):
         rho = np.exp(-step_s / np.exp(log_tau))
         total += np.exp(2.0 * log_sd) * (1.0 - rho * rho) / (1.0 - 2.0 * rho * cos + rho * rho)

@@ -7,9 +7,11 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.machine.machine import CATALOGUE
+from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
+from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal
 
-from .hypothesis import Part, Parts, replaced, without
+from .changes import changes
+from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .model import HALT_S, GroupModel
 from .search import Candidate, Refit, Search
 from .stages import RunData
@@ -17,9 +19,10 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 # A stop, read off a drive.
-MEDIAN_SAMPLES = 5          # of the running median: a single outlier does not count as turning
-TURNS_SHARE = 0.3           # share of the predicted speed: a shaft that turns faster obeys
-MIN_STILL_S = 3.0           # a drive must disobey for so long, all times added
+MEDIAN_SAMPLES = 5          # an outlier is no turning
+TURNS_SHARE = 0.3           # of the predicted speed: a shaft that reads more obeys
+TURNING_RPM = 5.0           # a shaft asked for more turns; on the nominal machine, as STUCK_MM
+MIN_STILL_S = 3.0           # a drive must disobey for this long in all
 MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
 MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
@@ -29,6 +32,7 @@ STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
 TIMES = 16                  # tried over the working time
+MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
 ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
 HALVINGS = 5                # of the step by which an onset is moved, about
 NARROWER = 0.45             # factor on the step in each halving
@@ -43,11 +47,12 @@ def working_times(data: RunData, count: int = TIMES) -> Array:
     return np.interp(np.linspace(0.0, done[-1], count + 2)[1:-1], done, data.time_s)
 
 
-def blocked(data: RunData) -> list[Candidate]:
+def blocked(data: RunData, machine: Machine) -> list[Candidate]:
     """An outlet that closes at some time."""
     row = effects.FLOW_BLOCKED_OUTLET
     assert row.probe is not None
-    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, CATALOGUE[row.id].high) for at in working_times(data)]
+    high = bounds(row.id, machine).high
+    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, high) for at in working_times(data)]
 
 
 def stops(model: GroupModel) -> list[Candidate]:
@@ -56,7 +61,7 @@ def stops(model: GroupModel) -> list[Candidate]:
     predicted = model.predicted(())
     for channel in model.channels:
         if channel.name == "shaft":
-            asked = predicted["shaft"] > 5.0
+            asked = predicted["shaft"] > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
             obeyed = asked & (median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"])
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
@@ -65,7 +70,8 @@ def stops(model: GroupModel) -> list[Candidate]:
             at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
             effect = effects.GATE_STUCK.id
             if at is not None:
-                at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s)
+                near_mm = of_nominal(model.machine, OPENING_RANGE) * STUCK_MM
+                at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm)
         else:
             continue
         if at is not None and at > 0:
@@ -103,12 +109,12 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     return at if gained[min(at + least, len(gained) - 1)] > MIN_STILL_GAIN else None
 
 
-def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float) -> int:
+def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float, near_mm: float) -> int:
     """Sample about `at` at which the gate passed the place where it stands ever after: there it stopped."""
     level = float(np.median(measured[at:]))
     near = np.arange(max(0, at - round(STUCK_WITHIN_S / step_s)),
                      min(len(measured), at + round(STUCK_WITHIN_S / step_s) + 1))
-    away = np.abs(predicted[near] - level) / STUCK_MM + np.abs(near - at) * step_s / STUCK_WITHIN_S
+    away = np.abs(predicted[near] - level) / near_mm + np.abs(near - at) * step_s / STUCK_WITHIN_S
     return int(near[np.argmin(away)])
 
 
@@ -139,43 +145,67 @@ def with_onset(search: Search, found: Refit, data: RunData, threshold: float) ->
     """The hypothesis with an onset for the part that gains most by one, where it gains more than `threshold`."""
     best = found
     for k, part in enumerate(found.parts):
-        if part.onset_s is not None or not ROWS[part.id].may_begin or CATALOGUE[part.id].effect.onset_only:
-            continue
         others: Parts = without(found.parts, k)
-        if sum(p.onset_s is not None for p in others) >= MAX_OTHER_ONSETS:
+        if part.onset_s is not None or len({t for p in others for t in p.switches}) + 1 > MAX_SWITCHES:
             continue
-        low, high = CATALOGUE[part.id].low, CATALOGUE[part.id].high
-        tried = [Candidate(part._replace(onset_s=float(at)), low, high) for at in working_times(data)]
-        ranked = search.scan(others, found.noise, tried)
-        if not ranked:
+        tried = changes(search.columns, others, found.noise, [Candidate(part, *bounds(part.id, search.model.machine))])
+        if not tried:
             continue
-        better = search.refit((*others, _as_blocked(ranked[0].part)), found.noise)
         alone = search.refit(others, found.noise)
         reach = max(threshold, ONSET_SHARE * 2.0 * (found.log_likelihood - alone.log_likelihood))
-        if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
-            best = refined(search, better, data)
+        for one in tried:
+            better = search.refit(replaced(found.parts, k, as_begun(one.part)), found.noise)
+            if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
+                best, reach = refined(search, better, data), 0.0
     return best
 
 
-def _as_blocked(part: Part) -> Part:
+def with_end(search: Search, found: Refit, threshold: float) -> Refit:
+    """The hypothesis with an end for each part that began, where that gains more than `threshold`."""
+    best = found
+    for k, part in enumerate(found.parts):
+        if not part.switches or part.until_s is not None or CATALOGUE[part.id].effect.onset_only or \
+                len({t for p in best.parts for t in p.switches}) + 1 > MAX_SWITCHES:
+            continue
+        back = Candidate(part._replace(onset_s=None), -abs(part.size) * 2.0, abs(part.size) * 2.0)
+        ends = [one.part.onset_s for one in changes(search.columns, best.parts, best.noise, [back])
+                if not one.part.grows and one.part.size * part.size < 0.0]
+        for at_s in ends:
+            if at_s is not None and part.onset_s is not None and at_s > part.onset_s + MIN_SPAN_S:
+                tried = search.refit(replaced(best.parts, k, best.parts[k]._replace(until_s=at_s)), best.noise)
+                if 2.0 * (tried.log_likelihood - best.log_likelihood) > threshold:
+                    best = refined(search, tried, search.model.data)
+    return best
+
+
+def as_begun(part: Part) -> Part:
+    """The part by the name that it has where it begins within a run."""
     begun = ROWS[part.id].loss_begins_as
-    return Part(begun, -part.size, part.onset_s) if begun and part.size < 0.0 else part
+    return part._replace(id=begun, size=-part.size) if begun and part.size < 0.0 and not part.grows else part
 
 
 def refined(search: Search, found: Refit, data: RunData) -> Refit:
-    """Onsets moved to where they fit best, in ever smaller steps."""
+    """Onsets and ends moved to where they fit best, in ever smaller steps."""
     best = found
     step = float(np.median(np.diff(working_times(data))))
-    for _ in range(HALVINGS):
-        step *= NARROWER
+    for _ in range(5):
+        step *= 0.45
         for k, part in enumerate(best.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
-            for moved_s in (part.onset_s - step, part.onset_s + step):
-                if not data.time_s[0] < moved_s < data.time_s[-1]:
+            for moved in (*_moved(part, -step), *_moved(part, step)):
+                times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
+                if not (data.time_s[0] < times[0] < times[-1] < data.time_s[-1] or
+                        data.time_s[0] < times[0] == times[-1] < data.time_s[-1]):
                     continue
-                parts = replaced(best.parts, k, part._replace(onset_s=moved_s))
-                tried = search.refit(parts, best.noise)
+                tried = search.refit(replaced(best.parts, k, moved), best.noise)
                 if tried.log_likelihood > best.log_likelihood:
                     best = tried
     return best
+
+
+def _moved(part: Part, by_s: float) -> list[Part]:
+    """The part with its beginning moved, and with its end moved where it has one."""
+    assert part.onset_s is not None
+    found = [part._replace(onset_s=part.onset_s + by_s)]
+    return found if part.until_s is None else [*found, part._replace(until_s=part.until_s + by_s)]

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from control.diagnosis import effects
-from control.machine.machine import Machine
+from control.machine.effect import SHAFT_RANGE
+from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import shaft_channel
@@ -26,6 +27,7 @@ from .stages import whole_drives
 
 Array = npt.NDArray[np.float64]
 
+# r/min are those of the nominal machine, but for the digits of a log: a share of another's range.
 MIN_STEP_RPM = 0.45         # finer steps are how an ordinary log is written
 ON_STEPS = 0.995            # of the readings
 WRITTEN_RPM = 0.001         # digits of a log
@@ -34,6 +36,7 @@ NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
 SAW_TOOTH_BIN_RPM = 0.02
 STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))
 MIN_SAW_TOOTH = 40.0        # of the saw-tooth's squared score, over all steps tried
+FROM_RPM = 5.0              # a saw-tooth is looked for above this speed
 MIN_CHANCE = 1e-3           # of a reading: some were taken while the shaft changed its speed
 
 
@@ -45,16 +48,16 @@ class Steps(NamedTuple):
     readings: int
 
 
-def whole_steps(readings_rpm: Array) -> Steps | None:
+def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
     """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps."""
-    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > MIN_STEP_RPM)]
+    turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)]
     kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
     if len(turning) < MIN_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
         return None
     gaps = np.diff(kinds)
     for parts in (1.0, 2.0, 3.0):
         step = float(gaps.min()) / parts
-        if step < MIN_STEP_RPM:
+        if step < min_step_rpm:
             return None
         for _ in range(5):
             number = np.round(turning / step)
@@ -92,7 +95,7 @@ def without_steps(log: Clean, machine: Machine) -> tuple[Clean, ReadOff | None]:
     if "shaft" not in log.stages:
         return log, None
     readings = log.columns["shaft_rpm"]
-    steps = whole_steps(readings)
+    steps = whole_steps(readings, of_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
     if steps is None:
         return log, None
     channel = shaft_channel(whole_drives(log, machine)["shaft"], machine)
@@ -104,23 +107,24 @@ def without_steps(log: Clean, machine: Machine) -> tuple[Clean, ReadOff | None]:
 
 
 def encoder_steps(model: GroupModel) -> list[Candidate]:
-    """The step whose saw-tooth fits best, where there is one; looked for among speeds above 5 r/min."""
+    """The step whose saw-tooth fits best, where there is one; looked for among speeds above FROM_RPM."""
     if "shaft" not in model.names or model.data.shaft is None or model.data.shaft.step > 0.0:
         return []
-    predicted = model.predicted(())["shaft"]
+    scale, predicted = of_nominal(model.machine, SHAFT_RANGE), model.predicted(())["shaft"]
     left = model.residual(())["shaft"]
-    on = predicted > 5.0
+    on = predicted > scale * FROM_RPM
     if on.sum() < 200:
         return []
     speed, wrong = predicted[on], left[on]
     wrong = np.clip(wrong, *np.percentile(wrong, (0.5, 99.5)))
-    cell = np.round(speed / SAW_TOOTH_BIN_RPM).astype(np.int64)
+    bin_rpm, steps_rpm = scale * SAW_TOOTH_BIN_RPM, scale * STEPS_TRIED_RPM
+    cell = np.round(speed / bin_rpm).astype(np.int64)
     kinds, place, count = np.unique(cell, return_inverse=True, return_counts=True)
     total = np.bincount(place, weights=wrong - wrong.mean())
     centre = np.bincount(place, weights=speed) / count
     variance = float(np.var(wrong))
     best, best_score = 0.0, 0.0
-    for part in np.array_split(STEPS_TRIED_RPM, max(1, len(STEPS_TRIED_RPM) * len(kinds) // 2_000_000)):
+    for part in np.array_split(steps_rpm, max(1, len(steps_rpm) * len(kinds) // 2_000_000)):
         saw = np.sin(2.0 * np.pi * centre / part[:, None])
         level = (saw * count).sum(axis=1, keepdims=True) / count.sum()
         saw = saw - level

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from control.diagnosis.effects import ROWS
 from control.diagnosis.result import (
     STRUCTURE_P,
+    UNKNOWN,
     Cause,
     Channel,
     Data,
@@ -22,7 +23,8 @@ from control.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.effect import HOPPER
+from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
 
 from .cost import field_cost
 from .gain import measure_gain
@@ -34,9 +36,12 @@ from .next_run import next_run
 from .onset import stop_interval
 from .selection import THRESHOLD, Judged
 from .stages import RunData
+from .verdict import OTHERWISE, Remains, remains, suspected
 
 Array = npt.NDArray[np.float64]
+BEGINS = 8                  # independent times at which an effect may begin or grow, about
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
+RISE_KG = 1.0               # over one: a refill; on the nominal machine
 
 
 def channel_rows(one: Judged, data: RunData) -> list[Channel]:
@@ -49,7 +54,8 @@ def channel_rows(one: Judged, data: RunData) -> list[Channel]:
         floor = float(np.hypot(noise.fast_sd, channel.prior.floor_sd))
         p = _structure_p(one)
         if channel.name == "scale":
-            found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data))
+            found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data,
+                               of_nominal(one.search.model.machine, HOPPER) * RISE_KG))
             residual = residual - np.median(residual[:10])
         spread = float(np.var(measured))
         found.append(Channel(channel.name, channel.unit, len(residual), float(residual.mean()),
@@ -60,19 +66,20 @@ def channel_rows(one: Judged, data: RunData) -> list[Channel]:
 
 def _structure_p(one: Judged) -> float:
     """Probability of the best single explanation's gain where there is nothing, over the catalogue searched."""
-    gain = max([f.gain for f in one.scan[:1]] + [2.0 * (one.found.log_likelihood - one.null.log_likelihood)]
-               + ([one.left.gain] if one.left is not None else []))
+    gain = max(one.structure_gain, 2.0 * (one.found.log_likelihood - one.null.log_likelihood),
+               0.0 if one.left is None else one.left.gain)
     single = float(chi2.sf(max(gain, 0.0), 1.0))
-    return float(1.0 - (1.0 - single) ** max(1, len(one.scan)))
+    return float(1.0 - (1.0 - single) ** max(1, BEGINS * len(one.scan)))
 
 
-def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData) -> Channel:
+def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData,
+          rise_kg: float) -> Channel:
     """Flow read off the scale's decrements over WINDOW_S of working time."""
     step = float(time_s[1] - time_s[0])
     hop = max(1, int(round(WINDOW_S / step)))
     working = np.interp(time_s, data.time_s, data.working)
     level = np.arange(0, len(reading) - hop, hop)
-    on = np.array([working[k:k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < 1.0 for k in level], bool)
+    on = np.array([working[k:k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < rise_kg for k in level], bool)
     if not on.any():
         return Channel("flow", "kg/s", 0, 0.0, 0.0, 0.0, 0.0, p)
     span_s = hop * step
@@ -98,10 +105,9 @@ def not_shown(one: Judged) -> list[NotShown]:
         best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
     found = []
     for effect_id in dict.fromkeys(c.part.id for c in kept):
-        entry = CATALOGUE[effect_id]
-        size = best.get(effect_id, np.inf)
-        most = max(abs(entry.low - entry.neutral), abs(entry.high - entry.neutral))
-        found.append(NotShown(effect_id, Detectable(size if size <= most else None, entry.effect.unit)))
+        machine, size = search.model.machine, best.get(effect_id, np.inf)
+        most = max(map(abs, bounds(effect_id, machine)))
+        found.append(NotShown(effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))))
     return found
 
 
@@ -120,12 +126,15 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
            findings: tuple[str, ...]) -> Diagnosis:
     """The published result. read_off : effects that were taken out of the data before the search."""
     rows = [row for one in judged for row in channel_rows(one, data)]
-    causes = [_cause(one, k, machine, data) for one in judged for k in range(len(one.found.parts))]
+    gains = [measure_gain(one) for one in judged]
+    causes: list[Cause] = []
+    unexplained: list[Unexplained] = []
+    for one, own in zip(judged, gains, strict=True):
+        rest = remains(one)
+        causes += [_cause(one, k, machine, data, suspected(one, k, rest, own)) for k in range(len(one.found.parts))]
+        unexplained += _unexplained(one, rest, rows)
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     left = [one.left for one in judged if one.left is not None]
-    unexplained = [Unexplained(one.stage, one.variable, one.explained_share) for one in left]
-    if not causes and not unexplained:
-        unexplained = _not_noise(rows, judged)
     absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
     verdict = _verdict(rows, causes, unexplained)
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
@@ -133,9 +142,9 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     return Diagnosis(
         data=Data(path, "run", data.rows, data.duration_s, machine.id), channels=tuple(rows), verdict=verdict,
         causes=tuple(sorted(causes, key=_consequence, reverse=True)),
-        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent})),
+        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
-        gain=tuple(gain for one in judged for gain in measure_gain(one)), extended_machine=None, findings=findings,
+        gain=tuple(gain for own in gains for gain in own), extended_machine=None, findings=findings,
         tables=tuple(TableFit(one.stage, one.variable, one.nodes, one.values) for one in left), excited=excited)
 
 
@@ -154,20 +163,28 @@ def _consequence(cause: Cause) -> float:
     return abs(cause.field_cost.rate_error_percent or 0.0) + 10.0 * abs(cause.field_cost.place_error_m or 0.0)
 
 
-def _never_shown(there: set[str]) -> list[NotShown]:
+def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
     """Effects that this log could not show at any size."""
-    return [NotShown(effect_id, Detectable(None, entry.effect.unit))
-            for effect_id, entry in CATALOGUE.items() if effect_id not in there]
+    return [NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
+            for effect_id in CATALOGUE if effect_id not in there]
 
 
-def _not_noise(rows: Sequence[Channel], judged: Sequence[Judged]) -> list[Unexplained]:
-    """Channels whose structure is no chance, though every name for it was refused: one of each group."""
-    found = []
-    for one in judged:
-        inside = [c for c in rows if c.channel in one.search.model.names and c.structure_p < STRUCTURE_P]
-        if inside:
-            worst = max(inside, key=_structure_share)
-            found.append(Unexplained(worst.channel, "", _structure_share(worst)))
+def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:
+    """What of a group is not noise and has no name: its smooth dependence, else what its channels have left."""
+    by_name = {row.channel: row for row in rows}
+    if one.left is not None:
+        row = by_name[one.left.stage]
+        return [Unexplained(one.left.stage, one.left.variable, one.left.explained_share, row.rmse, row.noise_floor,
+                            row.unit, one.left.field_percent)]
+    if one.found.parts:
+        return []                       # the names are then suspected instead
+    found = [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
+                         by_name[r.channel].noise_floor, by_name[r.channel].unit, None, r.hint, r.from_s, r.period_s)
+             for r in rest]
+    inside = [row for row in rows if row.channel in one.search.model.names and row.structure_p < STRUCTURE_P]
+    if inside and not found:
+        row = max(inside, key=_structure_share)
+        found = [Unexplained(row.channel, "", _structure_share(row), row.rmse, row.noise_floor, row.unit)]
     return found
 
 
@@ -178,15 +195,17 @@ def _structure_share(channel: Channel) -> float:
 
 def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
-    size = Size(seen.part.size, max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd, effect.unit)
+    low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
+    size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
     return Cause(seen.part.id, size, None, float(1.0 - chi2.sf(seen.gain, 1.0)), (), None, effect.advice,
                  field_cost(seen.part, machine, data))
 
 
-def _cause(one: Judged, k: int, machine: Machine, data: RunData) -> Cause:
+def _cause(one: Judged, k: int, machine: Machine, data: RunData, suspicious: bool) -> Cause:
+    """suspicious : the name may be something else altogether; it then shares its probability with that."""
     part, sd = one.found.parts[k], one.found.sd[k]
     entry = CATALOGUE[part.id]
-    unit = entry.effect.unit
+    unit = unit_of(part.id, machine)
     weights = np.exp(-0.5 * np.array([0.0, *(max(0.0, r.behind) for r in one.rivals[k])]))
     nothing = float(chi2.sf(one.gains[k], 1.0))
     shares = weights / (weights.sum() + nothing)
@@ -196,6 +215,9 @@ def _cause(one: Judged, k: int, machine: Machine, data: RunData) -> Cause:
         sd = float(np.hypot(sd, tolerance_of(part.id, machine)))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
-    rivals = tuple(Rival(r.part.id, float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True))
-    return Cause(part.id, size, part.onset_s, float(shares[0]), rivals, part.member, entry.effect.advice,
-                 field_cost(part, machine, data))
+    certain = 1.0 - OTHERWISE if suspicious else 1.0
+    rivals = tuple(Rival(r.part.id, certain * float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True))
+    if suspicious:
+        rivals = (*rivals, Rival(UNKNOWN, OTHERWISE))
+    return Cause(part.id, size, part.onset_s, certain * float(shares[0]), rivals, part.member, entry.effect.advice,
+                 field_cost(part, machine, data), until_s=part.until_s, grows=part.grows)

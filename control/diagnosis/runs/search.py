@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.machine import CATALOGUE, Machine, bounds, size_scale
 
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Part, Parts, bounds, replaced
+from .hypothesis import Part, Parts, replaced
 from .likelihood import Z90, Fit, Problem, Role, best_fitted, calm, fitted, problem, projected
 from .model import GroupModel
 from .noise import Noise
@@ -61,7 +61,8 @@ class Search:
         self.model = GroupModel(channels, machine, data)
         self.columns = Columns(self.model)
         refilled = data.hopper is not None and bool(data.hopper.jumps)
-        self.candidates = [c for c in candidates(self.model.names, self.model.heads, refilled) if excited(c, data)]
+        every = candidates(self.model.names, machine, self.model.heads, refilled)
+        self.candidates = [c for c in every if excited(c, data, machine)]
         self._all_over: set[str] = set()        # thresholds that were looked for all over
 
     def scan(self, parts: Parts, noise: dict[str, Noise], only: Sequence[Candidate] | None = None) -> list[Scanned]:
@@ -95,7 +96,7 @@ class Search:
             if best is not None and fit.log_likelihood < best.log_likelihood - 0.5:
                 now = tuple(a._replace(size=0.5 * (a.size + b.size)) for a, b in zip(best.parts, now, strict=True))
                 p, fit = self._fit(now, last)
-            moved, sd, biggest = _stepped(now, p, fit)
+            moved, sd, biggest = _stepped(now, p, fit, self.model.machine)
             last = fit.noise
             best = Refit(now, sd, fit.log_likelihood, fit.noise, self._tangled(p, fit.noise))
             if biggest < SETTLED_SD:
@@ -132,7 +133,7 @@ class Search:
         """
         k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
         part = found.parts[k]
-        edges = self._commands_between(*bounds(part.id))
+        edges = self._commands_between(*bounds(part.id, self.model.machine))
         tried: dict[int, Refit] = {}
 
         def value(place: int) -> float:
@@ -165,19 +166,19 @@ class Search:
         return np.unique(np.concatenate(([low], command[(command > low) & (command < high)], [high])))
 
 
-def candidates(channel_names: tuple[str, ...], heads: int, refilled: bool) -> list[Candidate]:
+def candidates(channel_names: tuple[str, ...], machine: Machine, heads: int, refilled: bool) -> list[Candidate]:
     """Effects that a run log with these channels can show by a scan; those read off the data come from elsewhere."""
     found: list[Candidate] = []
     for effect_id, entry in CATALOGUE.items():
-        row = ROWS[effect_id]
+        row = ROWS[effect_id].on(machine)
         if not any(kind.startswith("run") and kind != "run with revisited ground" for kind in entry.effect.seen_in):
             continue
         if row.found_by not in (FoundBy.SCAN, FoundBy.DIPS) or not row.channels or row.channels[0] not in channel_names:
             continue
         if row.needs_refill and not refilled:
             continue
-        low, high = bounds(effect_id)
-        probe = entry.effect.probes[0] if row.probe is None else row.probe
+        low, high = bounds(effect_id, machine)
+        probe = size_scale(effect_id, machine) * entry.effect.probes[0] if row.probe is None else row.probe
         if row.ladder:
             found += [Candidate(Part(effect_id, size), max(low, 0.5 * size), min(high, 1.9 * size))
                       for size in row.ladder]
@@ -188,16 +189,21 @@ def candidates(channel_names: tuple[str, ...], heads: int, refilled: bool) -> li
     return found
 
 
-def excited(candidate: Candidate, data: RunData) -> bool:
+def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     """Whether the log moves what the effect needs to be moved.
 
     Missing pulses show as dips where the log is fine enough (`intermittent`); only a coarse log shows nothing but their
     mean.
     """
-    row = ROWS[candidate.part.id]
+    row = ROWS[candidate.part.id].on(machine)
     if row.found_by is FoundBy.DIPS and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
     if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
+        return False
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(row.stage)
+    if row.move_shaped and drive is not None and not drive.moves_seen:
+        return False
+    if row.needs and row.needs not in data.variables:
         return False
     opening = data.variables.get("opening_mm")
     if not row.min_move_mm or opening is None:
@@ -224,13 +230,13 @@ def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise]
     return Scanned(c.part._replace(size=size), float(gain))
 
 
-def _stepped(parts: Parts, p: Problem, fit: Fit) -> tuple[Parts, tuple[float, ...], float]:
+def _stepped(parts: Parts, p: Problem, fit: Fit, machine: Machine) -> tuple[Parts, tuple[float, ...], float]:
     """Parts with the sizes that a fit asks for, the s.d. of each, and the largest step in its own s.d."""
     moved, sd, biggest = list(parts), [0.0] * len(parts), 0.0
     for at in p.places(Role.SLOPE):
         k = p.labels[at].part
         sd[k] = float(np.sqrt(fit.covariance[at, at]))
-        low, high = bounds(parts[k].id)
+        low, high = bounds(parts[k].id, machine)
         size = float(np.clip(parts[k].size + fit.amplitude[at], low, high))
         biggest = max(biggest, abs(size - parts[k].size) / max(sd[k], 1e-9))
         moved[k] = parts[k]._replace(size=size)

@@ -6,6 +6,7 @@ machine model.
 """
 from __future__ import annotations
 
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +15,25 @@ import numpy.typing as npt
 from control.diagnosis.effects import ROWS, FoundBy
 from control.machine.machine import CATALOGUE
 
-from .evidence import chance, null_of_maximum, scores, slow_share, spread_over, unevenness, without_best_block
-from .hypothesis import Part, Parts, without
+from .changes import changes
+from .evidence import (
+    MIN_DRIFT,
+    chance,
+    coarser,
+    null_of_maximum,
+    scores,
+    slow_share,
+    spread_over,
+    unevenness,
+    without_best_block,
+)
+from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
-from .onset import blocked, refined, still_disobeys, stops, with_onset
+from .onset import as_begun, blocked, refined, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
-from .search import Refit, Scanned, Search
+from .search import Candidate, Refit, Scanned, Search
 from .settle import settle
 from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
 
@@ -31,6 +43,8 @@ Array = npt.NDArray[np.float64]
 # the tuning half of the benchmark (docs/diagnosis.md, "Verdicts"); above them each log has the null of its own noise.
 THRESHOLD = 17.0            # for one effect, the largest over the whole catalogue
 ONSET_THRESHOLD = 16.0      # for one onset, the largest over all times tried
+BEGINS_PRICE = 10.0         # of a part that is found with its onset: every time of the log was tried
+BEGUN_REFITTED = 4          # best of these that are refitted in full
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full
 MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
@@ -40,9 +54,9 @@ FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replic
 MIN_WITHOUT_BLOCK = 0.5     # share of THRESHOLD that must be left without the block with most evidence ...
 MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and share of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
-BEGUN_IN_DRIFT = 2.4        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
-MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that variable shifted in time ...
-SURE = 4.0                  # ... where the part gains less than so many times THRESHOLD
+BEGUN_IN_DRIFT = 3.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
+MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
+SURE = 4.0                  # ... asked of what gains less than so many times THRESHOLD
 
 # What could stand in a part's place.
 RIVAL_GAP = 6.0             # behind by at most this: 95 % of a chi-square with one degree of freedom is 3.8
@@ -50,6 +64,34 @@ RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms
 MAX_RIVALS = 12             # of a scan that are looked at
 SCAN_REACH = 3.0            # times the gap, plus SCAN_MARGIN: what is further behind in a scan is not refitted
 SCAN_MARGIN = 10.0
+
+
+class Doubt(Enum):
+    """Why evidence for a part is not enough to name it."""
+
+    TOLERANCE = "tolerance"     # its size is within what the nominal value may be off
+    STRETCH = "stretch"         # one stretch of the log speaks for it, or its evidence is uneven
+    DRIFT = "drift"             # as slow as the log's own drift, which gives as much
+    CHANCE = "chance"           # the log's own noise gives as much
+
+
+class Refused(NamedTuple):
+    """A part whose gain passes the threshold and whose evidence does not hold."""
+
+    part: Part
+    gain: float                 # of twice the log-likelihood
+    doubt: Doubt
+
+
+class _Step(NamedTuple):
+    """A forward step: the hypothesis with one more part (None: none holds), and what was refused.
+
+    best_gain : of the best part that was tried, priced; less where its evidence may be drift or a tolerance.
+    """
+
+    better: Refit | None
+    refused: list[Refused]
+    best_gain: float = 0.0
 
 
 class RivalOf(NamedTuple):
@@ -69,17 +111,20 @@ class Judged(NamedTuple):
     rivals: tuple[tuple[RivalOf, ...], ...]     # by part
     scan: tuple[Scanned, ...]                   # the whole catalogue on top of nothing
     left: Dependence | None                     # what no effect explains
+    refused: tuple[Refused, ...] = ()           # at the end: evidence for more parts, that did not hold
+    structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted; drift's share off
 
 
 def judged(search: Search) -> Judged:
     """Judge a group: forward selection with lateral and backward steps, then what is left, then rivals."""
     null = _nothing(search)
     first = search.scan((), null.noise)
-    current = _forward(search, null)
+    current, refused, structure_gain = _forward(search, null)
     if current.parts:
         current, null = _settled_at(search, current), search.refit(())
         current = _begun(search, current)
-        current = _without_doubtful(search, current)
+        current, dropped = _without_doubtful(search, current)
+        refused = [*refused, *dropped]
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
     left = unexplained(search.columns, current, explained)
     if left is not None:
@@ -87,32 +132,36 @@ def judged(search: Search) -> Judged:
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
     gains, rivals = _rivals(search, current)
-    return Judged(search, null, current, gains, rivals, tuple(first), left)
+    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain)
 
 
 def _nothing(search: Search) -> Refit:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
     search.candidates += [*stops(search.model), *encoder_steps(search.model)]
     if "scale" in search.model.names:
-        search.candidates += blocked(search.model.data)
+        search.candidates += blocked(search.model.data, search.model.machine)
     settle(search.columns, ())
     _draw_in(search, ())
     settle(search.columns, ())
     return search.refit(())
 
 
-def _forward(search: Search, null: Refit) -> Refit:
-    """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned."""
-    current = null
+def _forward(search: Search, null: Refit) -> tuple[Refit, list[Refused], float]:
+    """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned.
+
+    With it, what the last step refused, and the best gain of the first.
+    """
+    current, gains = null, []
     for _ in range(MAX_CAUSES):
-        better = _forward_step(search, current)
+        better, refused, best_gain = _forward_step(search, current)
+        gains.append(best_gain)
         if better is None:
             break
         search.model.move({})       # what the nominal values took upon themselves may be the effect's
         better = search.refit(better.parts, better.noise)
-        better = search.refit(settle(search.columns, better.parts), better.noise)
+        better = with_end(search, search.refit(settle(search.columns, better.parts), better.noise), ONSET_THRESHOLD)
         current = _backward(search, _lateral(search, better))
-    return current
+    return current, refused, gains[0]
 
 
 def _settled_at(search: Search, current: Refit) -> Refit:
@@ -125,7 +174,8 @@ def _begun(search: Search, current: Refit) -> Refit:
     """Onsets refined, and tried for the parts that have none; then what they make superfluous is dropped."""
     if any(part.onset_s is not None for part in current.parts):
         current = refined(search, current, search.model.data)
-    return _backward(search, with_onset(search, current, search.model.data, ONSET_THRESHOLD))
+    current = with_end(search, with_onset(search, current, search.model.data, ONSET_THRESHOLD), ONSET_THRESHOLD)
+    return _backward(search, current)
 
 
 def _draw_in(search: Search, parts: Parts) -> None:
@@ -135,53 +185,95 @@ def _draw_in(search: Search, parts: Parts) -> None:
     draw_in(search.columns, parts, more)
 
 
-def _forward_step(search: Search, now: Refit) -> Refit | None:
-    """Forward step: the hypothesis with one more part, where that gains more than the threshold and holds."""
+def _forward_step(search: Search, now: Refit) -> _Step:
+    """The hypothesis with one more part, where that gains more than the threshold and holds.
+
+    A part that begins within the log pays for the time that was chosen.
+    """
     found = _one_of_each(search.scan(now.parts, now.noise))
     ranked = [f for f in found if f.gain > 0.5 * THRESHOLD][:REFITTED]
     # How a drive runs down is nobody's effect: a column has it, a refit leaves it out.
     ranked = [f for f in ranked if not CATALOGUE[f.part.id].effect.onset_only]
     ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only
                and still_disobeys(search.model, now.parts, f.part)]
-    tried = [r for r in (search.refit((*now.parts, f.part), now.noise) for f in ranked) if r.tangled < MAX_TANGLED]
-    if not tried:
-        return None
-    for best in sorted(tried, key=lambda r: -r.log_likelihood):
-        gain = 2.0 * (best.log_likelihood - now.log_likelihood)
-        if gain > THRESHOLD and _holds(search, best, len(now.parts), now):
-            return best
-    return None
+    priced = [(f.part, 0.0) for f in ranked] + [(part, BEGINS_PRICE) for part in _begin(search, now)]
+    tried: list[tuple[float, Refit]] = []
+    for part, price in priced:
+        refit = search.refit((*now.parts, part), now.noise)
+        if refit.tangled < MAX_TANGLED:
+            tried.append((2.0 * (refit.log_likelihood - now.log_likelihood) - price, refit))
+    tried.sort(key=lambda one: -one[0])
+    best_gain = max((gain for gain, _ in tried[:1]), default=max((f.gain for f in found[:1]), default=0.0))
+    refused: list[Refused] = []
+    for gain, best in tried:
+        doubt = _doubt(search, best, len(now.parts), now) if gain > THRESHOLD else None
+        if gain > THRESHOLD and doubt is None:
+            return _Step(best, [], best_gain)
+        if doubt is not None:
+            refused.append(Refused(best.parts[-1], gain, doubt))
+    if refused:
+        best_gain = max(_beyond(search, one) for one in refused)
+    return _Step(None, refused, best_gain)
 
 
-def _holds(search: Search, found: Refit, k: int, alone: Refit) -> bool:
-    """Whether a part's evidence is more than this log's own noise gives: in size, over time, and beside its drift.
+def _beyond(search: Search, one: Refused) -> float:
+    """The gain of refused evidence, less where the log's drift or a tolerance gives as much."""
+    if one.doubt is Doubt.DRIFT:
+        return one.gain / (DRIFT_FACTOR if one.part.onset_s is None else BEGUN_IN_DRIFT)
+    if one.doubt is Doubt.TOLERANCE:
+        return float(min(one.gain, (one.part.size / tolerance_of(one.part.id, search.model.machine)) ** 2))
+    return one.gain
 
-    A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must show once only.
+
+def _begin(search: Search, now: Refit) -> list[Part]:
+    """The best parts that begin within the log, at once or growing."""
+    rounded = any(ROWS[part.id].found_by is FoundBy.STEPS for part in now.parts)    # rounding changes with the speed
+    if rounded or len({time_s for part in now.parts for time_s in part.switches}) + 1 > MAX_SWITCHES:
+        return []
+    taken = {(p.id, p.member) for p in now.parts}
+    tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
+    found = [f for f in changes(search.columns, now.parts, now.noise, tried) if f.gain > THRESHOLD]
+    return [as_begun(f.part) for f in found[:BEGUN_REFITTED]]
+
+
+def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
+    """Why a part's evidence is no more than this log's own noise gives, in size, over time, or beside its drift.
+
+    None: it holds. A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must
+    show once only.
     """
     part, row = found.parts[k], ROWS[found.parts[k].id]
     gain = 2.0 * (found.log_likelihood - alone.log_likelihood)
     if CATALOGUE[part.id].effect.onset_only or row.found_by is FoundBy.STEPS:
-        return True
+        return None
     others = without(found.parts, k)
-    if abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
-        return False
+    if part.onset_s is None and abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
+        return Doubt.TOLERANCE
     trace = search.columns.trace(found.parts, k)
     seen = scores(search.columns, others, found.noise, [trace])
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
-    if without_best_block(seen, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
-        return False
     if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
-        return False
-    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and _slow(search, trace, alone):
-        return False
+        return Doubt.DRIFT
+    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and (
+            _slow(search, trace, alone) or _drifts(search, trace, found)):
+        return Doubt.DRIFT
+    blocks = seen if part.onset_s is None else coarser(seen)   # one manoeuvre is no evidence
+    if without_best_block(blocks, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
+        return Doubt.STRETCH
     if row.along and gain < SURE * THRESHOLD and \
             gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along):
-        return False
+        return Doubt.DRIFT
     tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     traces = [search.columns.of_candidate(others, c.part) for c in tried]
     every = scores(search.columns, found.parts, found.noise, traces)
-    return chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
+    sure = chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
+    return None if sure else Doubt.CHANCE
+
+
+def _drifts(search: Search, trace: Column, under: Refit) -> bool:
+    """Whether a channel that a trace touches drifts under a hypothesis."""
+    return any(under.noise[name].slow_sd > MIN_DRIFT * under.noise[name].fast_sd for name in trace.coefficients)
 
 
 def _slow(search: Search, trace: Column, under: Refit) -> bool:
@@ -224,13 +316,16 @@ def _backward(search: Search, now: Refit) -> Refit:
     return now
 
 
-def _without_doubtful(search: Search, now: Refit) -> Refit:
-    """Parts whose evidence does not hold beside the others are dropped."""
+def _without_doubtful(search: Search, now: Refit) -> tuple[Refit, list[Refused]]:
+    """Parts whose evidence does not hold beside the others are dropped; with it, which."""
+    dropped: list[Refused] = []
     for k in reversed(range(len(now.parts))):
         alone = search.refit(without(now.parts, k), now.noise)
-        if not _holds(search, now, k, alone):
+        doubt = _doubt(search, now, k, alone)
+        if doubt is not None:
+            dropped.append(Refused(now.parts[k], 2.0 * (now.log_likelihood - alone.log_likelihood), doubt))
             now = alone
-    return now
+    return now, dropped
 
 
 def _beside(search: Search, now: Refit, left: Dependence) -> Refit:
@@ -266,7 +361,7 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
         reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
         found = []
-        scanned = _one_of_each(search.scan(others, alone.noise))[:MAX_RIVALS]
+        scanned = _one_of_each(search.scan(others, alone.noise, _in_its_place(search, part)))[:MAX_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
         for f in scanned:
             if f.part.id == part.id or f.gain < min(gain, own) - SCAN_REACH * reach - SCAN_MARGIN:
@@ -280,3 +375,10 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
     return tuple(gains), tuple(rivals)
 
 
+def _in_its_place(search: Search, part: Part) -> list[Candidate]:
+    """What could stand in a part's place: all candidates, and those that may begin also when and as it does."""
+    same = [] if part.onset_s is None or CATALOGUE[part.id].effect.onset_only else [
+        c._replace(part=part._replace(id=c.part.id, size=c.part.size, member=c.part.member)) for c in search.candidates
+        if c.part.onset_s is None and ROWS[c.part.id].may_begin and ROWS[c.part.id].has_slope
+        and ROWS[c.part.id].loss_begins_as != part.id]          # the same thing by another name
+    return [*search.candidates, *same]

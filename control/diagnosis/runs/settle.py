@@ -3,11 +3,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from control.machine.over_log import MOST_STEP_S
+from control.machine.machine import Machine, bounds
 
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Part, Parts, bounds, schedule
+from .hypothesis import Part, Parts
 from .likelihood import Role, fitted, problem
 from .model import Nuisance
 from .noise import coefficients
@@ -37,7 +37,7 @@ def settle(columns: Columns, parts: Parts) -> Parts:
         for share in STEP_SHARES:
             model.move({n.key: float(np.clip(before.get(n.key, 0.0) + share * size, -MAX_OFFSET_SD * n.sd,
                                              MAX_OFFSET_SD * n.sd)) for n, size in steps})
-            tried = tuple(_grown(part, share * sizes.get(k, 0.0)) for k, part in enumerate(parts))
+            tried = tuple(_grown(part, share * sizes.get(k, 0.0), model.machine) for k, part in enumerate(parts))
             now = _at_rest(columns, tried)
             if now > best:
                 break
@@ -88,8 +88,8 @@ def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: N
     places = np.arange(len(kept))
 
     def value(off: float) -> float:
-        plan = schedule(model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)}), parts)
-        left = channel.measured - model.drawn_in[name] - channel.predict(plan, MOST_STEP_S)
+        base = model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)})
+        left = channel.measured - model.drawn_in[name] - model.run(parts, base, (name,))[name]
         p = problem([channel], {name: coefficients(left, channel.cut)}, kept)
         return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
     now = model.offsets.get(n.key, 0.0)
@@ -108,6 +108,6 @@ def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: N
         model.move({**model.offsets, n.key: best})
 
 
-def _grown(part: Part, by: float) -> Part:
-    low, high = bounds(part.id)
+def _grown(part: Part, by: float, machine: Machine) -> Part:
+    low, high = bounds(part.id, machine)
     return part._replace(size=min(high, max(low, part.size + float(by))))

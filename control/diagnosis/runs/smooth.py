@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis import effects
+from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.elements import FLAT, Table
-from control.machine.machine import Machine
+from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
@@ -19,8 +20,15 @@ Array = npt.NDArray[np.float64]
 
 NODES = 8
 SHAPES = 4                  # half-waves over the range of the variable: slope, bend, and two finer ones
+# Of a variable, for a dependence on it to show; for those in RANGES on the nominal machine.
 MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
+RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER}
+
+
+def variables_of(data: RunData) -> tuple[str, ...]:
+    """What a stage may depend on: the published variables, and the log's further columns."""
+    return (*MIN_RANGE, *(name for name in data.variables if name not in MIN_RANGE))
 
 
 class StageTable(NamedTuple):
@@ -46,13 +54,14 @@ class Span(NamedTuple):
     nodes: Table
 
 
-def span(data: RunData, variable: str) -> Span | None:
+def span(data: RunData, variable: str, machine: Machine) -> Span | None:
     """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly moves."""
     values = data.variables.get(variable)
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    if not high - low >= MIN_RANGE[variable]:
+    least = of_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(variable, float(np.finfo(float).tiny))
+    if not high - low >= least:
         return None
     return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
 

@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_filter
 
-from control.machine.machine import Machine
+from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
+from control.machine.machine import Machine, of_nominal
 
-from .log import HEADS, MOVING_MPS, Clean
+from .log import HEADS, MIN_ROWS, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
@@ -20,11 +21,21 @@ EVERY_ROW = 20              # of the recorded variables are kept between the win
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
+UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
+UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
+LONG_GAP_S = 3.0            # of a gap, after which the level of the hopper is open by as much as it may have metered
+UNSEEN_S = 2.0              # ... within so long, or in proportion
+FINE_LOG_S = 0.15           # rows closer than this hold every command that control gave
+MAX_LOST = 0.1              # of the rows, before which commands may be missing: more, and no move is known
+SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
+SHAFT_ANSWERS_S, GATE_ANSWERS_S = 1.0, 1.0      # after a command, the drive has answered it
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
+# r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
 STILL_AFTER_S = 1.5         # after the command to stop: it has run down by then
 REFILL_KG = 3.0
+REFILL_SD = 8.0             # of the scale's noise, at least: a large hopper's share is more, a small one's may be less
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of a fill: an event so near belongs to it
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
@@ -65,6 +76,7 @@ class Drive(NamedTuple):
     supply_v: Array
     grid: Grid
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written
+    moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves
 
 
 class Hopper(NamedTuple):
@@ -80,6 +92,8 @@ class Hopper(NamedTuple):
     jumps: tuple[int, ...]      # bins from which a refill counts
     told: tuple[bool, ...]      # whether the operator wrote down how much a refill was
     grid: Grid                  # over the m bins
+    unseen: float = 0.0         # r/min x mm x s (1 s.d.), metered in a bin where no row says how
+    gaps: tuple[tuple[int, float], ...] = ()    # bin at which a long gap ends, and the same of what it metered
 
 
 class Speed(NamedTuple):
@@ -127,7 +141,8 @@ class _Rows(NamedTuple):
     opening_mm: Array
     supply_v: Array             # smoothed, as the pitch
     pitch_deg: Array
-    working: Array              # 1 while the shaft turns, else 0
+    working: Array              # 1 or 0: as the log says, else whether the shaft turns
+    lost: npt.NDArray[np.bool_]         # rows before which commands may be missing from the log
 
 
 def _rows(log: Clean, machine: Machine) -> _Rows:
@@ -135,10 +150,20 @@ def _rows(log: Clean, machine: Machine) -> _Rows:
     command_rpm, command_mm = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
     shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm)
     supply_v = _bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
-    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], command_mm),
+    opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
+    turning = np.nan_to_num(shaft_rpm) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
+    working = np.where(np.isfinite(log.working), log.working, turning)
+    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], opening_mm),
                  _smooth(supply_v, log.step_s),
                  _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
-                 (np.nan_to_num(shaft_rpm) > WORKING_RPM).astype(np.float64))
+                 working.astype(np.float64), _lost(time, log.step_s))
+
+
+def _lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
+    """Rows before which commands may have been given that no row holds: (n,)."""
+    if step_s > FINE_LOG_S:
+        return np.ones(len(time), bool)
+    return np.diff(time, prepend=time[0]) > 1.5 * step_s
 
 
 def run_data(log: Clean, machine: Machine) -> RunData:
@@ -147,15 +172,17 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     time = every.time_s
     variables = _variables(log, every)
     hopper = speed = heads = None
-    driven = _drives(log, every, whole=False)
+    driven = _drives(log, every, machine, whole=False)
+    further = {name: _smooth(_bridged(time, series, series), log.step_s) for name, series in log.further.items()}
     if "flow" in log.stages:
-        hopper = _hopper(every, c["hopper_kg"], _written(time, log.events))
+        hopper = _hopper(every, c["hopper_kg"], _written(time, log.events), machine)
     if "speed" in log.stages:
         speed = _speed(every, c["speed_mps"], c["wheel_speed_mps"], machine)
         variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
         heads = _heads(time, np.array([c[name] for name in HEADS]))
     rows = known_rows(len(time))
+    variables |= further
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
                    every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads)
 
@@ -222,28 +249,48 @@ def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array
 
 def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     """Shaft and gate of a log, by name, at every row even of a long log that is otherwise looked at in windows."""
-    return _drives(log, _rows(log, machine), whole=True)
+    return _drives(log, _rows(log, machine), machine, whole=True)
 
 
-def _drives(log: Clean, every: _Rows, whole: bool) -> dict[str, Drive]:
-    c, found = log.columns, {}
+def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str, Drive]:
+    c, found, still_rpm = log.columns, {}, of_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
         since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm > 0.0, every.time_s, -np.inf))
-        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < STILL_READ_RPM)
+        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < still_rpm)
         read = np.where(still, 0.0, c["shaft_rpm"])
-        found["shaft"] = _drive("shaft", every, every.command_rpm, read, whole)
+        sure = _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole)
     if "gate" in log.stages:
-        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], whole)
-    return found
+        sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
+        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole)
+    return {name: drive for name, drive in found.items() if drive is not None}
 
 
-def _drive(name: str, every: _Rows, command: Array, measured: Array, whole: bool) -> Drive:
+def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.NDArray[np.bool_]:
+    """Rows whose drive has answered every command that can have been given since the row before: (n,).
+
+    Where commands may be missing from the log, a row is sure when its command and those of all rows within the time of
+    an answer are the same, the row before them included: any command between two equal ones had no reason.
+    """
+    if not every.lost.any():
+        return np.ones(len(command), bool)
+    changed = np.abs(np.diff(command, prepend=command[0])) > same
+    unsure_from = np.where(changed & every.lost, every.time_s, -np.inf)      # given at some time before this row
+    last = np.maximum.accumulate(unsure_from)
+    return np.asarray(every.time_s - last >= answers_s)
+
+
+def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
+           whole: bool) -> Drive | None:
+    """None where hardly a row can be judged."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
-    known = np.isfinite(measured[pick]) & (since >= SETTLE_S)
+    known = np.isfinite(measured[pick]) & (since >= SETTLE_S) & sure[pick]
+    if known.sum() < MIN_ROWS:
+        return None
     grid = _grid(time[pick], known, every.step_s, clock)
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
-                 grid)
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST))
 
 
 def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
@@ -276,18 +323,19 @@ def known_rows(count: int) -> npt.NDArray[np.int64]:
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
 
 
-def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) -> Hopper:
+def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper:
     time = every.time_s
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
-    turned, wide, level = _binned_inputs(every, edges, width)
+    turned, wide, level = _binned_inputs(every, edges, width, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM)
     known = np.isfinite(reading) & (time < edges[-1])
     bins = np.minimum(count - 1, np.floor((time[known] - time[0]) / width).astype(int))
     seen = np.bincount(bins, minlength=count)
     sums = np.bincount(bins, weights=reading[known], minlength=count)
     kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
-    refill, jumps, hidden = _refills(kg)
+    rise_kg = max(of_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
+    refill, jumps, hidden = _refills(kg, rise_kg)
     told = []
     for jump in jumps:
         close = [amount for at, amount in written if abs(at - edges[jump]) < TOLD_WITHIN_S]
@@ -296,18 +344,33 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]]) ->
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
     return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
-                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width))
+                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
+                  *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM))
 
 
-def _binned_inputs(every: _Rows, edges: Array, width: float) -> tuple[Array, Array, Array]:
+def _unseen(every: _Rows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:
+    """What may have been metered between rows beside a straight line from one to the next (`Hopper.unseen`, `gaps`)."""
+    if not every.lost.any():
+        return 0.0, ()
+    rate = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm) * every.opening_mm
+    spans, usual = np.diff(every.time_s), float(np.median(rate[rate > 0.0])) if (rate > 0.0).any() else 0.0
+    steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
+    off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
+    long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s)
+    ends = np.clip(np.searchsorted(edges, every.time_s[1:][long], side="right") - 1, 0, len(edges) - 2)
+    gaps = tuple((int(end), float(span * usual)) for end, span in zip(ends, spans[long], strict=True))
+    return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
+
+
+def _binned_inputs(every: _Rows, edges: Array, width: float, stopped_rpm: float) -> tuple[Array, Array, Array]:
     """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated: (m+1,) each."""
     time, spans, opening = every.time_s, np.diff(every.time_s), every.opening_mm
-    rpm = np.where(every.shaft_rpm < STOPPED_RPM, 0.0, every.shaft_rpm)
+    rpm = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm)
 
     def mean(series: Array) -> Array:
         return _sums_in(time, spans * 0.5 * (series[1:] + series[:-1]), edges) / width
     turned, metered, plain, level = mean(rpm), mean(rpm * opening), mean(opening), mean(every.pitch_deg)
-    turned = np.where(turned < STOPPED_RPM, 0.0, turned)
+    turned = np.where(turned < stopped_rpm, 0.0, turned)
     wide = np.where(turned > 0.0, metered / np.where(turned > 0.0, turned, 1.0), plain)
     extend = np.append(np.arange(len(turned)), len(turned) - 1)
     return turned[extend], wide[extend], level[extend]
@@ -333,13 +396,13 @@ def _sums_in(time: Array, amounts: Array, edges: Array) -> Array:
     return np.diff(np.interp(edges, time, total))
 
 
-def _refills(kg: Array) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
+def _refills(kg: Array, rise_kg: float) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
     """kg filled in by bin, the bins from which it counts, and the bins in which the reading is between two levels."""
     refill = np.zeros(len(kg))
     hidden = np.zeros(len(kg), bool)
     filled = _held(kg)
     ahead = 3
-    rises = np.flatnonzero(filled[ahead:] - filled[:-ahead] > REFILL_KG)
+    rises = np.flatnonzero(filled[ahead:] - filled[:-ahead] > rise_kg)
     jumps: list[int] = []
     if len(rises):
         groups = np.split(rises, np.flatnonzero(np.diff(rises) > 10) + 1)

@@ -15,7 +15,7 @@ from .evidence import scores, slow_share, spread_over, without_best_block
 from .likelihood import Column, Fit, Label, Problem, Role, best_fitted, power_left
 from .noise import Noise
 from .search import Refit
-from .smooth import MIN_RANGE, SHAPES, TABLES, Span, shape, span
+from .smooth import SHAPES, TABLES, Span, shape, span, variables_of
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -85,7 +85,7 @@ def strongest(columns: Columns, now: Refit) -> Dependence | None:
     in_steps = data.shaft is not None and data.shaft.step > 0.0     # rounding is a dependence of its own
     tried = [dependence(columns, now, stage, variable) for stage, table in TABLES.items()
              if table.channel in names and not (stage == "shaft" and in_steps)
-             for variable in MIN_RANGE if variable not in DOWNSTREAM[stage]]
+             for variable in variables_of(data) if variable not in DOWNSTREAM[stage]]
     found = [one for one in tried if one is not None and not one.slow_noise]
     best = max(found, key=lambda one: one.gain, default=None)
     if best is not None and best.variable == "hopper_kg":
@@ -142,7 +142,7 @@ def _without_and_with(columns: Columns, now: Refit, shapes: Sequence[Column]) ->
 def dependence(columns: Columns, now: Refit, stage: str, variable: str) -> Dependence | None:
     """A stage's dependence on a variable at a hypothesis; None where the variable hardly moves."""
     shapes = columns.forms.over(stage, variable)
-    over = span(columns.model.data, variable)
+    over = span(columns.model.data, variable, columns.model.machine)
     if not shapes or over is None:
         return None
     p, plain, full = _without_and_with(columns, now, shapes)

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Detectable, Gain, NotShown
-from control.machine.machine import CATALOGUE
+from control.machine.machine import CATALOGUE, bounds, unit_of
 
 from .algebra import estimated, orthonormal, projected_out
 from .piece import Array, BoolArray, Candidate, IntArray, Piece, SizedEffect
@@ -112,8 +112,8 @@ def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: np.ndarray) ->
 def not_shown(problem: Problem, selection: Selection, told: frozenset[str]) -> tuple[NotShown, ...]:
     """Every catalogued effect that is neither named nor a rival (`told`). None: these rows cannot show it at all."""
     smallest = smallest_shown(problem, selection)
-    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), entry.effect.unit))
-                 for effect_id, entry in CATALOGUE.items() if effect_id not in told)
+    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, problem.machine)))
+                 for effect_id in CATALOGUE if effect_id not in told)
 
 
 def smallest_shown(problem: Problem, selection: Selection) -> dict[str, float]:
@@ -129,9 +129,8 @@ def smallest_shown(problem: Problem, selection: Selection) -> dict[str, float]:
         if candidate.scope is not None:
             continue
         left = float(np.linalg.norm(projected_out(basis, design.x[:, [k]])))
-        entry = CATALOGUE[candidate.id]
         size = float(wanted * sd / left) if left > MIN_LENGTH else np.inf
-        if size < max(abs(entry.high - entry.neutral), abs(entry.low - entry.neutral)):
+        if size < max(map(abs, bounds(candidate.id, problem.machine))):
             smallest[candidate.id] = max(size, smallest.get(candidate.id, 0.0))
     steps = [clock.smallest_s for clock in problem.clocks if clock is not None and clock.smallest_s is not None]
     if steps:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.machine import CATALOGUE, Machine, size_scale
 
 from .clock import DITHERED, Clock, coarse_clock, rounding_sd
 from .noise import Noise, noise_of, quantum_of, resolution_of, smoothed
@@ -70,7 +70,7 @@ class Problem(NamedTuple):
                 columns.append((base - self.predicted([effect for effect in effects if effect != own])) / own.size)
                 continue
             others = [effect for effect in effects if effect.candidate != candidate]
-            step = CATALOGUE[candidate.id].effect.probes[0]
+            step = size_scale(candidate.id, self.machine) * CATALOGUE[candidate.id].effect.probes[0]
             columns.append((self.predicted([*others, SizedEffect(candidate, step)]) - base) / step)
         return base, np.column_stack([np.zeros((len(base), 0)), *columns])
 

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 from control.calibration.bench_table import LAGS, BenchTable
 from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENCY, PLACE_LEVER_ARM, ROWS
 from control.diagnosis.result import UNKNOWN, Cause, Channel, NextRun, Rival, Size
-from control.machine.machine import CATALOGUE
+from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
 from .clock import Clock
 from .cost import field_cost
@@ -57,7 +57,8 @@ def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, sus
         probability, rivals = _halved(probability, rivals, LAG_COARSE_CLOCK.id)
     if suspected:
         probability, rivals = _halved(probability, rivals, UNKNOWN)
-    return Cause(candidate.id, Size(size, size - half, size + half, effect.unit), None, probability, rivals,
+    return Cause(candidate.id, Size(size, size - half, size + half, unit_of(candidate.id, problem.machine)), None,
+                 probability, rivals,
                  candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
                  scope=None if candidate.scope is None else group_name(*problem.group_names[candidate.scope]))
 
@@ -159,7 +160,7 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
             "something else" for one, why in zip(selection.selected, judgement.suspected, strict=True)
             if why == "bounds"]
     if judgement.verdict == "unexplained":
-        out += _nearest_sentences(selection)
+        out += _nearest_sentences(selection, problem.machine)
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
         out.append(f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a place table; a lag "
                    "table tells them apart")
@@ -174,14 +175,14 @@ def _not_judged_sentences(table: BenchTable) -> list[str]:
             if table.kind == "lag" and name in table.columns and not np.isfinite(table.columns[name]).any()]
 
 
-def _nearest_sentences(selection: Selection) -> list[str]:
+def _nearest_sentences(selection: Selection, machine: Machine) -> list[str]:
     """The effect that comes nearest to what is unexplained, and why it is not named."""
     if not selection.refused:
         return []
     nearest = selection.refused[0].id
-    entry = CATALOGUE[nearest]
-    return [f"nearest effect: {nearest}, but its size would have to lie outside {entry.low:g} to {entry.high:g} "
-            f"{entry.effect.unit}" + (", or be negative" if ROWS[nearest].only_adds else "")]
+    low, high = bounds(nearest, machine)
+    return [f"nearest effect: {nearest}, but its size would have to lie outside {low:g} to {high:g} "
+            f"{unit_of(nearest, machine)}" + (", or be negative" if ROWS[nearest].only_adds else "")]
 
 
 def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:

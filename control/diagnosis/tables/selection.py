@@ -14,7 +14,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from control.diagnosis.effects import ROWS
-from control.machine.machine import CATALOGUE
+from control.machine.machine import CATALOGUE, bounds
 
 from .algebra import Design, LeastSquares, design_of, estimated, fitted, least_squares, orthonormal
 from .null import max_t_p, normalised
@@ -215,8 +215,8 @@ def _allowed(problem: Problem, candidate: Candidate, size: float) -> bool:
     """Strictly within the catalogue's bounds; what is lost or extra by definition only adds to what there is of it."""
     entry = CATALOGUE[candidate.id]
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
-    low = entry.neutral - has if ROWS[candidate.id].only_adds else entry.low - entry.neutral
-    return low < size < entry.high - entry.neutral
+    low, high = bounds(candidate.id, problem.machine)
+    return (entry.neutral - has if ROWS[candidate.id].only_adds else low) < size < high
 
 
 def as_good(other: LeastSquares, best: LeastSquares) -> bool:

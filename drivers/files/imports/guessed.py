@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,15 @@ class Guess:
     @property
     def sure(self) -> bool:
         return not self.doubts
+
+    def questions(self, path: Path) -> tuple[str, ...]:
+        """What is unsure, a line each."""
+        return tuple(f"{path}: {'.'.join(doubt.key)}: {doubt.text}" for doubt in self.doubts)
+
+    @property
+    def unsure(self) -> str:
+        count = len(self.doubts)
+        return "nothing is unsure" if count == 0 else f"{count} {'line is' if count == 1 else 'lines are'} unsure"
 
 
 @dataclass

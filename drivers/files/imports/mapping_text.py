@@ -1,13 +1,21 @@
 """A guessed import file as text: what is unsure has a comment above it that says why, what is sure one beside it."""
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from drivers.files.imports.guessed import Guess, Key
 from drivers.files.imports.mapping import IMPORT, Column
 from drivers.files.plain import plain
 from drivers.files.yaml_text import dump_yaml
+
+
+def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
+    """The guess from the first of `files` as it is written at `place`, with how it is used."""
+    return mapping_text(guess, [
+        f"Guessed from {files[0].name}: {guess.unsure}. The keys: docs/import.md.",
+        f"Then: topdress import {' '.join(path.name for path in files)} --mapping {place.name} --out LOG.csv"])
 
 
 def mapping_text(guess: Guess, head: Iterable[str]) -> str:

@@ -26,7 +26,7 @@ class CauseLine(NamedTuple):
 class CausesView(NamedTuple):
     causes: tuple[CauseLine, ...]
     at: int
-    calm: str                   # what stands there where there is no cause
+    calm: tuple[str, ...]       # what stands there where there is no cause
     language: str
 
 
@@ -61,7 +61,7 @@ class Causes(Panel[CausesView]):
         rows = [line((fit(f" {_('causes')}", width), "bold $primary"))]
         self._row_of = [-1]
         if not view.causes:
-            return [*rows, *(line(f" {row}") for row in wrapped(view.calm, width - 2))]
+            return [*rows, *(line(f" {row}") for text in view.calm for row in wrapped(text, width - 2))]
         blocks = [self._block(cause, index == view.at, width) for index, cause in enumerate(view.causes)]
         shown: list[list[Content]] = []
         for index, block in enumerate(blocks):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from textual.content import Content
 
 from console.app.widgets.panel import Panel, fit, line, right
+from console.app.widgets.wrap import wrapped
 from console.locale import _
 
 
@@ -23,7 +24,8 @@ class ChannelLine(NamedTuple):
 
 class ChannelsView(NamedTuple):
     channels: tuple[ChannelLine, ...]
-    left: tuple[str, ...]           # what no cause explains, and what is said of the data
+    left: tuple[str, ...]           # what is said of the data, and what no cause explains
+    gains: tuple[str, ...]
     language: str
 
 
@@ -36,7 +38,8 @@ class ChannelTable(Panel[ChannelsView]):
             name = f"{'!' if one.wrong else ' '} {one.name}, {one.unit}"
             rows.append(line((self._row(name, one.error, one.after, one.noise, one.beyond, width),
                               "bold" if one.wrong else "")))
-        return rows + [line((fit(f" {text}", width), "$muted")) for text in view.left]
+        rows += [line((fit(f" {row}", width), "$muted")) for text in view.left for row in wrapped(text, width - 2)]
+        return rows + [line((fit(f" {text}", width), "$muted")) for text in view.gains]
 
     @staticmethod
     def _row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:

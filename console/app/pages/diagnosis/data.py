@@ -9,8 +9,11 @@ Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; th
 Export = Literal["report", "data"]
 
 
+IMPORT = "import"           # kind of a file that is brought in first, or of how one is
+
+
 class Source(NamedTuple):
-    """A file that can be diagnosed. kind: run, or that of a bench table."""
+    """A file that can be diagnosed. kind: run, that of a bench table, or IMPORT."""
 
     path: str
     name: str
@@ -63,6 +66,23 @@ class CauseShown(NamedTuple):
     place_m: float | None
     over: Curve | None = None
     time: Curve | None = None
+    until_s: float | None = None
+    grows: bool = False                 # from its onset on to its size at the end
+
+
+class LeftShown(NamedTuple):
+    """What of a channel no effect explains; fields as in `control.diagnosis.result.Unexplained`."""
+
+    channel: str
+    variable: str
+    explained_share: float
+    rms: float | None = None
+    noise: float | None = None
+    unit: str = ""
+    dose_percent: float | None = None
+    hint: str = ""
+    from_s: float | None = None
+    period_s: float | None = None
 
 
 class ChannelShown(NamedTuple):
@@ -106,7 +126,7 @@ class Found(NamedTuple):
     verdict: str
     causes: tuple[CauseShown, ...]
     channels: tuple[ChannelShown, ...]
-    left: tuple[tuple[str, str, float], ...]        # channel, variable, share: what no effect explains
+    left: tuple[LeftShown, ...]
     gains: tuple[GainShown, ...]
     notes: tuple[str, ...]              # about the data itself
     next_run: RunPlan | None
@@ -116,6 +136,7 @@ class Found(NamedTuple):
     left_curve: Curve | None = None
     folder: str = ""
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
+    not_judged: tuple[str, ...] = ()    # channels
 
 
 class Stop:
@@ -143,6 +164,14 @@ class Stopped(Exception):
     """The work was cancelled."""
 
 
+class OpenQuestions(ValueError):
+    """A file cannot be brought in before these lines are answered in the import file."""
+
+    def __init__(self, questions: tuple[str, ...], import_file: str) -> None:
+        super().__init__(questions[0] if questions else import_file)
+        self.questions, self.import_file = questions, import_file
+
+
 class DiagnosisService(Protocol):
     """Files and long work of the page. Errors are one-line ValueErrors; long work raises Stopped where it is cancelled.
 
@@ -159,7 +188,10 @@ class DiagnosisService(Protocol):
         """Machine files to hold the data against, beside the one that the log names."""
 
     def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
-        """machine None: the one that the log names, else the configured one."""
+        """machine None: the one that the log names, else the configured one.
+
+        A file of kind IMPORT is brought in first: as a new log of the user's own folder; OpenQuestions where not sure.
+        """
 
     def adopt(self, found: Found) -> str:
         """Writes the new machine file; its path."""
@@ -188,11 +220,11 @@ def found_from(plain: dict[str, Any]) -> Found:
                    for one in plain["causes"])
     return Found(**plain | {
         "causes": causes, "channels": tuple(ChannelShown(**one) for one in plain["channels"]),
-        "left": tuple((str(c), str(v), float(s)) for c, v, s in plain["left"]),
+        "left": tuple(LeftShown(**one) for one in plain["left"]),
         "gains": tuple(GainShown(**one) for one in plain["gains"]),
         "next_run": None if plain["next_run"] is None else RunPlan(**plain["next_run"]),
         "left_curve": _curve(plain["left_curve"]),
-        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted")}})
+        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged")}})
 
 
 def _curve(plain: dict[str, Any] | None) -> Curve | None:

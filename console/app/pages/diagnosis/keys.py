@@ -49,7 +49,8 @@ def type_path(page: DiagnosisScreen) -> None:
         if path is not None:
             page.diagnose(service.source(path))
 
-    page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log or a bench table, .csv"), wrong), typed)
+    what = _("A run log, a bench table, or the log of another machine")
+    page.app.push_screen(NameDialog(_("Which file?"), "", what, wrong), typed)
 
 
 def against(page: DiagnosisScreen) -> None:
@@ -87,7 +88,10 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
         return
     lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
     lines += [_("Left out: {why}").format(why=why) for why in found.refused]
-    if found.verdict == "ambiguous":
+    lines += [_("{what} is taken up, though this data cannot tell it from: {others}").format(
+        what=cause.id, others=words.rivals(cause)) for cause in found.causes if cause.rivals and
+        cause.id in found.adoptable]
+    if found.next_run is not None:
         lines.append(_("This data does not tell the rivals apart: the separating run would."))
     lines.append(_("The running job keeps its machine file; the next one may use the new file."))
 

@@ -17,7 +17,16 @@ from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
-from console.app.pages.diagnosis.data import DiagnosisService, Found, Source, Stop, Stopped, Tell
+from console.app.pages.diagnosis.data import (
+    IMPORT,
+    DiagnosisService,
+    Found,
+    OpenQuestions,
+    Source,
+    Stop,
+    Stopped,
+    Tell,
+)
 from console.app.pages.diagnosis.keys import ACTIONS, diagnose
 from console.app.pages.diagnosis.residual_plot import ResidualPlot
 from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
@@ -58,6 +67,7 @@ class DiagnosisScreen(Page):
         self.stop: Stop | None = None               # of the work under way
         self._working: Worker[Found] | None = None
         self._listing: Worker[tuple[tuple[Source, ...], tuple[str, ...]]] | None = None
+        self._brings_in = False                     # a new file will be there
         self._title = ""
         self._begun_s = 0.0
         self._share, self._stage = 0.0, ""
@@ -70,8 +80,8 @@ class DiagnosisScreen(Page):
             yield Verdict((), id="dia-verdict")
             with Horizontal(id="dia-found"):
                 with Vertical(id="dia-left"):
-                    yield Causes(CausesView((), 0, "", in_use()), id="dia-causes")
-                    yield ChannelTable(ChannelsView((), (), in_use()), id="dia-channels")
+                    yield Causes(CausesView((), 0, (), in_use()), id="dia-causes")
+                    yield ChannelTable(ChannelsView((), (), (), in_use()), id="dia-channels")
                     yield RunPlanPanel(PlanView("", (), "", in_use()), id="dia-run")
                 with Vertical(id="dia-right"):
                     yield ResidualPlot(None, id="dia-over")
@@ -225,6 +235,7 @@ class DiagnosisScreen(Page):
     def diagnose(self, source: Source) -> None:
         assert self.service is not None
         self.back()
+        self._brings_in = source.kind == IMPORT
         self.begin(_("Diagnosis of {name}").format(name=source.name),
                     partial(self.service.diagnose, source, self.machine))
 
@@ -277,13 +288,25 @@ class DiagnosisScreen(Page):
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
+        elif state is WorkerState.ERROR and isinstance(worker.error, OpenQuestions):
+            self.ask(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, Stopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
         if state is WorkerState.CANCELLED:              # the app ends: its process must not outlive it
             self.cancel()
         elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
+            if self._brings_in:
+                self.sources, self._brings_in = None, False
             self.look()
+
+    def ask(self, open_: OpenQuestions) -> None:
+        """What is unsure about a file of another machine, and where it can be put right."""
+        self.said = _("not brought in: the import file has open questions")
+        how = _("Put these lines right in the import file, or take away the comments that say unsure; then choose it "
+                "or the file again. It is written here:")
+        lines = [*open_.questions, "", how, open_.import_file]
+        self.app.push_screen(TextDialog(_("What the file does not say"), "\n".join(lines)))
 
     # --- mouse -----------------------------------------------------------------------------------------------------
 

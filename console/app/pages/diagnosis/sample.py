@@ -4,12 +4,14 @@ from __future__ import annotations
 from math import cos, sin
 
 from console.app.pages.diagnosis.data import (
+    IMPORT,
     CauseShown,
     ChannelShown,
     Curve,
     Export,
     Found,
     GainShown,
+    OpenQuestions,
     RivalShown,
     RunPlan,
     Source,
@@ -71,21 +73,26 @@ def sample_found(verdict: str = "ambiguous") -> Found:
     return found
 
 
+OPEN = OpenQuestions(("/data/planter.csv: columns.opening_mm: Schieberöffnung is in %: the file does not say what "
+                      "100 % is in mm",), "/data/planter.import.yaml")
+
+
 class MadeUpDiagnosis:
     """A `DiagnosisService` that knows its answers; it keeps what it was asked. wait: until when work goes on."""
 
-    def __init__(self, found: Found | None = None, refuse: str = "") -> None:
+    def __init__(self, found: Found | None = None, refuse: str = "", unsure: tuple[str, ...] = ()) -> None:
         self.found = found or sample_found()
-        self.refuse = refuse
+        self.refuse, self.unsure = refuse, unsure
         self.asked: list[str] = []
 
     def sources(self, running_log: str) -> tuple[Source, ...]:
         return SOURCES
 
     def source(self, path: str) -> Source:
-        if not path.endswith(".csv"):
-            raise ValueError(f"{path}: neither a run log (column time_s) nor a bench table")
-        return SOURCES[1]._replace(path=path, name=path.rsplit("/", 1)[-1])
+        if not path.endswith((".csv", ".xlsx")):
+            raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
+        return SOURCES[1]._replace(path=path, name=path.rsplit("/", 1)[-1],
+                                   kind=IMPORT if path.endswith(".xlsx") else "run")
 
     def machines(self) -> tuple[str, ...]:
         return ("bench", "huanghai")
@@ -104,6 +111,8 @@ class MadeUpDiagnosis:
         tell(0.5, "metering")
         if stop.is_set():
             raise Stopped
+        if self.unsure:
+            raise OpenQuestions(self.unsure, "/data/planter.import.yaml")
         if self.refuse:
             raise ValueError(self.refuse)
 

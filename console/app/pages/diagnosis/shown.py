@@ -21,12 +21,13 @@ def said(found: Found, lead: str) -> Said:
 
 
 def causes(found: Found, at: int, units: Units) -> CausesView:
-    calm = _("None. {count} effects cannot be seen in data of this kind at all.").format(count=found.unseen)
+    none = _("None. {count} effects cannot be seen in data of this kind at all.").format(count=found.unseen)
+    calm = (*map(words.left, found.left), none)
     return CausesView(tuple(_cause(cause, units) for cause in found.causes), at, calm, in_use())
 
 
 def _cause(cause: CauseShown, units: Units) -> CauseLine:
-    return CauseLine(words.title(cause), words.size(cause), words.percent(cause.probability), words.rivals(cause),
+    return CauseLine(words.suspicion(cause), words.size(cause), words.percent(cause.probability), words.rivals(cause),
                      words.cost(cause, units), _(cause.advice), interval(cause))
 
 
@@ -41,13 +42,11 @@ def interval(cause: CauseShown) -> tuple[float, float, float] | None:
 
 
 def channels(found: Found) -> ChannelsView:
-    left = [_("{channel} follows {variable}: {share} of what is left there").format(
-        channel=words.channel_word(channel), variable=words.variable_word(variable), share=words.percent(share))
-        for channel, variable, share in found.left]
-    left += [_("on data not used for naming: {channel} {before} to {after} ({metric})").format(
+    gains = [_("on data not used for naming: {channel} {before} to {after} ({metric})").format(
         channel=words.channel_word(gain.channel), before=words.number(gain.before), after=words.number(gain.after),
         metric=gain.metric) for gain in _own(found.gains)[:MOST_GAIN_LINES]]
-    return ChannelsView(tuple(_channel(one) for one in found.channels), (*left, *found.notes), in_use())
+    return ChannelsView(tuple(_channel(one) for one in found.channels), (*found.notes, *map(words.left, found.left)),
+                        tuple(gains), in_use())
 
 
 def _own(gains: tuple[GainShown, ...]) -> list[GainShown]:

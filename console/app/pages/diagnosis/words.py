@@ -4,19 +4,21 @@ from __future__ import annotations
 import re
 from math import floor, log10
 
-from console.app.pages.diagnosis.data import CauseShown, Curve, Found
+from console.app.pages.diagnosis.data import IMPORT, CauseShown, Curve, Found, LeftShown
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
+from console.reports.words import headlined, left_facts, when
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
             "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
 VERDICT_SYMBOLS = {"none": "-", "named": "!", "ambiguous": "?", "unexplained": "??", "not_judged": "??"}
 
 KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
-         "heads": N_("heads table"), "place": N_("place table")}
+         "heads": N_("heads table"), "place": N_("place table"), IMPORT: N_("other log")}
 
-STAGES = {"reading": N_("reading the file"), "data": N_("looking at the data"), "model": N_("predicting every channel"),
+STAGES = {"reading": N_("reading the file"), "importing": N_("bringing in the file"),
+          "data": N_("looking at the data"), "model": N_("predicting every channel"),
           "shaft": N_("shaft and gate"), "gate": N_("shaft and gate"), "metering": N_("shaft, gate, flow, scale"),
           "flow": N_("flow and scale"), "speed": N_("speeds"), "heads": N_("sensor heads"),
           "result": N_("weighing the causes"), "pictures": N_("drawing"), "report": N_("writing the report"),
@@ -84,24 +86,43 @@ def about(found: Found) -> str:
 
 
 def sentence(found: Found) -> str:
-    """The verdict in one line."""
+    """What was not judged, then the verdict, in one line."""
+    if not found.not_judged or found.verdict == "not_judged":
+        return _verdict(found)
+    missing = _("Not judged: {channels}.").format(channels=", ".join(map(channel_word, found.not_judged)))
+    return f"{missing} {_verdict(found)}"
+
+
+def _verdict(found: Found) -> str:
+    told = [cause for cause in found.causes if headlined(cause)]
+    suspected = len(found.causes) - len(told)
     if found.verdict == "none":
         return _("Everything is as the machine file says, within the noise of the sensors.")
     if found.verdict == "not_judged":
         return _("Nothing of this data could be held against the machine file.")
     if found.verdict == "unexplained" and found.left:
-        channel, variable, _share = found.left[0]
-        if variable:
-            said = _("{channel} follows {variable}, and no known cause explains it.").format(
-                channel=channel_word(channel), variable=variable_word(variable).split(",")[0])
-        else:
-            said = _("The error of {channel} is not noise, and no known cause explains it.").format(
-                channel=channel_word(channel))
-        return said if not found.causes else f"{said} {_('Besides:')} {title(found.causes[0])}."
+        said = left(found.left[0])
+        return said if not told else f"{said} {_('Besides:')} {title(told[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
-    return "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(found.causes, 1)) if (
-        len(found.causes) > 1) else _doubtful(found.causes[0])
+    if not told:
+        return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(
+            count=suspected)
+    said = "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(told, 1)) if (
+        len(told) > 1) else _doubtful(told[0])
+    return f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
+
+
+def left(of: LeftShown) -> str:
+    """What no effect explains, how much, when."""
+    if of.variable:
+        said = _("{channel} follows {variable}, and no known cause explains it").format(
+            channel=channel_word(of.channel), variable=variable_word(of.variable).split(",")[0])
+    else:
+        said = _("The error of {channel} is not noise, and no known cause explains it").format(
+            channel=channel_word(of.channel))
+    share = _("{share} of what is left there").format(share=percent(of.explained_share))
+    return f"{said}: {'; '.join((share, *left_facts(of)))}."
 
 
 def _doubtful(cause: CauseShown) -> str:
@@ -125,9 +146,16 @@ def todo(found: Found) -> str:
         return _("A separating run of {minutes} minutes tells: its steps are among the views.").format(
             minutes=f"{found.next_run.minutes:g}") if found.next_run.minutes else _("A separating run tells: its steps "
                                                                                     "are among the views.")
-    if found.causes:
+    if found.causes and headlined(found.causes[0]):
         return _(found.causes[0].advice)
+    if found.causes:
+        return _("Take none of the suspected causes for true: look at the machine, or gather more data.")
     return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
+
+
+def suspicion(cause: CauseShown) -> str:
+    """The title, and whether there is more than a suspicion."""
+    return title(cause) if headlined(cause) else _("suspected: {title}").format(title=title(cause))
 
 
 def title(cause: CauseShown) -> str:
@@ -151,9 +179,8 @@ def size(cause: CauseShown) -> str:
         said = f"{number(cause.value)} {_(cause.unit)}"
         if cause.low is not None and cause.high is not None:
             said += f"  ({number(cause.low, 2)} {_('to')} {number(cause.high, 2)})"
-    if cause.onset_s is not None:
-        said += f"  {_('since {time}').format(time=duration(cause.onset_s))}"
-    return said
+    then = when(cause.onset_s, cause.until_s, cause.grows, cause.value, cause.unit)
+    return f"{said}  {then}" if then else said
 
 
 def cost(cause: CauseShown, units: Units) -> str:
@@ -186,7 +213,7 @@ def rivals(cause: CauseShown) -> str:
 def plan_words(found: Found) -> str:
     if found.next_run is None:
         return ""
-    return _(RUNS.get(found.next_run.id, found.next_run.plan))
+    return _(found.next_run.plan)       # RUNS, on the machine that their numbers are of
 
 
 def plan_steps(found: Found) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from control.machine.machine import Machine
 
 from .labels import Roles, column_of, labels_of, roles_of
 
-FORMS_OVER_RPM = ((60.0, 1.0), (70.0, 0.5), (70.0, 2.0), (75.0, 1.0), (80.0, 1.0))    # (from, power) of a rise
+FORMS_OVER = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))    # (from, power) of a rise; of full_rpm
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
@@ -56,7 +56,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
     return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
                  column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
-                 varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm)} if drops else {}, clocked=name != "lag_m")
+                 varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
+                 clocked=name != "lag_m")
 
 
 def _ids(name: str, roles: Roles) -> tuple[str, ...]:
@@ -97,6 +98,6 @@ def _ramps(machine: Machine, rpm: Array) -> Array:
     return np.array([ramp_s(machine, machine.fall, n) for n in speeds.tolist()])[place]
 
 
-def rises(rpm: Array) -> Array:
+def rises(rpm: Array, full_rpm: float) -> Array:
     """Other shapes that a rise at high shaft speed may have, (n, k)."""
-    return np.column_stack([np.maximum(0.0, rpm - start) ** power for start, power in FORMS_OVER_RPM])
+    return np.column_stack([np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in FORMS_OVER])

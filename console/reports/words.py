@@ -1,0 +1,105 @@
+"""What terminal, report and Diagnosis page say alike: since when, how much is left, what is only suspected."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from console.locale import N_, _
+from console.reports.numbers import MINUS, decimals_of, fixed, number
+from control.diagnosis.result import RUN_CHANNELS, UNKNOWN
+
+SOMETHING_ELSE = N_("something else")       # title of the rival UNKNOWN
+HEADLINE = 0.5                              # least probability of a cause that a headline names
+
+
+class _Rival(Protocol):
+    @property
+    def id(self) -> str: ...
+    @property
+    def probability(self) -> float: ...
+
+
+class _Cause(Protocol):
+    """`result.Cause`, and as the page has it."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def probability(self) -> float: ...
+    @property
+    def rivals(self) -> Sequence[_Rival]: ...
+
+
+class _Left(Protocol):
+    """`result.Unexplained`, and as the page has it."""
+
+    @property
+    def rms(self) -> float | None: ...
+    @property
+    def noise(self) -> float | None: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def dose_percent(self) -> float | None: ...
+    @property
+    def hint(self) -> str: ...
+    @property
+    def from_s(self) -> float | None: ...
+    @property
+    def period_s(self) -> float | None: ...
+
+
+def name_of(effect_id: str) -> str:
+    """The id where it is an effect's; of what is none, its title."""
+    return _(SOMETHING_ELSE) if effect_id == UNKNOWN else effect_id
+
+
+def headlined(cause: _Cause) -> bool:
+    """Whether a cause is likely enough for a headline: else it is only suspected."""
+    return cause.probability >= HEADLINE and all(
+        rival.probability < cause.probability for rival in cause.rivals if rival.id != cause.id)
+
+
+def when(onset_s: float | None, until_s: float | None, grows: bool, value: float | None, unit: str) -> str:
+    """Which part of the log an effect of size `value` is in, s; "" where it was there all along."""
+    begin, end = f"{onset_s or 0.0:.0f}", f"{until_s or 0.0:.0f}"
+    if grows:
+        last = _("its size") if value is None else f"{_plain(value, 3)} {_(unit)}"
+        return _("grows from {begin} s on to {size} at the end").format(begin=begin, size=last)
+    if until_s is not None:
+        return _("until {end} s").format(end=end) if onset_s is None else _("from {begin} s to {end} s").format(
+            begin=begin, end=end)
+    return "" if onset_s is None else _("since {begin} s").format(begin=begin)
+
+
+def left_facts(left: _Left) -> tuple[str, ...]:
+    """How much of a channel no effect explains, when, and what comes nearest."""
+    said = []
+    if left.rms is not None and left.noise is not None:
+        decimals = decimals_of(left.noise if left.noise > 0.0 else left.rms)
+        said.append(_("{rms} {unit} r.m.s. where the sensors' noise is {noise} {unit}").format(
+            rms=_fixed(left.rms, decimals), noise=_fixed(left.noise, decimals), unit=left.unit))
+    if left.dose_percent is not None:
+        said.append(_("{percent} % of the dose").format(percent=_plain(abs(left.dose_percent), 2)))
+    if left.from_s is not None:
+        said.append(_("seems to begin at {begin} s").format(begin=f"{left.from_s:.0f}"))
+    if left.period_s is not None:
+        said.append(_("comes and goes every {period} s").format(period=_plain(left.period_s, 2)))
+    if left.hint:
+        said.append(_("nearest: {effect}, whose evidence does not hold").format(effect=left.hint))
+    return tuple(said)
+
+
+def not_judged(kind: str, judged: Sequence[str]) -> tuple[str, ...]:
+    """Channels that a run log may have and that could not be judged in this one; of bench tables none."""
+    return tuple(channel for channel in RUN_CHANNELS if channel not in judged) if kind == "run" else ()
+
+
+def _plain(value: float, digits: int) -> str:
+    """Without the zeros behind that say nothing, and with a minus that every terminal has."""
+    text = number(value, digits).replace(MINUS, "-")
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _fixed(value: float, decimals: int) -> str:
+    return fixed(value, decimals).replace(MINUS, "-")

@@ -1,0 +1,85 @@
+"""Files of other machines and programs: which these are, and how one becomes a run log of the user's own folder."""
+from __future__ import annotations
+
+from pathlib import Path
+
+from console.app.pages.diagnosis.data import OpenQuestions
+from console.services.free_path import free_path
+
+LISTED = frozenset({".csv", ".tsv", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", ".geojson", ".shp", ".parquet", ".pq"})
+READ = LISTED | {".txt", ".log", ".dat", ".json", ".xml", ".zip"}       # may be logs, and often are something else
+TASK = "taskdata.xml"
+IMPORT_FILE = ".import.yaml"
+YAML = (".yaml", ".yml")
+
+
+def is_listed(path: Path) -> bool:
+    """Whether the name alone makes it likely that this is a log or a table, or how one is read."""
+    name = path.name.lower()
+    return not name.startswith(".") and not name.endswith(".truth.csv") and (
+        path.suffix.lower() in LISTED or name == TASK or name.endswith(IMPORT_FILE))
+
+
+def may_be_brought_in(path: Path) -> bool:
+    """Whether `brought_in` would try: a file that import reads, a task's folder, an import file."""
+    if path.is_dir():
+        return any(file.name.lower() == TASK for file in path.iterdir())
+    return path.suffix.lower() in READ or _is_import_file(path)
+
+
+def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
+    """The file at `path` (or that of the import file there) as a new run log in `folder`; its path, and what was odd.
+
+    The import file beside it is used where there is one, else a guess of which nothing is unsure. Raises OpenQuestions
+    where something is, once the guess is written beside the file; ImportTrouble, ConfigError and OSError.
+    """
+    from drivers.files.config import load
+    from drivers.files.imports.convert import convert
+    from drivers.files.imports.guess import guess
+    from drivers.files.imports.join import joined
+    from drivers.files.imports.log_file import write_imported
+    from drivers.files.imports.mapping import IMPORT
+    from drivers.files.imports.mapping_text import first_import_file
+    from drivers.files.imports.read import read_raw
+    data, place = _pair(path)
+    raw = read_raw(data)
+    found = guess(raw)
+    mapping, mapping_file = found.mapping, place if place.exists() else None
+    first = first_import_file(found, [data], place)
+    if not found.sure and (mapping_file is None or place.read_text(encoding="utf-8") == first):
+        _write_first(place, first)
+        raise OpenQuestions(found.questions(data), str(place))
+    if mapping_file is not None:
+        mapping = load(mapping_file, IMPORT).model
+        raw = read_raw(data, mapping.source)
+    log = joined([convert(raw, mapping)], mapping.join)
+    out = free_path(folder, data.stem, ".csv", ".yaml")
+    write_imported(out, log, mapping, mapping_file)
+    return out, tuple(map(str, (*(one for part in log.parts for one in part.findings), *log.findings)))
+
+
+def _write_first(place: Path, text: str) -> None:
+    from drivers.files.atomic import write_atomically
+    if not place.exists():
+        write_atomically(place, text)
+
+
+def _is_import_file(path: Path) -> bool:
+    from drivers.files.imports.mapping import IMPORT
+    if path.suffix.lower() not in YAML:
+        return False
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return any(line.split("#")[0].split() == ["format:", IMPORT.format] for line in text.splitlines())
+
+
+def _pair(path: Path) -> tuple[Path, Path]:
+    """A file and its import file, given either: they stand beside each other and have one stem."""
+    if path.suffix.lower() not in YAML:
+        return path, path.with_name(f"{path.stem}{IMPORT_FILE}")
+    stem = path.stem.removesuffix(Path(IMPORT_FILE).stem)
+    beside = sorted(file for file in path.parent.iterdir()
+                    if file.stem == stem and file.suffix.lower() in READ and file.is_file())
+    if len(beside) != 1:
+        names = ", ".join(file.name for file in beside) or "none"
+        raise ValueError(f"{path}: the file that it is for must stand beside it as {stem}.csv or alike; there: {names}")
+    return beside[0], path
