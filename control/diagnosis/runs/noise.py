@@ -10,17 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import dct, idct
+from scipy.fft import dct, idct, prev_fast_len
 
 Array = npt.NDArray[np.float64]
 
 SEGMENT = 32768             # longer series are cut: memory of noise is far shorter
+LONG = 4096                 # samples: a shorter segment is transformed in no time whatever its length
 BAND_RATIO = 1.25
 
 
 class Segments(NamedTuple):
     """How a channel's series is cut and its coefficients banded."""
 
+    length: int                             # of the series
     bounds: tuple[tuple[int, int], ...]
     order: npt.NDArray[np.int64]            # coefficients sorted by band
     starts: npt.NDArray[np.int64]           # first of each band in that order
@@ -29,11 +31,16 @@ class Segments(NamedTuple):
 
 
 def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> Segments:
-    """Bands for a series of `length`, cut in equal segments or at given `bounds` (what lies outside is not used)."""
+    """Bands for a series of `length`, cut in equal segments or at given `bounds` (what lies outside is not used).
+
+    A long segment ends a per cent or so earlier, where its length has small factors: a transform of a length with a
+    large one takes ten times as long.
+    """
     if bounds is None:
         pieces = max(1, round(length / SEGMENT))
         edges = np.linspace(0, length, pieces + 1).astype(int)
         bounds = tuple(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    bounds = tuple((begin, end if end - begin < LONG else begin + prev_fast_len(end - begin)) for begin, end in bounds)
     longest = max(end - begin for begin, end in bounds)
     omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in bounds])
     index = omega * longest / np.pi
@@ -42,7 +49,7 @@ def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> 
     order = np.argsort(band, kind="stable")
     _, starts, count = np.unique(band[order], return_index=True, return_counts=True)
     mean = np.add.reduceat(omega[order], starts) / count
-    return Segments(bounds, order, starts, count.astype(np.float64), mean)
+    return Segments(length, bounds, order, starts, count.astype(np.float64), mean)
 
 
 def coefficients(series: Array, cut: Segments) -> Array:
@@ -55,7 +62,7 @@ def series_of(banded: Array, cut: Segments) -> Array:
     """The series (n,) of cosine coefficients sorted by band (m,); zero outside the segments."""
     plain = np.empty(len(banded))
     plain[cut.order] = banded
-    out = np.zeros(max(end for _, end in cut.bounds))
+    out = np.zeros(cut.length)
     begin_at = 0
     for begin, end in cut.bounds:
         out[begin:end] = idct(plain[begin_at:begin_at + end - begin], norm="ortho")

@@ -130,7 +130,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
     for one, own in zip(judged, gains, strict=True):
-        rest = remains(one)
+        rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
         causes += [_cause(one, k, machine, data, suspected(one, k, rest, own)) for k in range(len(one.found.parts))]
         unexplained += _unexplained(one, rest, rows)
     causes += [_read_off_cause(one, machine, data) for one in read_off]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy
-from control.machine.machine import CATALOGUE
+from control.machine.machine import CATALOGUE, bounds
 
 from .changes import changes
 from .evidence import (
@@ -54,13 +54,16 @@ FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replic
 MIN_WITHOUT_BLOCK = 0.5     # share of THRESHOLD that must be left without the block with most evidence ...
 MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and share of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
-BEGUN_IN_DRIFT = 3.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it
+BEGUN_IN_DRIFT = 2.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it ...
+BEGUN_AGAIN = 4.0           # ... and so many times what a further beginning gains: a drift begins again and again ...
+BEGUN_SURE = 6.0            # ... asked of what gains less than so many times THRESHOLD
 MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
 SURE = 4.0                  # ... asked of what gains less than so many times THRESHOLD
 
 # What could stand in a part's place.
 RIVAL_GAP = 6.0             # behind by at most this: 95 % of a chi-square with one degree of freedom is 3.8
-RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms are never quite right
+RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms are never quite right ...
+BEGUN_RIVAL_SHARE = 0.1     # ... and less so in time: nothing begins at once or grows evenly
 MAX_RIVALS = 12             # of a scan that are looked at
 SCAN_REACH = 3.0            # times the gap, plus SCAN_MARGIN: what is further behind in a scan is not refitted
 SCAN_MARGIN = 10.0
@@ -255,8 +258,7 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
     if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
         return Doubt.DRIFT
-    if part.onset_s is not None and gain < BEGUN_IN_DRIFT * THRESHOLD and (
-            _slow(search, trace, alone) or _drifts(search, trace, found)):
+    if part.onset_s is not None and _begins_as_drift(search, found, k, alone, trace):
         return Doubt.DRIFT
     blocks = seen if part.onset_s is None else coarser(seen)   # one manoeuvre is no evidence
     if without_best_block(blocks, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
@@ -269,6 +271,19 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     every = scores(search.columns, found.parts, found.noise, traces)
     sure = chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
     return None if sure else Doubt.CHANCE
+
+
+def _begins_as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column) -> bool:
+    """Whether what begins within the log is no more than its drift gives: too little, or the like begins again."""
+    part, gain = found.parts[k], 2.0 * (found.log_likelihood - alone.log_likelihood)
+    if gain > BEGUN_SURE * THRESHOLD or not (_slow(search, trace, alone) or _drifts(search, trace, found)):
+        return False
+    if gain < BEGUN_IN_DRIFT * THRESHOLD:
+        return True
+    low, high = bounds(part.id, search.model.machine)
+    same = Candidate(part._replace(onset_s=None, until_s=None, grows=False), low - part.size, high - part.size)
+    again = changes(search.columns, found.parts, found.noise, [same])
+    return bool(again) and gain < BEGUN_AGAIN * again[0].gain
 
 
 def _drifts(search: Search, trace: Column, under: Refit) -> bool:
@@ -359,7 +374,7 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
         others = without(now.parts, k)
         alone = search.refit(others, now.noise)
         gain = 2.0 * (now.log_likelihood - alone.log_likelihood)
-        reach = max(RIVAL_GAP, RIVAL_SHARE * gain)
+        reach = max(RIVAL_GAP, (RIVAL_SHARE if part.onset_s is None else BEGUN_RIVAL_SHARE) * gain)
         found = []
         scanned = _one_of_each(search.scan(others, alone.noise, _in_its_place(search, part)))[:MAX_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)

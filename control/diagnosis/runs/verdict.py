@@ -6,6 +6,7 @@ could be where one does.
 """
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -45,15 +46,19 @@ class Remains(NamedTuple):
     period_s: float | None = None
 
 
-def remains(one: Judged) -> list[Remains]:
-    """What the channels of a group have left, once their named effects and tolerances are off, that is not noise."""
+def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
+    """What the channels of a group have left, once their named effects and tolerances are off, that is not noise.
+
+    read_off : channels whose spells were taken out before the search: the short ones, unseen, leave a drift behind.
+    """
     found = [Remains(ROWS[r.part.id].channels[0], "refused", r.part.id, r.part.onset_s) for r in _evidence(one)[:1]]
     rest = _rest(one)
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
         limit = MAX_SCALE_DRIFT if channel.name == "scale" else MAX_DRIFT
-        if _drifts(series_of(rest[channel.name], channel.cut), channel.grid.step_s) > limit:
+        drift = _drifts(series_of(rest[channel.name], channel.cut), channel.grid.step_s)
+        if drift > limit and channel.name not in read_off:
             found.append(Remains(channel.name, "drift"))
         period_s = _line(one, channel, rest[channel.name])
         if period_s is not None:
