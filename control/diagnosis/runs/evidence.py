@@ -26,6 +26,7 @@ BLOCKS = 64                 # of each channel: a block is far longer than whiten
 REPLICATES = 1000           # a probability of 0.002 is then two of them
 SEED = 20260101             # of the signs: the same log gives the same diagnosis
 UNEVEN = 1.5                # times the variance between blocks that even noise gives: below it is chance
+MIN_ENERGY_LEFT = 0.05      # of a trace's energy: on less, nothing is told
 MIN_DRIFT = 0.12            # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. so small that it stands for none
 
@@ -134,15 +135,6 @@ def unevenness(seen: Scores, k: int) -> float:
     return spread if spread > UNEVEN else 1.0
 
 
-def coarser(seen: Scores, by: int = 4) -> Scores:
-    """The same in blocks that are `by` times as long; the tolerances' row stays."""
-    traces = seen.score.shape[1]
-
-    def merged(rows: Array) -> Array:
-        return np.concatenate([rows[:-1].reshape(-1, by, traces).sum(axis=1), rows[-1:]])
-    return Scores(merged(seen.score), merged(seen.energy))
-
-
 def without_best_block(seen: Scores, k: int) -> float:
     """Gain that trace k keeps when the block that speaks loudest for it is left out, scaled to the whole."""
     score, energy = seen.score[:, k], seen.energy[:, k]
@@ -155,3 +147,14 @@ def without_best_block(seen: Scores, k: int) -> float:
         rest = max(0.0, sign * total_score - float(s))
         least = min(least, rest ** 2 / (total - float(e)) * total / (total - float(e)))
     return float(least)
+
+
+def without_best_stretch(seen: Scores, k: int, blocks: int = 4) -> float:
+    """The same with `blocks` in a row left out, tolerances apart; 0 where no other stretch could tell of the trace."""
+    score, energy = seen.score[:-1, k], seen.energy[:-1, k]
+    sign, total = 1.0 if score.sum() >= 0.0 else -1.0, float(energy.sum())
+    row = np.ones(blocks)
+    rest = np.maximum(0.0, sign * score.sum() - np.convolve(sign * score, row, "valid"))
+    left = total - np.convolve(energy, row, "valid")
+    told = left > MIN_ENERGY_LEFT * max(total, 1e-12)
+    return float(np.min((rest * told / np.where(told, left, 1.0)) ** 2) * total)

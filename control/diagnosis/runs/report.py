@@ -39,6 +39,7 @@ from .stages import RunData
 from .verdict import OTHERWISE, Remains, remains, suspected
 
 Array = npt.NDArray[np.float64]
+LEAST_TRIED = 5             # effects, as if so many: a gain below THRESHOLD is no structure
 BEGINS = 8                  # independent times at which an effect may begin or grow, about
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
 RISE_KG = 1.0               # over one: a refill; on the nominal machine
@@ -69,7 +70,7 @@ def _structure_p(one: Judged) -> float:
     gain = max(one.structure_gain, 2.0 * (one.found.log_likelihood - one.null.log_likelihood),
                0.0 if one.left is None else one.left.gain)
     single = float(chi2.sf(max(gain, 0.0), 1.0))
-    return float(1.0 - (1.0 - single) ** max(1, BEGINS * len(one.scan)))
+    return float(1.0 - (1.0 - single) ** (BEGINS * max(LEAST_TRIED, len(one.scan))))
 
 
 def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData,

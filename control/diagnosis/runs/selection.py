@@ -6,6 +6,7 @@ machine model.
 """
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
@@ -19,13 +20,13 @@ from .changes import changes
 from .evidence import (
     MIN_DRIFT,
     chance,
-    coarser,
     null_of_maximum,
     scores,
     slow_share,
     spread_over,
     unevenness,
     without_best_block,
+    without_best_stretch,
 )
 from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, best_fitted
@@ -84,6 +85,7 @@ class Refused(NamedTuple):
     part: Part
     gain: float                 # of twice the log-likelihood
     doubt: Doubt
+    beyond: float               # of the gain, what is more than the log's drift, unevenness or tolerances give
 
 
 class _Step(NamedTuple):
@@ -209,23 +211,23 @@ def _forward_step(search: Search, now: Refit) -> _Step:
     best_gain = max((gain for gain, _ in tried[:1]), default=max((f.gain for f in found[:1]), default=0.0))
     refused: list[Refused] = []
     for gain, best in tried:
-        doubt = _doubt(search, best, len(now.parts), now) if gain > THRESHOLD else None
-        if gain > THRESHOLD and doubt is None:
+        if gain <= THRESHOLD:
+            break
+        doubt = _all_along(best.parts[-1], refused) or _doubt(search, best, len(now.parts), now)
+        if doubt is None:
             return _Step(best, [], best_gain)
-        if doubt is not None:
-            refused.append(Refused(best.parts[-1], gain, doubt))
+        refused.append(doubt)
     if refused:
-        best_gain = max(_beyond(search, one) for one in refused)
+        best_gain = max(one.beyond for one in refused)
     return _Step(None, refused, best_gain)
 
 
-def _beyond(search: Search, one: Refused) -> float:
-    """The gain of refused evidence, less where the log's drift or a tolerance gives as much."""
-    if one.doubt is Doubt.DRIFT:
-        return one.gain / (DRIFT_FACTOR if one.part.onset_s is None else BEGUN_IN_DRIFT)
-    if one.doubt is Doubt.TOLERANCE:
-        return float(min(one.gain, (one.part.size / tolerance_of(one.part.id, search.model.machine)) ** 2))
-    return one.gain
+def _all_along(begun: Part, refused: Sequence[Refused]) -> Refused | None:
+    """The refusal of the same effect all along, which gained more: what is not there all along did not begin either."""
+    if begun.onset_s is None:
+        return None
+    return next((one for one in refused if one.part.onset_s is None and one.doubt is not Doubt.STRETCH
+                 and (one.part.id, one.part.member) == (begun.id, begun.member)), None)
 
 
 def _begin(search: Search, now: Refit) -> list[Part]:
@@ -239,7 +241,7 @@ def _begin(search: Search, now: Refit) -> list[Part]:
     return [as_begun(f.part) for f in found[:BEGUN_REFITTED]]
 
 
-def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
+def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None:
     """Why a part's evidence is no more than this log's own noise gives, in size, over time, or beside its drift.
 
     None: it holds. A part that only one stretch of the log speaks for is no finding; what begins once (a stall) must
@@ -249,28 +251,37 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Doubt | None:
     gain = 2.0 * (found.log_likelihood - alone.log_likelihood)
     if CATALOGUE[part.id].effect.onset_only or row.found_by is FoundBy.STEPS:
         return None
-    others = without(found.parts, k)
-    if part.onset_s is None and abs(part.size) < THRESHOLD ** 0.5 * tolerance_of(part.id, search.model.machine):
-        return Doubt.TOLERANCE
+    tolerance = tolerance_of(part.id, search.model.machine)
+    if part.onset_s is None and abs(part.size) < THRESHOLD ** 0.5 * tolerance:
+        return Refused(part, gain, Doubt.TOLERANCE, min(gain, (part.size / tolerance) ** 2))
     trace = search.columns.trace(found.parts, k)
+    if _as_drift(search, found, k, alone, trace):
+        return Refused(part, gain, Doubt.DRIFT, THRESHOLD)
+    others = without(found.parts, k)
     seen = scores(search.columns, others, found.noise, [trace])
+    spread = spread_over(seen, 0)
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
-    if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
-        return Doubt.DRIFT
-    if part.onset_s is not None and _begins_as_drift(search, found, k, alone, trace):
-        return Doubt.DRIFT
-    blocks = seen if part.onset_s is None else coarser(seen)   # one manoeuvre is no evidence
-    if without_best_block(blocks, 0) < least or gain < THRESHOLD * spread_over(seen, 0) ** 0.5:
-        return Doubt.STRETCH
-    if row.along and gain < SURE * THRESHOLD and \
-            gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along):
-        return Doubt.DRIFT
+    kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(seen, 0)
+    if kept < least or gain < THRESHOLD * spread ** 0.5:
+        return Refused(part, gain, Doubt.STRETCH, gain / spread)
     tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     traces = [search.columns.of_candidate(others, c.part) for c in tried]
     every = scores(search.columns, found.parts, found.noise, traces)
     sure = chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
-    return None if sure else Doubt.CHANCE
+    return None if sure else Refused(part, gain, Doubt.CHANCE, gain / spread)
+
+
+def _as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column) -> bool:
+    """Whether the log's own drift gives as much as a part gains. trace : what the part does."""
+    part, row = found.parts[k], ROWS[found.parts[k].id]
+    gain = 2.0 * (found.log_likelihood - alone.log_likelihood)
+    if gain < DRIFT_FACTOR * THRESHOLD and _slow(search, trace, found):
+        return True
+    if part.onset_s is not None and _begins_as_drift(search, found, k, alone, trace):
+        return True
+    return bool(row.along) and gain < SURE * THRESHOLD and \
+        gain < MOVED_MARGIN * gain_elsewhere(search.columns, alone, row.stage, row.along)
 
 
 def _begins_as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column) -> bool:
@@ -338,7 +349,7 @@ def _without_doubtful(search: Search, now: Refit) -> tuple[Refit, list[Refused]]
         alone = search.refit(without(now.parts, k), now.noise)
         doubt = _doubt(search, now, k, alone)
         if doubt is not None:
-            dropped.append(Refused(now.parts[k], 2.0 * (now.log_likelihood - alone.log_likelihood), doubt))
+            dropped.append(doubt)
             now = alone
     return now, dropped
 
@@ -392,8 +403,10 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
 
 def _in_its_place(search: Search, part: Part) -> list[Candidate]:
     """What could stand in a part's place: all candidates, and those that may begin also when and as it does."""
-    same = [] if part.onset_s is None or CATALOGUE[part.id].effect.onset_only else [
-        c._replace(part=part._replace(id=c.part.id, size=c.part.size, member=c.part.member)) for c in search.candidates
-        if c.part.onset_s is None and ROWS[c.part.id].may_begin and ROWS[c.part.id].has_slope
-        and ROWS[c.part.id].loss_begins_as != part.id]          # the same thing by another name
-    return [*search.candidates, *same]
+    if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
+        return search.candidates
+    at_once = {c.part.id: c for c in search.candidates if ROWS[c.part.id].found_by is FoundBy.ONSET and not part.grows}
+    able = [*at_once.values(), *(c for c in search.candidates if c.part.onset_s is None and ROWS[c.part.id].may_begin)]
+    same = [c._replace(part=part._replace(id=c.part.id, size=c.part.size, member=c.part.member)) for c in able
+            if ROWS[c.part.id].has_slope and ROWS[c.part.id].loss_begins_as != part.id]    # not by another name
+    return [*(c for c in search.candidates if c.part.id not in at_once), *same]

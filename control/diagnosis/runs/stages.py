@@ -25,6 +25,7 @@ UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have 
 UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
 LONG_GAP_S = 3.0            # of a gap, after which the level of the hopper is open by as much as it may have metered
 UNSEEN_S = 2.0              # ... within so long, or in proportion
+ASKED_AFTER_S = 2.0         # of a reading's gap: in a longer one the command is the better guess
 FINE_LOG_S = 0.15           # rows closer than this hold every command that control gave
 MAX_LOST = 0.1              # of the rows, before which commands may be missing: more, and no move is known
 SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
@@ -148,13 +149,13 @@ class _Rows(NamedTuple):
 def _rows(log: Clean, machine: Machine) -> _Rows:
     time, c = log.time_s, log.columns
     command_rpm, command_mm = _held(c["shaft_rpm_cmd"]), _held(c["opening_mm_cmd"])
-    shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm)
+    shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
     supply_v = _bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
     turning = np.nan_to_num(shaft_rpm) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
-    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm, _bridged(time, c["opening_mm"], opening_mm),
-                 _smooth(supply_v, log.step_s),
+    return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
+                 _bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S), _smooth(supply_v, log.step_s),
                  _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
                  working.astype(np.float64), _lost(time, log.step_s))
 
@@ -214,9 +215,17 @@ def _held(series: Array) -> Array:
     return np.asarray(series[np.where(at < 0, np.argmax(known), at)])
 
 
-def _bridged(time: Array, series: Array, instead: Array) -> Array:
+def _bridged(time: Array, series: Array, instead: Array, longest_s: float = np.inf) -> Array:
+    """A series with its gaps bridged by straight lines; `instead` in the longer ones, or where nothing is known."""
     known = np.isfinite(series)
-    return np.interp(time, time[known], series[known]) if known.any() else instead
+    if not known.any():
+        return instead
+    bridged = np.interp(time, time[known], series[known])
+    held = np.maximum.accumulate(np.where(known, np.arange(len(series)), -1))
+    ahead = len(series) - 1 - np.maximum.accumulate(np.where(known[::-1], np.arange(len(series)), -1))[::-1]
+    last, following = time[np.maximum(held, 0)], time[np.minimum(ahead, len(series) - 1)]
+    gap_s = np.where((held < 0) | (ahead >= len(series)), np.inf, following - last)
+    return np.where(~known & (gap_s > longest_s) & np.isfinite(instead), instead, bridged)
 
 
 def _smooth(series: Array, step_s: float) -> Array:

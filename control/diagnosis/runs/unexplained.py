@@ -36,7 +36,8 @@ MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without th
 SLOW_ENERGY = 0.5           # of a structure, in bands where the slow noise is stronger than the fast
 DRIFT_LEFT = 0.2            # of the slow noise's variance, once the structure is taken out
 SHIFTS = 7                  # shifts of a slow variable in time: what it gains then is what drift gives
-SHIFT_MARGIN = 1.5          # times the most that it gains then
+SHIFT_MARGIN = 1.5          # times the most that it gains then ...
+DRIFT_MARGIN = 3.0          # ... where the slow noise remains with the structure taken out
 
 # Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
 # and gate by the measured speed, and by the scale through the flow trim; shaft_rpm and opening_mm are the commands
@@ -86,12 +87,19 @@ def strongest(columns: Columns, now: Refit) -> Dependence | None:
     tried = [dependence(columns, now, stage, variable) for stage, table in TABLES.items()
              if table.channel in names and not (stage == "shaft" and in_steps)
              for variable in variables_of(data) if variable not in DOWNSTREAM[stage]]
-    found = [one for one in tried if one is not None and not one.slow_noise]
-    best = max(found, key=lambda one: one.gain, default=None)
+    ranked = sorted((one for one in tried if one is not None), key=lambda one: -one.gain)
+    best = next((one for one in ranked if not _is_drift(columns, now, one)), None)
     if best is not None and best.variable == "hopper_kg":
-        return next((one for one in found if one.stage == best.stage and one.variable == "time_s"
-                     and one.gain > TIME_TIE * best.gain), best)
+        return next((one for one in ranked if one.stage == best.stage and one.variable == "time_s"
+                     and not one.slow_noise and one.gain > TIME_TIE * best.gain), best)
     return best
+
+
+def _is_drift(columns: Columns, now: Refit, one: Dependence) -> bool:
+    """Whether a dependence beside which the slow noise remains is a part of it: as good over any other course."""
+    if not one.slow_noise or one.variable in TIME_LIKE or one.gain < OPEN_THRESHOLD:
+        return one.slow_noise
+    return one.gain < DRIFT_MARGIN * gain_elsewhere(columns, now, one.stage, one.variable)
 
 
 def significant(found: Dependence, explained: float) -> bool:

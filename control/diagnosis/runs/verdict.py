@@ -97,8 +97,8 @@ def _evidence(one: Judged) -> list[Refused]:
     """Refused parts whose evidence is neither drift nor a tolerance, strongest first."""
     explained = 2.0 * (one.found.log_likelihood - one.null.log_likelihood)
     least = max(THRESHOLD, MIN_SHARE * explained)
-    return sorted((r for r in one.refused if r.doubt in (Doubt.STRETCH, Doubt.CHANCE) and r.gain > least),
-                  key=lambda r: -r.gain)
+    return sorted((r for r in one.refused if r.doubt in (Doubt.STRETCH, Doubt.CHANCE) and r.beyond > least),
+                  key=lambda r: -r.beyond)
 
 
 def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
