@@ -56,5 +56,7 @@ HOLDS_S = MappingProxyType({
     "wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0, "pitch_deg": 1.0,
     "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS, 1.25)})
 GNSS_HOLDS_S = 1.0                      # all that an epoch told
+COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
+
 TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})

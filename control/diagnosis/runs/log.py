@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.log_row import COLUMNS
+from control.log_row import COLUMNS, COMMANDS_HELD
 from control.orders import State
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +47,7 @@ class Clean(NamedTuple):
     stages: tuple[str, ...]                 # channels that this log can show
     findings: tuple[str, ...]
     further: dict[str, Array] = {}          # numbers beyond the published columns, by name
+    held: bool = False                      # each command held until the next row: none is missing between
 
     @property
     def working(self) -> Array:
@@ -92,8 +93,10 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
         stages.append("scale")
     step = float(np.median(np.diff(time)))
     further = _further(columns, order, findings)
-    return Clean(time, step, found, _texts(columns, "events", order), _texts(columns, "state", order),
-                 tuple(stages), tuple(findings), further)
+    events = _texts(columns, "events", order)
+    held = any(COMMANDS_HELD in str(text).split(";") for text in events[events != ""])
+    return Clean(time, step, found, events, _texts(columns, "state", order), tuple(stages), tuple(findings), further,
+                 held)
 
 
 def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int64],

@@ -31,6 +31,8 @@ Array = npt.NDArray[np.float64]
 MIN_STEP_RPM = 0.45         # finer steps are how an ordinary log is written
 ON_STEPS = 0.995            # of the readings
 WRITTEN_RPM = 0.001         # digits of a log
+JITTER = 0.01               # of a step: counts over a time that a clock keeps to a per cent
+APART = 0.05                # of the largest gap between two readings: those of two steps are further apart
 MIN_READINGS = 200
 NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
 SAW_TOOTH_BIN_RPM = 0.02
@@ -51,7 +53,7 @@ class Steps(NamedTuple):
 def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
     """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps."""
     turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)]
-    kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
+    kinds = _kinds(turning)
     if len(turning) < MIN_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
         return None
     gaps = np.diff(kinds)
@@ -63,9 +65,18 @@ def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Step
             number = np.round(turning / step)
             step = float((turning @ number) / (number @ number))
         off = np.abs(turning - step * np.round(turning / step))
-        if np.mean(off < 0.6 * WRITTEN_RPM + 1e-4 * step) >= ON_STEPS:
+        if np.mean(off < 0.6 * WRITTEN_RPM + JITTER * step) >= ON_STEPS:
             return Steps(step, WRITTEN_RPM / float(np.max(number)), len(turning))
     return None
+
+
+def _kinds(turning: Array) -> Array:
+    """The different readings, those that a clock's jitter sets apart (counts over a time that varies) taken as one."""
+    kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
+    if len(kinds) < 2:
+        return kinds
+    gaps = np.diff(kinds)
+    return np.array([np.mean(one) for one in np.split(kinds, np.flatnonzero(gaps > APART * gaps.max()) + 1)])
 
 
 def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:

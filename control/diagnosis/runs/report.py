@@ -179,9 +179,10 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
                             row.unit, one.left.field_percent)]
     if one.found.parts:
         return []                       # the names are then suspected instead
+    prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
     found = [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
-                         by_name[r.channel].noise_floor, by_name[r.channel].unit, None, r.hint, r.from_s, r.period_s)
-             for r in rest]
+                         prior[r.channel] if r.why == "loud" else by_name[r.channel].noise_floor,
+                         by_name[r.channel].unit, None, r.hint, r.from_s, r.period_s) for r in rest]
     inside = [row for row in rows if row.channel in one.search.model.names and row.structure_p < STRUCTURE_P]
     if inside and not found:
         row = max(inside, key=_structure_share)

@@ -20,7 +20,8 @@ WINDOWS = 5
 EVERY_ROW = 20              # of the recorded variables are kept between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
-SETTLE_S = 3.0              # of the drives at the beginning: their past is not in the log
+SETTLE_S = 3.0              # of the drives at the beginning, at most: their past is not in the log ...
+SETTLES = 10.0              # ... nor is it seen after so many times what they take to answer
 UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
 UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
 LONG_GAP_S = 3.0            # of a gap, after which the level of the hopper is open by as much as it may have metered
@@ -157,7 +158,7 @@ def _rows(log: Clean, machine: Machine) -> _Rows:
     return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
                  _bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S), _smooth(supply_v, log.step_s),
                  _smooth(_bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
-                 working.astype(np.float64), _lost(time, log.step_s))
+                 working.astype(np.float64), np.zeros(len(time), bool) if log.held else _lost(time, log.step_s))
 
 
 def _lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
@@ -268,7 +269,8 @@ def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str
         still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < still_rpm)
         read = np.where(still, 0.0, c["shaft_rpm"])
         sure = _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
-        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole)
+        settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole, settle_s)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
         found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole)
@@ -290,11 +292,11 @@ def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.ND
 
 
 def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
-           whole: bool) -> Drive | None:
+           whole: bool, settle_s: float = SETTLE_S) -> Drive | None:
     """None where hardly a row can be judged."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
-    known = np.isfinite(measured[pick]) & (since >= SETTLE_S) & sure[pick]
+    known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick]
     if known.sum() < MIN_ROWS:
         return None
     grid = _grid(time[pick], known, every.step_s, clock)

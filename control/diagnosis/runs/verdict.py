@@ -30,8 +30,11 @@ DRIFT_S = 30.0
 MIN_BLOCKS = 8              # of DRIFT_S
 MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
                             # largest of 60 healthy channels: 29
-MIN_PERIOD_S = 3.0          # quicker than that a sensor hums, and no dose follows it on the ground
+MIN_PERIOD_S = 4.5          # quicker than that a sensor hums, and no dose follows it on the ground
+MAX_LOUD = 8.0              # of the machine file's noise: sensors are not worse by more (healthy loud logs: 5)
+MAX_SHORT_DRIFT = 3.0       # of the noise, for the r.m.s. of a log shorter than MIN_BLOCKS
 MIN_SHARE = 0.05            # of what the names explain: less is how forms differ
+LIKE = 0.4                  # of the variance left, for an effect to be called the nearest
 AT_BOUND = 0.01             # of a size's range: closer to its bound, the size is not known
 OTHERWISE = 0.5             # probability of something else beside a name that is only suspected
 
@@ -40,7 +43,7 @@ class Remains(NamedTuple):
     """What is left of one channel and is not noise."""
 
     channel: str
-    why: Literal["drift", "line", "refused"]
+    why: Literal["drift", "line", "loud", "refused"]
     hint: str = ""              # the effect that comes nearest
     from_s: float | None = None
     period_s: float | None = None
@@ -56,12 +59,12 @@ def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
-        limit = MAX_SCALE_DRIFT if channel.name == "scale" else MAX_DRIFT
-        drift = _drifts(series_of(rest[channel.name], channel.cut), channel.grid.step_s)
-        if drift > limit and channel.name not in read_off:
-            found.append(Remains(channel.name, "drift"))
+        if channel.name not in read_off and _drifts(one, channel, series_of(rest[channel.name], channel.cut)):
+            found.append(Remains(channel.name, "drift", _nearest(one, channel, rest[channel.name])))
         period_s = _line(one, channel, rest[channel.name])
-        if period_s is not None:
+        if one.found.noise[channel.name].fast_sd > MAX_LOUD * channel.prior.fast_sd:
+            found.append(Remains(channel.name, "loud", _nearest(one, channel, rest[channel.name])))
+        if period_s is not None and period_s > MIN_PERIOD_S:
             found.append(Remains(channel.name, "line", period_s=period_s))
     best: dict[str, Remains] = {}
     for each in found:
@@ -81,12 +84,35 @@ def _rest(one: Judged) -> dict[str, Array]:
     return left
 
 
-def _drifts(left: Array, step_s: float) -> float:
-    """S.d. of means over DRIFT_S, beyond what the scatter within them gives, over that scatter; 0 of a short series."""
-    rows = max(2, round(DRIFT_S / step_s))
+def _nearest(one: Judged, channel: ChannelSeries, left: Array) -> str:
+    """The effect whose trace is most like what is `left` of a channel (m,), noise apart; "" where none is like it."""
+    best, like = "", LIKE
+    for candidate in one.search.candidates:
+        column = one.search.columns.of_candidate(one.found.parts, candidate.part).coefficients.get(channel.name)
+        if column is None or not np.any(column):
+            continue
+        size = float(np.clip(left @ column / (column @ column), candidate.low, candidate.high))
+        if ROWS[candidate.part.id].threshold:
+            size = candidate.part.size
+        share = 1.0 - float(np.sum((left - size * column) ** 2) / np.sum(left ** 2))
+        if share > like:
+            best, like = candidate.part.id, share
+    return best
+
+
+def _drifts(one: Judged, channel: ChannelSeries, left: Array) -> bool:
+    """Whether what is `left` of a channel (m,) drifts by more than a sensor does."""
+    rows = max(2, round(DRIFT_S / channel.grid.step_s))
     blocks = len(left) // rows
     if blocks < MIN_BLOCKS:
-        return 0.0
+        noise = np.hypot(one.found.noise[channel.name].fast_sd, channel.prior.floor_sd)
+        return channel.name != "scale" and bool(np.sqrt(np.mean(left ** 2)) > MAX_SHORT_DRIFT * noise)
+    return drift_of(left, rows) > (MAX_SCALE_DRIFT if channel.name == "scale" else MAX_DRIFT)
+
+
+def drift_of(left: Array, rows: int) -> float:
+    """S.d. of means over so many rows, beyond what the scatter within them gives, over that scatter."""
+    blocks = len(left) // rows
     cut = left[:blocks * rows].reshape(blocks, rows)
     within = float(np.sqrt(np.mean(np.var(cut, axis=1, ddof=1))))
     between = float(np.var(cut.mean(axis=1), ddof=1)) - within ** 2 / rows
@@ -112,8 +138,7 @@ def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
     explained = max(0.0, 2.0 * (one.found.log_likelihood - one.null.log_likelihood))
     if highest <= 0.0 or power[at] < max(MAX_LINE, MIN_SHARE * explained):
         return None
-    period_s = float(2.0 * np.pi / highest * channel.grid.step_s)
-    return period_s if period_s > MIN_PERIOD_S else None
+    return float(2.0 * np.pi / highest * channel.grid.step_s)
 
 
 def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bool:

@@ -7,12 +7,12 @@ from typing import Literal
 import numpy as np
 import polars as pl
 
-from control.log_row import TEXT_COLUMNS
+from control.log_row import COMMANDS_HELD, TEXT_COLUMNS
 from control.orders import State
 from drivers.files.config_words import nearest
 from drivers.files.findings import Finding, many
 from drivers.files.imports.header import named
-from drivers.files.imports.mapping import EXTRA_START, MADE_BY_WORKING, Column, ImportFile, Working
+from drivers.files.imports.mapping import EVENTS, EXTRA_START, MADE_BY_WORKING, Column, ImportFile, Working
 from drivers.files.imports.numbers import Numbers, numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import clock, read_texts
@@ -246,7 +246,7 @@ def _with_commands_before(frame: pl.DataFrame, constants: list[str]) -> pl.DataF
     """From rows that hold a command and its settled answer to rows of the run log.
 
     A row of the log holds a reading, and the command in force from there on: the command of each row moves to the row
-    before, and a row stands before the first for its command.
+    before, and a row stands before the first for its command. An event says that no command is missing between rows.
     """
     times = frame[US]
     step = int(times.diff().median() or 1_000_000)          # type: ignore[arg-type]
@@ -256,4 +256,5 @@ def _with_commands_before(frame: pl.DataFrame, constants: list[str]) -> pl.DataF
         for name, kind in frame.schema.items())
     longer = pl.concat([before, frame])
     later = [pl.concat([frame[name], frame[name].tail(1)]) for name in frame.columns if name in COMMANDS]
-    return longer.with_columns(later)
+    told = frame[EVENTS].to_list() if EVENTS in frame.columns else [None] * frame.height
+    return longer.with_columns(*later, pl.Series(EVENTS, [COMMANDS_HELD, *told], pl.String))

@@ -9,10 +9,8 @@ import polars as pl
 
 from drivers.files.findings import Finding
 from drivers.files.imports.convert import US, UTC_US, Converted
-from drivers.files.imports.mapping import Join
+from drivers.files.imports.mapping import EVENTS, Join
 from drivers.files.imports.trouble import ImportTrouble
-
-EVENTS = "events"
 
 
 class Joined(NamedTuple):

@@ -12,6 +12,7 @@ from drivers.files.config import Kind
 from drivers.files.config_words import nearest
 from drivers.files.imports.units import names_of, quantity_of, unit_named
 
+EVENTS = "events"                     # column of a run log
 EXTRA_START = "x_"
 _EXTRA = re.compile(r"^x_\w+$")
 NOT_MAPPED = frozenset({"time_s"})      # made from the times of the file
