@@ -287,6 +287,8 @@ def _term(eye: Eye, plant: Plant, kind: str, more: Sequence[extras.Extra],
     else:
         stage, term = terms.dealt(kind, values, rng)
     channel, _, guess, unit = terms.STAGES[stage]
+    if any(np.ptp(np.percentile(values[v], (2.0, 98.0))) == 0.0 for v in term.variables if v in values):
+        return None                                          # what never moves shows no dependence
     if terms.ANGLE in term.variables and plant.drive.row_s > 0.05:
         return None                                          # too slow a log to see a turn of the shaft
     guess *= 1.0 if kind in ("dead_zone", "saturation") and term.form % 2 else float(rng.choice([-1, 1]))
