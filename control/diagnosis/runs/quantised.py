@@ -76,7 +76,8 @@ def _kinds(turning: Array) -> Array:
     if len(kinds) < 2:
         return kinds
     gaps = np.diff(kinds)
-    return np.array([np.mean(one) for one in np.split(kinds, np.flatnonzero(gaps > APART * gaps.max()) + 1)])
+    together = np.split(kinds, np.flatnonzero(gaps > APART * gaps.max()) + 1)
+    return np.array([float(np.mean(one)) for one in together], np.float64)
 
 
 def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:

@@ -101,8 +101,8 @@ def _nearest(one: Judged, channel: ChannelSeries, left: Array) -> str:
 
 
 def _drifts(one: Judged, channel: ChannelSeries, left: Array) -> bool:
-    """Whether what is `left` of a channel (m,) drifts by more than a sensor does, or by what no row says was metered."""
-    if channel.prior.walk_sd > 0.0:
+    """Whether what is `left` of a channel (m,) drifts by more than a sensor does."""
+    if channel.prior.walk_sd > 0.0:         # between its rows more was metered than they say
         return False
     rows = max(2, round(DRIFT_S / channel.grid.step_s))
     blocks = len(left) // rows
