@@ -480,6 +480,26 @@ def test_an_encoder_in_whole_steps_is_read_off_and_hides_nothing_of_the_flow():
     assert "flow.gain" in {flow.id, *(r.id for r in flow.rivals)} and abs(flow.size.value) > 3.0
 
 
+def test_where_a_reading_is_empty_for_long_its_command_stands_in():
+    """The shaft stops and starts in a stretch whose speeds are empty: a line over it would meter another mass."""
+    columns = a_run(Machine(), seed=41)
+    gone = (columns["time_s"] > 200.0) & (columns["time_s"] < 300.0)
+    columns["shaft_rpm"] = np.where(gone, np.nan, columns["shaft_rpm"])
+    assert diagnose_run(columns, Machine()).verdict == "none"
+
+
+def test_a_further_column_is_blamed_beside_a_drift():
+    """A dependence that is as slow as the drift, and gains far more than over any other course of its column."""
+    columns, rng = a_run(Machine(), seed=43, seconds=1500.0), np.random.default_rng(43)
+    time_s = columns["time_s"]
+    heat, drift = (lfilter([1.0], [1.0, -np.exp(-0.1 / kept_s)], rng.standard_normal(len(time_s)))
+                   for kept_s in (60.0, 120.0))
+    heat = 60.0 + 10.0 * heat / np.std(heat)
+    columns["shaft_rpm"] = columns["shaft_rpm"] * (1.0 + 0.0006 * (heat - 60.0)) + 0.2 * drift / np.std(drift)
+    found = diagnose_run({**columns, "x_oil_temperature_c": heat}, Machine())
+    assert [(u.channel, u.variable) for u in found.unexplained] == [("shaft", "x_oil_temperature_c")]
+
+
 def test_evidence_of_one_block_falls_with_it():
     score, energy = np.full((64, 1), 0.5), np.full((64, 1), 1.0)
     even = evidence.without_best_block(evidence.Scores(score, energy), 0)

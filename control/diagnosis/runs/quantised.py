@@ -74,7 +74,7 @@ def _kinds(turning: Array) -> Array:
     """The different readings, those that a clock's jitter sets apart (counts over a time that varies) taken as one."""
     kinds = np.unique(np.round(turning / WRITTEN_RPM).astype(np.int64)) * WRITTEN_RPM
     if len(kinds) < 2:
-        return kinds
+        return np.asarray(kinds, np.float64)
     gaps = np.diff(kinds)
     together = np.split(kinds, np.flatnonzero(gaps > APART * gaps.max()) + 1)
     return np.array([float(np.mean(one)) for one in together], np.float64)
