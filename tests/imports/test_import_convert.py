@@ -10,6 +10,7 @@ import pytest
 import yaml
 from click.testing import Result
 
+from control.log_row import COMMANDS_HELD
 from drivers.files.read_log import RunLog, read_log
 
 TIME: dict[str, Any] = {"column": "t", "counts": "s"}
@@ -63,8 +64,10 @@ def test_a_row_that_holds_a_command_and_its_answer(imported: Callable[..., RunLo
     assert log.numbers("shaft_rpm_cmd").tolist() == [20.0, 30.0, 40.0, 50.0, 50.0]
     assert np.isnan(log.numbers("shaft_rpm")[0]) and log.numbers("shaft_rpm").tolist()[1:] == [21.0, 31.0, 41.0, 51.0]
     assert set(log.numbers("opening_mm")) == {20.0}
+    assert log.texts("events").tolist() == [COMMANDS_HELD, "", "", "", ""]
     plain = imported(content, columns=columns)
     assert plain.numbers("shaft_rpm_cmd").tolist() == [20.0, 30.0, 40.0, 50.0] and len(plain) == 4
+    assert not plain.has("events")
 
 
 @pytest.mark.parametrize(("times", "how", "utc"), [
