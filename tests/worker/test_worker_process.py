@@ -386,7 +386,8 @@ def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
 
 
 @pytest.mark.parametrize("text", [None, "", "{", "[]", '{"port": "x"}', '{"port": 1}', '{"port": 1e400}', "[" * 9999,
-                                  '{"port": 1, "token": "x", "pid": 1}', '{"port": 70000, "token": "x", "pid": 1}'])
+                                  '{"port": 1, "token": "x", "pid": 1}', '{"port": 70000, "token": "x", "pid": 1}'],
+                         ids=lambda text: "missing" if text is None else text[:20])
 def test_a_worker_that_runs_mends_its_run_file(running, tmp_path, text):
     where = running()
     run_file = tmp_path / "run" / "worker.json"
