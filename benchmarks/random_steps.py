@@ -75,9 +75,8 @@ class Rules:
                 fix.time_s, now_s, inf):
             self._speed_s = max(self._speed_s, fix.time_s)
         command, allow, state = tick.command, tick.allow, tick.verdict.state
-        found = []
-        if not (command.shaft_rpm == 0.0 or 10.0 <= command.shaft_rpm <= 100.0) or not 0.0 <= command.opening_mm <= 60.0:
-            found.append("limits")
+        turns_well = command.shaft_rpm == 0.0 or 10.0 <= command.shaft_rpm <= 100.0
+        found = [] if turns_well and 0.0 <= command.opening_mm <= 60.0 else ["limits"]
         if command.shaft_rpm == 0.0 and command.dose is None:
             return found
         found += [name for name, bad in (

@@ -1,4 +1,4 @@
-"""What cannot be never gets into the loop: numbers that are none, places not on earth, a clock that stands or goes back.
+"""What cannot be never gets into the loop: numbers that are none, places not on earth, a clock that stands.
 
 The same by the million: `python benchmarks/random_steps.py`.
 """
@@ -108,3 +108,12 @@ def test_random_steps_break_no_interlock() -> None:
     ran = subprocess.run([sys.executable, str(ROOT / "benchmarks" / "random_steps.py"), "--steps", "6000"], cwd=ROOT,
                          capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize("value", [None, nan, 1e308, 400.0])
+def test_a_wheel_that_says_what_cannot_be_stands(work: Work, value: float | None) -> None:
+    """It was heard once, so it is fitted: no pulse for 0.8 s is standstill, whatever GNSS says."""
+    for _ in range(20):
+        m = work.measuring.take(work.sensed)
+        work.tick(wheel_speed_mps=None if value is None else Reading(value, m.time_s))
+    assert work.newest.command.shaft_rpm == 0.0 and "standstill" in work.newest.why_no_flow

@@ -65,6 +65,22 @@ def test_what_is_no_object_is_malformed(junk):
     assert decoder.counts.rejected == {"malformed": 1}
 
 
+@pytest.mark.parametrize("key", ["mode", "lat", "lon", "status", "track", "speed"])
+@pytest.mark.parametrize("number", ["9" * 400, "-" + "9" * 4000, "1e400", "-1e308", "NaN", "Infinity"])
+def test_numbers_of_any_length_are_impossible_and_nothing_else(key, number):
+    decoder = GpsdDecoder()
+    said = json.dumps(TPV | {key: "HERE"}).replace('"HERE"', number)
+    assert decoder.feed(said.encode() + b"\n", 5.0) == []
+    assert decoder.counts.rejected_total == 1
+
+
+@pytest.mark.parametrize("utc", ["2026-13-01T00:00:00Z", "2026-02-30T00:00:00Z", "2026-01-01T24:61:00Z", "0000-01-01T00:00:00Z"])
+def test_a_time_that_no_calendar_has_is_malformed(utc):
+    decoder = GpsdDecoder()
+    assert decoder.feed(lines(TPV | {"time": utc}), 5.0) == []
+    assert decoder.counts.rejected == {"malformed": 1}
+
+
 def test_gpsd_is_asked_to_speak_at_every_connect(clock, make_plant):
     host, device = memory_pair("gpsd", clock)
     cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}), clock, lambda *_: host)
