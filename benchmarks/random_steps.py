@@ -1,7 +1,7 @@
 """Random steps of the control loop with wild places, times and numbers: `python benchmarks/random_steps.py --steps N`
 
-A machine drives to and fro on a field and works. A share of its readings, of the times of its ticks and of the orders
-that it gets is wild: no number, infinite, from the future, from the past, elsewhere on earth. The interlocks are written
+A machine drives to and fro on a field and works. A share of its readings, of the times of its ticks and of its orders
+is wild: no number, infinite, from the future, from the past, elsewhere on earth. The interlocks are written
 here a second time, from docs/safety.md, and with a memory of their own; every command that turns the shaft is held
 against them, every command against the limits of the drives, every row against the log's text and the console's frame.
 
@@ -46,8 +46,8 @@ LATE_S = (0.0, 0.0, 0.1, 0.4, 0.6, 1.0, 3.0, 60.0, -0.05, -0.3, -5.0, -1e9, 1e9,
 TICKS_S = (0.0, 0.01, 0.2, 0.6, 2.0, 30.0, -0.05, -10.0, -1e9, nan, inf, -inf, 1e9)
 AWAY_M = (0.5, 5.0, 30.0, 1e3, 5e4, 5e6)
 SETTLING = (Order(Do.ACKNOWLEDGE, ""), Order(Do.READY), Order(Do.START))
-ORDERS = [Order(do, value) for do in Do for value in (None, True, False, "", "map", "manual", "balanced", 0.3, -30.0, 250.0,
-                                                      nan, inf, 1e308, "x" * 999)]
+VALUES = (None, True, False, "", "map", "manual", "balanced", 0.3, -30.0, 250.0, nan, inf, 1e308, "x" * 999)
+ORDERS = [Order(do, value) for do in Do for value in VALUES]
 LIVELY = [order for order in ORDERS if order.do is not Do.STOP]
 
 
