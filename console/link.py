@@ -153,7 +153,9 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
         if child.poll() is not None:
             last = _last_line(Path(trouble_path), heard_before) or f"ended at once, code {child.returncode}"
             raise WorkerFailed(f"the control worker did not start: {last}")
-        where = find_running(path)
+        where = None
+        with contextlib.suppress(WorkerFailed):                    # it has the lock, and does not greet yet
+            where = find_running(path)
         if where and child.pid in (where.pid, where.parent):       # Windows: the environment's own program starts it
             return where
         time.sleep(AGAIN_S)

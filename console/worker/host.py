@@ -37,6 +37,7 @@ from control.field.totals import Totals
 from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
 
+QUIT = "told to quit"
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 
 
@@ -181,6 +182,8 @@ class Host:
         if self.ended:
             return
         self.ended = why
+        if self._keeper is not None and why == QUIT:
+            self._keeper.quit()
         try:
             self._bench.command(self._clock(), None, False)
         finally:
@@ -225,7 +228,7 @@ class Host:
             elif waiting.what is Ask.STATS:
                 extra["stats"] = self.period.summary()
             elif waiting.what is Ask.QUIT:
-                self.stop("told to quit")
+                self.stop(QUIT)
         self._guarded(lambda: waiting.reply(answer, extra))
 
     def _begin_lag_test(self) -> Answer:

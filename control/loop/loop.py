@@ -115,13 +115,17 @@ class ControlLoop:
         """Of point mode, as learned."""
         return None if self._doses is None else self._doses.points.mode.threshold
 
-    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None) -> None:
-        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread."""
+    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None,
+              after_cut_kg: float = 0.0) -> None:
+        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread.
+        after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
         self._flow_trim.value = flow_trim
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
+        if after_cut_kg > 0.0:
+            self._events.append(f"released_after_cut {after_cut_kg:.3f}")
 
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""

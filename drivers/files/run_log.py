@@ -17,7 +17,7 @@ from drivers.files.atomic import LogFile, create, sidecar, write_atomically
 from drivers.files.log_text import HEADER, RowText
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
-FLUSH_S = 0.5             # rows reach the operating system at least this often
+FLUSH_S = 0.1             # rows reach the operating system at least this often: what a kill of the worker can cost
 SYNC_S = 1.0              # and the disk itself about this often
 SLOW_S = 5.0              # rows waiting longer than this are a trouble
 MAX_WAITING_ROWS = 72_000     # an hour at 20 Hz; what comes after is lost, and counted
