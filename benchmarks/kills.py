@@ -6,8 +6,8 @@ here. Told of every cut: the time that is not in the log, how long material fell
 the job's totals do not know when it goes on, and the length of ground that has its material and would get it again
 (negative: that has none and would get none).
 
-With `--state FILE` it is resumable: cuts are kept there, and a further call goes on until N are done. The exit code is 1
-where a log is damaged, or the job could not be gone on with, or no material flowed.
+With `--state FILE` it is resumable: cuts are kept there, and a further call goes on until N are done. The exit code is
+1 where a log is damaged, or the job could not be gone on with, or no material flowed.
 """
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from control.field.coverage import Raster
 from control.field.totals import NOTHING, Sums
 from control.orders import Strategy
 from drivers.files.atomic import write_atomically
+from drivers.files.limits import RESUME, held_to
 
 FORMAT = "topdress-resume/1"
 ENDING = ".resume.json"
@@ -86,11 +87,12 @@ def write(path: Path, snapshot: Snapshot) -> None:
 def read(path: Path) -> Snapshot:
     """Raises ValueError, one line that names the file, where it is no snapshot; OSError."""
     try:
+        held_to(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise ValueError(f"key format: allowed {FORMAT}")
         return _snapshot(data)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
 
 
