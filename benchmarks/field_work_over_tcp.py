@@ -11,10 +11,12 @@ import argparse
 import asyncio
 import contextlib
 import itertools
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import yaml
@@ -96,6 +98,16 @@ class Operator:
             await self._link.order(Order(Do.START))
 
 
+async def watched(pid: int, rss: list[tuple[float, float]]) -> None:
+    """Memory of the worker, MB, every ten seconds. Linux only."""
+    status = Path(f"/proc/{pid}/status")
+    while status.exists():
+        with contextlib.suppress(OSError, StopIteration):
+            line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))
+            rss.append((time.monotonic(), int(line.split()[1]) / 1024))
+        await asyncio.sleep(10.0)
+
+
 def judge(seen: list[tuple[float, str]], faults: list[tuple[str, float, float]]) -> list[str]:
     """For each loss: the first word of it, the reaction, and when it was as before."""
     wanted = {"gnss": "+ alarm gnss_silent", "board": "+ state fault", "heads": "+ alarm ndvi_silent"}
@@ -117,6 +129,7 @@ async def run(seconds: float, folder: Path) -> None:
     faults = time_line(seconds)
     machine, urls, began_s = serve(faults)
     log = folder / "run.csv"
+    rss: list[tuple[float, float]] = []
     try:
         where = await asyncio.to_thread(
             start_worker, ["--config", str(cab_file(folder, urls)), "--log", str(log)], folder / "trouble",
@@ -125,7 +138,9 @@ async def run(seconds: float, folder: Path) -> None:
         running = asyncio.create_task(link.run())
         await asyncio.wait_for(link.attached.wait(), 10)
         operator = Operator(link, began_s)
+        memory = asyncio.create_task(watched(where.pid, rss))
         await operator.work(seconds)
+        memory.cancel()
         stats = await link.stats(2.0)
         totals = link.newest
         await link.stop_worker()
@@ -147,6 +162,13 @@ async def run(seconds: float, folder: Path) -> None:
           f"{sum(step > 0.075 for step in steps)} steps above 0.075 s; last state {rows[-1].state}")
     print(f"worked {totals.area_ha:.3f} ha, {totals.applied_kg:.1f} kg")
     print("loop:", ", ".join(f"{name} {value:g}" for name, value in sorted(stats.items())))
+    if len(rss) > 10:
+        later = rss[len(rss) // 3:]                 # what the start takes is no slope
+        slope = statistics.linear_regression([at_s for at_s, _mb in later], [mb for _at_s, mb in later]).slope
+        print(f"memory: {later[0][1]:.1f} MB to {later[-1][1]:.1f} MB, slope {3600.0 * slope:.2f} MB an hour, most "
+              f"{max(mb for _at_s, mb in rss):.1f} MB")
+    alarms = Counter(what for _at_s, what in operator.seen if what.startswith("+ alarm"))
+    print("alarms:", dict(alarms))
     print("trouble:", (folder / "trouble").read_text().strip() or "none")
 
 

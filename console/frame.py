@@ -60,6 +60,8 @@ class Tally(NamedTuple):
     began_utc: str = ""
     finished: bool = False                          # the operator said so
     trouble: str = ""                               # why the job could not go on after a power cut; one line
+    after_cut_kg: float | None = None               # thought to have been released after the last row, and counted
+    after_cut_scale_kg: float | None = None         # the same by the scale, once it is known
 
 
 @dataclass(frozen=True, slots=True)

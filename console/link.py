@@ -27,7 +27,8 @@ HOST = "127.0.0.1"
 GREETING = "topdress-worker/1"
 KEEP_ALIVE_S = 0.5            # the worker holds after 2 s of silence: three may be lost
 ANSWER_S = 0.5                # the loop answers with its next tick
-KNOCK_S = 0.5                 # a worker greets at once
+KNOCK_S = 0.5                 # a worker greets at once, and mends its run file within half of that
+AGAIN_S = 0.02                # a run file that is not there yet is looked for this often
 START_S = 20.0                # opening devices may take its time
 LINE_BYTES = 1 << 20          # longest frame accepted
 WORKER = ("-P", "-m", "console.worker")
@@ -67,19 +68,32 @@ def default_run_file() -> Path:
 def find_running(run_file: Path | None = None) -> Where | None:
     """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at most.
 
-    A run file is removed only where no worker holds the lock beside it. Raises WorkerFailed where one holds it and does
-    not greet in time.
+    A run file is removed only where no worker holds the lock beside it. One that is missing or wrong while a worker
+    runs is written anew by that worker, and waited for. Raises WorkerFailed where a worker runs and its file stays
+    wrong, or where it does not greet in time.
     """
     path = run_file or default_run_file()
-    try:
-        if path.stat().st_uid != getattr(os, "getuid", int)():        # Windows: 0 on both sides
-            raise WorkerFailed(f"{path}: belongs to another user; remove it")
-        if _nobody_holds(path):
+    until_s = time.monotonic() + KNOCK_S
+    while True:
+        wrong: WorkerFailed | None = None
+        try:
+            if _nobody_holds(path):
+                return None
+            return _greeted(_read(path), until_s)
+        except FileNotFoundError:
+            pass
+        except WorkerFailed as error:
+            wrong = error
+        if time.monotonic() + AGAIN_S > until_s:
+            if wrong is not None:
+                raise wrong
             return None
-        where = _read(path)
-    except FileNotFoundError:
-        return None
-    greeting = _knock(where.port)
+        time.sleep(AGAIN_S)
+
+
+def _greeted(where: Where, until_s: float) -> Where:
+    """The same, once it has greeted. Raises WorkerFailed."""
+    greeting = _knock(where.port, until_s)
     if greeting is None:
         raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it")
     if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
@@ -89,7 +103,15 @@ def find_running(run_file: Path | None = None) -> Where | None:
 
 def _nobody_holds(path: Path) -> bool:
     """Whether no worker runs; the file that one left is then removed, while none can start."""
-    lock = take_lock(path.with_suffix(".lock"))
+    try:
+        if path.stat().st_uid != getattr(os, "getuid", int)():            # Windows: 0 on both sides
+            raise WorkerFailed(f"{path}: belongs to another user; remove it")
+    except FileNotFoundError:
+        pass
+    try:
+        lock = take_lock(path.with_suffix(".lock"))
+    except FileNotFoundError:                   # not even the folder is there
+        return True
     if lock is None:
         return False
     with lock:
@@ -99,10 +121,12 @@ def _nobody_holds(path: Path) -> bool:
 
 def _read(path: Path) -> Where:
     try:
-        said = json.loads(path.read_bytes())
-        return Where(int(said["port"]), str(said["token"]), int(said["pid"]), str(said.get("started", "")),
-                     str(said.get("log_path", "")), int(said.get("parent", 0)))
-    except (ValueError, KeyError, TypeError, AttributeError):
+        said = json.loads(path.read_bytes()[:LINE_BYTES])
+        port, pid, parent = said["port"], said["pid"], said.get("parent", 0)
+        if not all(type(number) is int for number in (port, pid, parent)) or not 0 < port < 1 << 16:
+            raise ValueError
+        return Where(port, str(said["token"]), pid, str(said.get("started", "")), str(said.get("log_path", "")), parent)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise WorkerFailed(f"{path}: does not say where the control worker that runs listens: end that one") from None
 
 
@@ -129,10 +153,12 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
         if child.poll() is not None:
             last = _last_line(Path(trouble_path), heard_before) or f"ended at once, code {child.returncode}"
             raise WorkerFailed(f"the control worker did not start: {last}")
-        where = find_running(path)
+        where = None
+        with contextlib.suppress(WorkerFailed):                    # it has the lock, and does not greet yet
+            where = find_running(path)
         if where and child.pid in (where.pid, where.parent):       # Windows: the environment's own program starts it
             return where
-        time.sleep(0.02)
+        time.sleep(AGAIN_S)
     child.terminate()
     raise WorkerFailed(f"the control worker said nothing for {timeout_s:g} s; see {trouble_path}")
 
@@ -249,20 +275,24 @@ class Link:
             await asyncio.sleep(KEEP_ALIVE_S)
 
 
-def _knock(port: int) -> dict[str, Any] | None:
-    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None: accepted but silent."""
+def _knock(port: int, until_s: float) -> dict[str, Any] | None:
+    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None: accepted, and no whole
+    line by `until_s` (time.monotonic), however often a byte of it came."""
     heard = b""
     try:
         with socket.create_connection((HOST, port), timeout=KNOCK_S) as connection:
             while b"\n" not in heard and len(heard) < LINE_BYTES:
+                connection.settimeout(max(0.001, until_s - time.monotonic()))
                 got = connection.recv(4096)
                 if not got:
                     break
                 heard += got
+                if time.monotonic() > until_s:
+                    return None
         said = json.loads(heard.split(b"\n")[0])
     except TimeoutError:
         return None
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return said if isinstance(said, dict) else {}
 

@@ -1,7 +1,8 @@
 """What the machine's sensors said, and what is sent to its drives. Every value carries its time."""
 from __future__ import annotations
 
-from typing import NamedTuple
+from math import isfinite
+from typing import Any, NamedTuple
 
 AHEAD_S = 0.1           # a reading may be this much newer than the tick that looks at it
 
@@ -50,6 +51,8 @@ class Measurements(NamedTuple):
     work_switch: bool | None = None              # None: not fitted
     drive_fault: bool = False                    # a motor driver says so
     drive_stopped: bool = False                  # the drives have stood still by themselves though told to turn
+    put_aside: tuple[str, ...] = ()              # devices whose driver failed: not listened to any more
+    control_failed: bool = False                 # the tick before this one could not be finished
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
 
 
@@ -72,3 +75,36 @@ def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
     """Whether what was sampled at `time_s` still holds at `now_s`: not too old, and not from the future, which is a
     clock gone wrong. False where a time is no number."""
     return -AHEAD_S <= now_s - time_s <= holds_s
+
+
+# What a reading can be on any machine that spreads: far wider than a sensor's own range, which its driver knows.
+POSSIBLE: dict[str, tuple[float, float]] = {
+    "wheel_speed_mps": (-100.0, 100.0), "shaft_rpm": (-10_000.0, 10_000.0), "opening_mm": (-1_000.0, 10_000.0),
+    "hopper_kg": (-100_000.0, 100_000.0), "supply_v": (-1_000.0, 1_000.0), "pitch_deg": (-180.0, 180.0),
+    "roll_deg": (-180.0, 180.0)}
+POSSIBLE_NDVI = (-100.0, 100.0)
+_OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
+
+
+def possible(m: Measurements) -> Measurements:
+    """The measurements without what cannot be: a reading that is no number, outside `POSSIBLE`, or of no time counts
+    as never received, a fix without a place on earth as well. Of a fix that has one, other numbers that are none go."""
+    unknown: dict[str, Any] = {
+        name: None for name, (low, high) in POSSIBLE.items()
+        if (reading := getattr(m, name)) is not None and not _can_be(reading, low, high)}
+    if any(reading is not None and not _can_be(reading, *POSSIBLE_NDVI) for reading in m.ndvi):
+        unknown["ndvi"] = tuple([None if reading is None or not _can_be(reading, *POSSIBLE_NDVI) else reading
+                                 for reading in m.ndvi])
+    fix = m.gnss
+    if fix is not None:
+        odd: dict[str, Any] = {name: None for name in _OF_A_FIX
+                               if (value := getattr(fix, name)) is not None and not isfinite(value)}
+        if not (isfinite(fix.time_s) and abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0):
+            unknown["gnss"] = None
+        elif odd:
+            unknown["gnss"] = fix._replace(**odd)
+    return m._replace(**unknown) if unknown else m
+
+
+def _can_be(reading: Reading, low: float, high: float) -> bool:
+    return low <= reading.value <= high and isfinite(reading.time_s)

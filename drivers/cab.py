@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading
@@ -77,27 +78,25 @@ class Cab:
             port = opener(config.lag_rig.port, config.lag_rig.baud, clock)
             self._rig = DeviceLine("lag_rig", "lag-rig/1", port, rig.counts,
                                    serial_baud(config.lag_rig.port, config.lag_rig.baud)), rig
+        self._listening = self._listeners()
 
     def measure(self, now_s: float) -> Measurements:
         """Read what has arrived and give the newest accepted value of everything, however old.
 
-        Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick.
+        Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick. A device whose driver
+        raises is put aside until it is plugged again.
         """
-        if self._gnss is not None:
-            self._fix = self._gnss.read(now_s) or self._fix
-        for line, decoder in self._heads:
-            self._read_head(line, decoder, now_s)
-        if self._drives is not None:
-            self._read_board(*self._drives, now_s)
-        if self._module is not None:
-            self._readings.update(self._module.read(now_s))
-            if self._module.work_switch is not None:
-                self._note_work_switch(*self._module.work_switch)
-        if self._rig is not None:
-            self._read_rig(*self._rig, now_s)
+        for line, listen in self._listening:
+            if line.aside:
+                continue
+            try:
+                listen(now_s)
+            except Exception as error:      # one device that nobody understands must not cost the others the tick
+                line.put_aside(error)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
-                            drive_stopped=self._drive_stopped())
+                            drive_stopped=self._drive_stopped(),
+                            put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         """Send the set-points of this tick, which are also the heartbeat; without a drive nothing happens.
@@ -185,16 +184,31 @@ class Cab:
             self._module.line.write(now_s, data)
 
     def _lines(self) -> list[DeviceLine]:
-        lines = [line for line, _ in self._heads]
+        return [line for line, _ in self._listening]
+
+    def _listeners(self) -> list[tuple[DeviceLine, Callable[[float], None]]]:
+        """Every device, and what reads it at a tick."""
+        found: list[tuple[DeviceLine, Callable[[float], None]]] = []
         if self._gnss is not None:
-            lines.insert(0, self._gnss.line)
+            found.append((self._gnss.line, self._read_gnss))
+        found += [(line, partial(self._read_head, line, decoder)) for line, decoder in self._heads]
         if self._drives is not None:
-            lines.append(self._drives[0])
+            found.append((self._drives[0], partial(self._read_board, *self._drives)))
         if self._module is not None:
-            lines.append(self._module.line)
+            found.append((self._module.line, self._read_module))
         if self._rig is not None:
-            lines.append(self._rig[0])
-        return lines
+            found.append((self._rig[0], partial(self._read_rig, *self._rig)))
+        return found
+
+    def _read_gnss(self, now_s: float) -> None:
+        assert self._gnss is not None
+        self._fix = self._gnss.read(now_s) or self._fix
+
+    def _read_module(self, now_s: float) -> None:
+        assert self._module is not None
+        self._readings.update(self._module.read(now_s))
+        if self._module.work_switch is not None:
+            self._note_work_switch(*self._module.work_switch)
 
     def _drive_fault(self) -> bool:
         return self.board is not None and self.board.driver_fault

@@ -1,10 +1,12 @@
 """The cab file: which devices a machine has and where they are plugged in."""
 from __future__ import annotations
 
+import ipaddress
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from drivers.datagrams import is_loopback, udp_address
 from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
 
 MOST_HEADS = 12
@@ -24,7 +26,7 @@ class GnssConfig(_Config):
     """A receiver, or a program that passes on what its receiver says.
 
     `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`: `udp://127.0.0.1:17777`, the
-    address at which this program listens.
+    address at which this program listens; another one than loopback says who is believed: `?from=ADDRESS`.
     """
 
     protocol: Literal["nmea0183", "gpsd", "agopengps"] = "nmea0183"
@@ -36,6 +38,9 @@ class GnssConfig(_Config):
         if (self.protocol == "agopengps") != self.port.startswith("udp://"):
             wanted = "udp://127.0.0.1:17777" if self.protocol == "agopengps" else "a serial port or socket://HOST:PORT"
             raise ValueError(f"port {self.port}: allowed with {self.protocol} is {wanted}")
+        if self.port.startswith("udp://") and udp_address(self.port).senders is None:
+            raise ValueError(f"port {self.port}: anybody on that network could say where the machine is: allowed is "
+                             "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed")
         return self
 
 
@@ -99,12 +104,15 @@ class RateModuleConfig(_Config):
     """A rate module on UDP as the metering drive. Its unit is one turn of the metering shaft: units a minute are r/min.
 
     `address`: the module's own or the subnet's broadcast address; None: 192.168.1.(50 + module), the modules' default.
+    `listen`: this computer's own address on the module's network, or 0.0.0.0 where the module answers to the whole
+    subnet. `subnet`: from where answers are believed, as 192.168.1.0/24; None: from `address` alone.
     `fixed_opening_mm`: where the gate is set by hand, on a machine whose board does not move it.
     """
 
     address: str | None = None
     port: UdpPort = MODULE_PORT
-    listen: str = "0.0.0.0"
+    listen: str = "127.0.0.1"
+    subnet: str | None = None
     listen_port: UdpPort = CONSOLE_PORT
     module: Annotated[int, Field(ge=0, le=15)] = 0
     sensor: Annotated[int, Field(ge=0, le=15)] = 0
@@ -116,9 +124,42 @@ class RateModuleConfig(_Config):
 
     @property
     def url(self) -> str:
-        """Both ends: `udp://LISTEN:PORT?to=ADDRESS:PORT`."""
-        to = self.address or f"192.168.1.{50 + self.module}"
-        return f"udp://{self.listen}:{self.listen_port}?to={to}:{self.port}"
+        """Both ends, and who is believed: `udp://LISTEN:PORT?to=ADDRESS:PORT&from=NETWORK`."""
+        senders = "" if self.subnet is None else f"&from={self.subnet}"
+        return f"udp://{self.listen}:{self.listen_port}?to={self.at}:{self.port}{senders}"
+
+    @property
+    def at(self) -> str:
+        """The address that is sent to."""
+        return self.address or f"192.168.1.{50 + self.module}"
+
+    @model_validator(mode="after")
+    def _hears_its_module_only(self) -> Self:
+        if is_loopback(self.listen) != is_loopback(self.at):
+            raise ValueError(f"listen {self.listen}: a module at {self.at} cannot be heard there: allowed is this "
+                             "computer's own address on the module's network, or 0.0.0.0")
+        if self.subnet is None and (self.at.endswith(".255") or not _is_address(self.at)):
+            raise ValueError(f"address {self.at} is not one module's: subnet is missing, from where answers are "
+                             "believed: allowed is a network, as 192.168.1.0/24")
+        if self.subnet is not None and not _is_network(self.subnet):
+            raise ValueError(f"subnet {self.subnet}: allowed is a network, as 192.168.1.0/24")
+        return self
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return is_loopback(text)
+    return True
+
+
+def _is_network(text: str) -> bool:
+    try:
+        ipaddress.ip_network(text)
+    except ValueError:
+        return False
+    return True
 
 
 class LagRigConfig(_Config):

@@ -11,6 +11,7 @@ from drivers.devices.lines import Counts
 from drivers.ports import Port
 
 RATE_OVER_S = 2.0           # a device silent for this long has rate 0
+ASIDE_CHARACTERS = 200
 
 Direction = Literal["<", ">"]                           # received, sent
 Tap = Callable[[float, Direction, bytes], None]         # must return at once: the control loop calls it
@@ -24,6 +25,7 @@ class DeviceLine:
         self.port = port
         self.baud = baud
         self.plugged = True
+        self.aside = ""             # why the device is not listened to any more; empty: it is
         self._protocol = protocol
         self._counts = counts
         self._taps: list[Tap] = []
@@ -53,9 +55,14 @@ class DeviceLine:
         if tap in self._taps:
             self._taps.remove(tap)
 
+    def put_aside(self, error: Exception) -> None:
+        """Its driver could not digest what it said: it is not listened to until it is plugged again. What is sent to
+        it goes on, so that a drive can be stopped."""
+        self.aside = f"put aside: {type(error).__name__}: {error}"[:ASIDE_CHARACTERS]
+
     def plug(self, plugged: bool) -> None:
         """False: let go of the port and leave it alone until True."""
-        self.plugged = plugged
+        self.plugged, self.aside = plugged, ""
         self.port.plug(plugged)
 
     def status(self, now_s: float) -> DeviceStatus:
@@ -68,13 +75,17 @@ class DeviceLine:
         return DeviceStatus(
             self.name, self.port.name, self._protocol, state.connected, age_s,
             (len(times_s) - 1) / span_s if lively else 0.0,
-            self._counts.accepted, self._counts.rejected_total, last[0] if last else state.last_error,
-            state.connects, state.bytes_in, state.bytes_out, state.last_error,
+            self._counts.accepted, self._counts.rejected_total,
+            self.aside or (last[0] if last else state.last_error),
+            state.connects, state.bytes_in, state.bytes_out, self.aside or state.last_error,
             tuple(sorted(self._counts.rejected.items())))
 
     def _tell(self, now_s: float, direction: Direction, data: bytes) -> None:
-        for tap in self._taps:
-            tap(now_s, direction, data)
+        for tap in list(self._taps):
+            try:
+                tap(now_s, direction, data)
+            except Exception:           # whoever listens in costs neither the device nor the tick
+                self._taps.remove(tap)
 
 
 class DatagramLine(DeviceLine):

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import socket
 from collections import deque
 from typing import NamedTuple, Protocol
@@ -10,7 +11,10 @@ from urllib.parse import parse_qs, urlsplit
 from drivers.ports import TAIL_BYTES, UNPLUGGED, Clock, Port, PortState, open_port
 
 LONGEST_DATAGRAM = 2048
-MOST_WAITING = 256              # datagrams taken at one read; more than that is a flood, left to the system to drop
+MOST_WAITING = 64               # datagrams given at one read; older ones are dropped: a flood
+MOST_TAKEN = 512                # taken from the system at one read, strangers' included; the rest is its to drop
+LOOPBACK = ipaddress.ip_network("127.0.0.0/8")
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 TRY_AGAIN_S = 1.0
 SILENT_S = 2.0                  # UDP has no plug: "connected" means heard this lately
 
@@ -24,27 +28,51 @@ class Datagrams(Port, Protocol):
 
 
 class UdpAddress(NamedTuple):
-    """Both ends of `udp://HOST:PORT[?to=HOST:PORT]`."""
+    """Both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders`: who is listened to; None: everybody."""
 
     host: str
     number: int
     to: tuple[str, int] | None = None
+    senders: Network | None = None
 
 
 def udp_address(url: str) -> UdpAddress:
-    """Where to listen and where to send; ValueError with one line where either cannot be read."""
+    """Where to listen, where to send, whom to believe; ValueError with one line where any of it cannot be read.
+
+    Without `from`, a port on loopback hears this computer only, any other one the address that it sends to.
+    """
     try:
         parts = urlsplit(url)
-        to = parse_qs(parts.query).get("to")
+        asked = parse_qs(parts.query)
+        to = asked.get("to")
         other = urlsplit(f"udp://{to[0]}") if to else None
         if parts.scheme == "udp" and parts.hostname and parts.port is not None:
-            if other is None:
-                return UdpAddress(parts.hostname, parts.port)
-            if other.hostname and other.port:
-                return UdpAddress(parts.hostname, parts.port, (other.hostname, other.port))
+            there = (other.hostname, other.port) if other is not None and other.hostname and other.port else None
+            if other is None or there is not None:
+                senders = ipaddress.ip_network(asked["from"][0]) if "from" in asked else _usual_senders(
+                    parts.hostname, there)
+                return UdpAddress(parts.hostname, parts.port, there, senders)
     except ValueError:
         pass
-    raise ValueError(f"port {url}: allowed is udp://HOST:PORT or udp://HOST:PORT?to=HOST:PORT")
+    raise ValueError(f"port {url}: allowed is udp://HOST:PORT or udp://HOST:PORT?to=HOST:PORT, with from=ADDRESS or "
+                     "from=NETWORK where others than these are to be heard")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is this computer's own, and nobody else can reach it."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _usual_senders(host: str, to: tuple[str, int] | None) -> Network | None:
+    """Raises ValueError where the address sent to is a name."""
+    if is_loopback(host):
+        return LOOPBACK
+    return None if to is None else ipaddress.ip_network(to[0])
 
 
 class _Traffic:
@@ -55,6 +83,7 @@ class _Traffic:
         self._tail = b""
         self._last_s: float | None = None
         self._in = self.out = self.dropped_out = 0
+        self.dropped_in = 0
 
     def heard(self, data: bytes) -> None:
         self._tail = (self._tail + data.hex(" ").encode() + b"\n")[-TAIL_BYTES:]
@@ -63,12 +92,15 @@ class _Traffic:
 
     def state(self, connects: int, last_error: str) -> PortState:
         connected = self._last_s is not None and self._clock() - self._last_s < SILENT_S
-        return PortState(connected, connects, last_error, self._in, self.out, 0, self.dropped_out, self._last_s,
-                         self._tail)
+        return PortState(connected, connects, last_error, self._in, self.out, self.dropped_in, self.dropped_out,
+                         self._last_s, self._tail)
 
 
 class UdpPort:
-    """A bound socket. Where it cannot be bound (another program has the port), it is tried again every second."""
+    """A bound socket. Where it cannot be bound (another program has the port), it is tried again every second.
+
+    Who is not among the senders of its address is not heard, and counted with what was dropped.
+    """
 
     def __init__(self, url: str, clock: Clock) -> None:
         self._url = url
@@ -81,6 +113,7 @@ class UdpPort:
         self._next_try_s = clock()
         self._closed = False
         self._plugged = True
+        self._asked, self._believed = "", False     # the newest sender, and whether it is one
         self._bind()
 
     @property
@@ -98,18 +131,34 @@ class UdpPort:
 
     def read_each(self) -> list[bytes]:
         self._bind()
-        found: list[bytes] = []
-        while self._socket is not None and len(found) < MOST_WAITING:
+        found: deque[bytes] = deque(maxlen=MOST_WAITING)
+        for _ in range(MOST_TAKEN):
+            if self._socket is None:
+                break
             try:
-                data = self._socket.recv(LONGEST_DATAGRAM)
+                data, sender = self._socket.recvfrom(LONGEST_DATAGRAM)
             except BlockingIOError:
                 break
             except OSError as error:        # Windows tells here that nobody listened to an earlier datagram
                 self._last_error = str(error)
                 break
-            self._traffic.heard(data)
+            if not self._believes(sender[0]):
+                self._traffic.dropped_in += len(data)
+                self._last_error = f"a datagram from {sender[0]} was refused"
+                continue
+            if len(found) == MOST_WAITING:
+                self._traffic.dropped_in += len(found[0])
             found.append(data)
-        return found
+        for data in found:
+            self._traffic.heard(data)
+        return list(found)
+
+    def _believes(self, host: str) -> bool:
+        """Asked for each datagram, so the answer for the newest sender is kept."""
+        if host != self._asked:
+            senders = self._address.senders
+            self._asked, self._believed = host, senders is None or ipaddress.ip_address(host) in senders
+        return self._believed
 
     def read(self) -> bytes:
         return b"".join(self.read_each())

@@ -20,7 +20,8 @@ import serial
 
 Clock = Callable[[], float]
 
-MAX_BUFFERED_BYTES = 65536      # received and not yet read; older bytes are dropped and counted
+MAX_BUFFERED_BYTES = 16384      # received and not yet read, 1.4 s at 115 200 Bd: bounds what a tick reads from a
+                                # flood; older bytes are dropped and counted
 MAX_QUEUED_WRITES = 64          # not yet sent; the oldest is dropped and counted, for only the newest command matters
 READ_TIMEOUT_S = 0.05           # a reader thread looks at its stop flag this often
 WRITE_TIMEOUT_S = 0.5

@@ -4,12 +4,13 @@ from __future__ import annotations
 import asyncio
 import gc
 import time
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
 from textual import events
 from textual.app import App, SystemCommand
+from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
@@ -28,6 +29,7 @@ from console.app.pages.job.desk import JobDesk
 from console.app.pages.job.page import JobScreen
 from console.app.pages.page import Page
 from console.app.pages.replay.page import ReplayScreen
+from console.app.plain_lines import PlainLines
 from console.app.replay_job import ReplayJob
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
@@ -74,6 +76,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                  keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
                  limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
                  services: Services | None = None, tour: bool = False) -> None:
+        self._plain_lines = PlainLines()
         super().__init__()
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
@@ -228,6 +231,10 @@ class TopdressApp(App[None], inherit_bindings=False):
     def marks(self) -> tuple[str, ...]:
         """Words about this console itself for the status line."""
         return ()
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Textual's own, and last the one that lets nothing steer the terminal."""
+        return (*super().get_line_filters(), self._plain_lines)
 
     def offered(self, where: str) -> tuple[Action, ...]:
         """The actions that key bar, help and palette of a screen show."""

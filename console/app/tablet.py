@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Awaitable, Callable, Iterable
-from typing import Any, ClassVar
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, ClassVar, Protocol
 
 from textual.app import ComposeResult, SystemCommand
 from textual.binding import Binding
@@ -32,12 +33,38 @@ NONE_RUNS = N_("No control worker runs: start the console on the machine, then a
 LinkTo = Callable[[bool], Awaitable[FrameSource]]       # True: with the worker's token
 
 
+class Waits(Protocol):
+    """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs of a computer."""
+
+    def taken(self) -> AbstractContextManager[Waits | None]:
+        """For this tab alone while it is judged; None: another tab has it just now."""
+        ...
+
+    def read(self) -> tuple[float, float]: ...
+    def write(self, wait_s: float, until_s: float) -> None: ...
+
+
+class OwnWaits:
+    """Of one tab by itself."""
+
+    def __init__(self) -> None:
+        self._told = 0.0, float("-inf")
+
+    def taken(self) -> AbstractContextManager[Waits | None]:
+        return nullcontext(self)
+
+    def read(self) -> tuple[float, float]:
+        return self._told
+
+    def write(self, wait_s: float, until_s: float) -> None:
+        self._told = wait_s, until_s
+
+
 class Key:
     """The tablet's key, and how often a wrong one was typed. text None: no key opens anything."""
 
-    def __init__(self, text: str | None, clock: Callable[[], float]) -> None:
-        self._text, self._clock = text, clock
-        self._wait_s, self._until_s = 0.0, float("-inf")
+    def __init__(self, text: str | None, clock: Callable[[], float], waits: Waits | None = None) -> None:
+        self._text, self._clock, self._waits = text, clock, waits or OwnWaits()
 
     @property
     def exists(self) -> bool:
@@ -45,16 +72,23 @@ class Key:
 
     def wrong(self, typed: str) -> str:
         """Why this does not open the machine, in one line; empty where it does."""
-        now_s = self._clock()
         if self._text is None:
             return _("There is no key: this server was started to look only.")
-        if now_s < self._until_s:
-            return _("Wrong before: wait {seconds} s.").format(seconds=int(self._until_s - now_s) + 1)
-        if hmac.compare_digest(typed.strip().encode(), self._text.encode()):
-            self._wait_s = 0.0
+        with self._waits.taken() as waits:
+            return _("Wrong before: wait {seconds} s.").format(seconds=1) if waits is None else self._judged(
+                typed, self._text, waits)
+
+    def _judged(self, typed: str, text: str, waits: Waits) -> str:
+        now_s = self._clock()
+        wait_s, until_s = waits.read()
+        left_s = until_s - now_s
+        if 0.0 < left_s <= MOST_WAIT_S:             # more than that was told by the clock of another day
+            return _("Wrong before: wait {seconds} s.").format(seconds=int(left_s) + 1)
+        if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
+            waits.write(0.0, now_s)
             return ""
-        self._wait_s = min(MOST_WAIT_S, 2.0 * self._wait_s or WAIT_S)
-        self._until_s = now_s + self._wait_s
+        wait_s = min(MOST_WAIT_S, 2.0 * wait_s or WAIT_S)
+        waits.write(wait_s, now_s + wait_s)
         return _("This is not the tablet's key.")
 
 

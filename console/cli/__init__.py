@@ -22,6 +22,7 @@ from console.cli import map as map_command
 from console.cli import reproduce as reproduce_command
 from console.cli import serve as serve_command
 from console.cli.plain_errors import guarded
+from console.cli.plain_output import take_terminals
 
 app = typer.Typer(name="topdress", no_args_is_help=False, add_completion=False, rich_markup_mode=None,
                   pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
@@ -63,6 +64,7 @@ def main() -> None:
         typer.echo("another package (python-control) is installed over topdress's folder `control`: install topdress "
                    "in an environment of its own, e.g. with pipx or `uv tool install`", err=True)
         raise SystemExit(1)
+    take_terminals()
     app()
 
 

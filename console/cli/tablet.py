@@ -3,14 +3,23 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
+import json
+import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from console.app.services import Services
 from console.app.tablet import NONE_RUNS, Key, TabletApp
-from console.link import Link, Where, WorkerFailed, find_running
+from console.link import Link, Where, WorkerFailed, default_run_file, find_running
 from console.locale import _
+from console.worker.system import private_folder, write_private
+from drivers.files.lock import take_lock
+
+TAB_BYTES = 4 << 30         # of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
+TAB_NICE = 10
 
 
 class TabLink(Link):
@@ -51,12 +60,56 @@ def options_of(where: Where | None) -> dict[str, Any]:
         return {}
 
 
+class SharedWaits:
+    """In a file of this user, so that another tab, or the same one loaded again, waits as long."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    @contextlib.contextmanager
+    def taken(self) -> Iterator[SharedWaits | None]:
+        try:
+            private_folder(self._path.parent)
+            lock = take_lock(self._path.with_suffix(".lock"))
+        except OSError:
+            lock = None
+        if lock is None:
+            yield None
+            return
+        with lock:
+            yield self
+
+    def read(self) -> tuple[float, float]:
+        try:
+            wait_s, until_s = json.loads(self._path.read_bytes()[:1000])
+            return float(wait_s), float(until_s)
+        except (OSError, ValueError, TypeError):
+            return 0.0, float("-inf")
+
+    def write(self, wait_s: float, until_s: float) -> None:
+        """Raises OSError: a key whose waiting cannot be kept opens nothing."""
+        write_private(self._path, json.dumps([wait_s, until_s]).encode())
+
+
+def bounded() -> None:
+    """A tab is nobody's first concern: little memory, and the processor when the control worker leaves it."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        os.nice(TAB_NICE)
+    try:
+        import resource
+    except ImportError:                 # Windows has none
+        return
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_AS, (TAB_BYTES, TAB_BYTES))
+
+
 def tab_app(where: Where | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
     from console.services.diagnosis import DiagnosisFiles
     from console.services.field import field_picture
+    waits = SharedWaits(default_run_file().with_name("tablet-waits.json"))
     source = None if where is None else TabLink(where.looking_only())
-    return TabletApp(source, link_to, Key(token, time.monotonic), **options_of(where),
+    return TabletApp(source, link_to, Key(token, time.monotonic, waits), **options_of(where),
                      services=Services(field=field_picture, diagnosis=DiagnosisFiles()))
 
 
@@ -64,6 +117,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="console.cli.tablet")
     parser.add_argument("--token-file", type=Path)
     given = parser.parse_args()
+    bounded()
     try:
         where = find_running()
     except WorkerFailed:

@@ -2,9 +2,12 @@
 and nobody but the page's own origin on the socket."""
 from __future__ import annotations
 
+import asyncio
 import ipaddress
+import json
 import logging
 import socket
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,6 +20,9 @@ TABS = 6                    # app processes at once
 HEARTBEAT_S = 3.0           # a tablet that went away is noticed in one and a half of them
 LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
 MOST_COLUMNS, MOST_ROWS = 400, 200
+MESSAGE_BYTES = 16_384      # of a tab's message: a paste
+MESSAGES_S = 100.0          # a second, each tab
+PING_CHARACTERS = 100
 _PAGE = Path(__file__).with_name("page.html")
 
 
@@ -50,7 +56,7 @@ class TabletServer(Server):
             raise web.HTTPForbidden(text="another page may not open this console")
         if self.tabs >= TABS:
             raise web.HTTPServiceUnavailable(text=f"{TABS} tabs are open already")
-        tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S)
+        tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES)
         self.tabs += 1
         try:
             await tab.prepare(request)
@@ -69,10 +75,44 @@ class TabletServer(Server):
         try:
             await service.start(width, height)
             await self._process_messages(tab, service)
-        except (ValueError, KeyError, IndexError, TypeError, AssertionError):
+        except (ValueError, KeyError, IndexError, TypeError, AssertionError, RecursionError):
             await tab.close(code=WSCloseCode.POLICY_VIOLATION, message=b"not a message of the page")
         finally:
             await service.stop()
+
+
+    async def _process_messages(self, tab: web.WebSocketResponse, service: AppService) -> None:
+        """As the page sends them, one after the other and no faster than anybody types, every number in its range.
+
+        Raises ValueError and its like for what is no message of the page.
+        """
+        pace = Pace(asyncio.get_running_loop().time)
+        async for message in tab:
+            if message.type is not web.WSMsgType.TEXT:
+                continue
+            await asyncio.sleep(pace.wait_s())
+            kind, *rest = json.loads(message.data)
+            if kind == "stdin":
+                await service.send_bytes(str(rest[0]).encode("utf-8", "replace"))
+            elif kind == "resize":
+                await service.set_terminal_size(number(rest[0]["width"], 80, 1, MOST_COLUMNS),
+                                                number(rest[0]["height"], 24, 1, MOST_ROWS))
+            elif kind == "ping":
+                await tab.send_json(["pong", str(rest[0])[:PING_CHARACTERS]])
+            elif kind in ("blur", "focus"):
+                await getattr(service, kind)()
+
+
+class Pace:
+    """How long to wait before the next message is taken: `MESSAGES_S` a second on the mean, a burst of a second."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._due_s = clock, clock()
+
+    def wait_s(self) -> float:
+        now_s = self._clock()
+        self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MESSAGES_S
+        return max(0.0, self._due_s - now_s)
 
 
 def host_allowed(asked: str, listening: str) -> bool:
@@ -93,5 +133,5 @@ def number(text: Any, usual: int, least: int, most: int) -> int:
     """A whole number out of a query, held in its range."""
     try:
         return max(least, min(most, int(text)))
-    except (TypeError, ValueError):
+    except (ArithmeticError, TypeError, ValueError):
         return usual

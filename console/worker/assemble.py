@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -18,7 +19,9 @@ from control.machine.planting import parse_planted
 from control.orders import TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import BoardConfig, Cab, CabConfig
-from drivers.files.config import ConfigError
+from drivers.cab_config import MODULE_STOPS_S
+from drivers.devices.board_frames import SILENT_HOST_S
+from drivers.files.config import ConfigError, Loaded
 from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter
@@ -52,7 +55,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     has_work_switch = False
     simulated = cab is None or bool(getattr(cab.model, "virtual", False))
     job = with_simulated_field(setup.job, machine) if simulated else setup.job
-    before = before_of(options, machine, setup.crop.product_n_fraction)
+    before = before_of(options, machine, setup.crop.product_n_fraction, _stops_s(cab))
     if before is not None:
         job = job_to_go_on(job, machine, before)
     placed = _placed(job, setup.folder)
@@ -84,6 +87,14 @@ def assemble(options: Options, clock: Clock) -> Assembly:
                     loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
     writer.beside = keeper.work
     return Assembly(bench, loop, writer, names, keeper)
+
+
+def _stops_s(cab: Loaded[Any] | None) -> float | None:
+    """How long the drive of the shaft goes on without the console; None: a simulated one ends with the worker."""
+    if cab is None:
+        return None
+    assert isinstance(cab.model, CabConfig)
+    return MODULE_STOPS_S if cab.model.rate_module is not None else SILENT_HOST_S
 
 
 def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:

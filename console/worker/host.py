@@ -5,8 +5,11 @@ that takes the answer), `console_heard` (an operating console was heard just now
 """
 from __future__ import annotations
 
+import sys
+import traceback
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +25,8 @@ from console.worker.limits import (
     ORPHAN_S,
     REQUESTS_A_TICK,
     REQUESTS_WAITING,
+    TEXT_CHARACTERS,
+    TOLD_KINDS,
     TOTALS_S,
 )
 from console.worker.parts import TOLD, Assembly, Tick
@@ -29,9 +34,10 @@ from console.worker.period import Punctuality
 from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
 from control.field.totals import Totals
-from control.orders import Answer, Do, Order
+from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
 
+QUIT = "told to quit"
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 
 
@@ -70,6 +76,8 @@ class Host:
         self._totals_due_s = -inf
         self._stop = ""                              # why the run shall end
         self._off = False                            # the last tick, with the loop stopped, was run
+        self._failed = ""                            # why the last tick could not be finished; empty: it was
+        self._told: set[str] = set()                 # failures that stderr has heard of
 
     # --- called from other threads -----------------------------------------------------------------------------------
 
@@ -112,30 +120,70 @@ class Host:
         return why
 
     def tick(self, now_s: float) -> None:
-        """Orders, measurements, decision, drives, log, frame: in this order."""
+        """Orders, measurements, decision, drives, log, frame: in this order. Never raises: a tick that fails stops the
+        drives, and the next one goes on."""
         for waiting in self._due():
             self._answer(waiting, now_s)
-        if self._stop:
-            self._loop.order(Order(Do.STOP))
-            self._off = True
+        self._off = bool(self._stop)
+        try:
+            if self._stop:
+                self._loop.order(Order(Do.STOP))
+            self._control(now_s)
+        except Exception as error:
+            self._fail(now_s, error)
+        self._ticks += 1
+
+    def _control(self, now_s: float) -> None:
         measurements = self._bench.measure(now_s)
-        self._desk.tick(now_s, self._state)
-        self.lag.tick(now_s, self._state)
+        if self._failed:
+            measurements = measurements._replace(control_failed=True)
+        for beside in (self._desk.tick, self.lag.tick):
+            self._guarded(lambda beside=beside: beside(now_s, self._state))      # type: ignore[misc]
         tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
         self._bench.command(now_s, tick.command, tick.enabled)
-        self._state = tick.row.state
+        self._state, self._failed = tick.row.state, ""
+        self._guarded(lambda: self._record(tick))
+        if self._ticks % self._ticks_a_frame == 0 or self._off:
+            self.newest = self._frame(now_s, tick)
+
+    def _record(self, tick: Tick) -> None:
         if self._keeper is not None:
             self._keeper.take(tick)
         self._writer.append(tick.row)
-        if self._ticks % self._ticks_a_frame == 0 or self._off:
-            self.newest = self._frame(now_s, tick)
-        self._ticks += 1
+
+    def _fail(self, now_s: float, error: Exception) -> None:
+        """A tick that could not be finished: drives stopped, the loop off, the console told, even where all else
+        fails."""
+        self._guarded(lambda: self._bench.command(now_s, None, False))
+        self._guarded(lambda: self._loop.order(Order(Do.STOP)))
+        self._failed = self._told_once(error)
+        if self.newest is not None:
+            alarm = Alarm("control_failed", Severity.RED, now_s, False)
+            others = tuple(one for one in self.newest.alarms if one.id != alarm.id)
+            self.newest = replace(self.newest, seq=self._ticks, at_s=now_s, alarms=(alarm, *others),
+                                  why_no_flow=("not_working",))
+
+    def _guarded(self, do: Callable[[], object]) -> None:
+        """What may fail without costing the tick; what it was is told once."""
+        try:
+            do()
+        except Exception as error:
+            self._told_once(error)
+
+    def _told_once(self, error: Exception) -> str:
+        said = f"{type(error).__name__}: {error}"[:TEXT_CHARACTERS]
+        if said not in self._told and len(self._told) < TOLD_KINDS:
+            self._told.add(said)
+            print("topdress worker:", "".join(traceback.format_exception(error)), file=sys.stderr, flush=True)
+        return said
 
     def close(self, why: str) -> None:
         """Drives off, log whole, devices closed: each even where the one before fails. Doing it twice is fine."""
         if self.ended:
             return
         self.ended = why
+        if self._keeper is not None and why == QUIT:
+            self._keeper.quit()
         try:
             self._bench.command(self._clock(), None, False)
         finally:
@@ -170,7 +218,7 @@ class Host:
         if isinstance(waiting.what, Order):
             answer = self._order(waiting.what)
         elif isinstance(waiting.what, DeviceOrder):
-            answer = self._desk.order(waiting.what, now_s, self._state)
+            answer = self._device_order(waiting.what, now_s)
         else:
             answer = Answer(True)
             if waiting.what is Ask.LAG_TEST:
@@ -180,8 +228,8 @@ class Host:
             elif waiting.what is Ask.STATS:
                 extra["stats"] = self.period.summary()
             elif waiting.what is Ask.QUIT:
-                self.stop("told to quit")
-        waiting.reply(answer, extra)
+                self.stop(QUIT)
+        self._guarded(lambda: waiting.reply(answer, extra))
 
     def _begin_lag_test(self) -> Answer:
         log = self._names.log_path
@@ -193,6 +241,12 @@ class Host:
             return self._loop.order(order)
         except Exception as error:           # an order that the loop cannot digest stops no machine in the field
             return Answer(False, f"internal_error: {order.do} {order.value!r}: {type(error).__name__}: {error}")
+
+    def _device_order(self, order: DeviceOrder, now_s: float) -> Answer:
+        try:
+            return self._desk.order(order, now_s, self._state)
+        except Exception as error:
+            return Answer(False, f"internal_error: {order.do}: {self._told_once(error)}")
 
     def _frame(self, now_s: float, tick: Tick) -> Frame:
         names = self._names

@@ -119,7 +119,7 @@ class LinkServer(threading.Thread):
                 if key.data is None:
                     self._accept()
                 else:
-                    self._hear(key.data)
+                    self._guarded(key.data)
             self._tell()
             self._end_the_silent()
             self._forget_the_gone()
@@ -149,7 +149,7 @@ class LinkServer(threading.Thread):
     def _make_room(self) -> None:
         """No more new clients than allowed: the oldest that still has nothing to say gives its place."""
         while len(new := [c for c in self._clients if c.kind is Kind.NEW and not c.gone]) >= CLIENTS_NEW:
-            self._hear(new[0])
+            self._guarded(new[0])
             self._drop_silent(new[0])
 
     def _end_the_silent(self) -> None:
@@ -161,6 +161,14 @@ class LinkServer(threading.Thread):
     def _drop_silent(self, client: Client) -> None:
         if client.kind is Kind.NEW and not client.gone:
             self.counts["clients_silent"] += 1
+            client.gone = True
+
+    def _guarded(self, client: Client) -> None:
+        """A client whose lines raise is put aside: it ends, nobody else."""
+        try:
+            self._hear(client)
+        except Exception:
+            self.counts["clients_failed"] += 1
             client.gone = True
 
     def _hear(self, client: Client) -> None:
@@ -214,7 +222,7 @@ class LinkServer(threading.Thread):
         self._sent_seq = frame.seq
         try:
             data = wire.framed(frame)
-        except ValueError:
+        except (ValueError, TypeError):
             self.counts["frames_not_finite"] += 1
             return
         for client in self._clients:

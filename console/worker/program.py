@@ -79,16 +79,19 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
         token = secrets.token_hex(16)
         try:
             link = LinkServer(host, token)
-            run_file.write(options.run_file, link.port, token, assembly.names.log_path)
+            said = run_file.RunFile(options.run_file, link.port, token, assembly.names.log_path)
+            said.write()
         except OSError as error:
             host.close("failed")
             return _refused(error)
+        said.start()
         link.start()
         gc.collect()
         gc.freeze()
         try:
             host.run()
         finally:
+            said.close()
             link.close()
             if assembly.writer.trouble:
                 print(f"topdress worker: {assembly.writer.trouble}", file=sys.stderr, flush=True)

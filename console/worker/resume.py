@@ -14,6 +14,7 @@ from control.field.coverage import Raster
 from control.field.totals import NOTHING, Sums
 from control.orders import Strategy
 from drivers.files.atomic import write_atomically
+from drivers.files.limits import RESUME, held_to
 
 FORMAT = "topdress-resume/1"
 ENDING = ".resume.json"
@@ -39,6 +40,7 @@ class Snapshot:
     effects: tuple[str, ...] = ()
     hz: float = 20.0
     finished: bool = False                          # by the operator: nothing is offered any more
+    quit: bool = False                              # the worker was told to end: nothing was cut off
     logs_before: tuple[str, ...] = ()               # the job's earlier parts, oldest first
     time_s: float = 0.0                             # of the last row that is in here
     sums: Sums = NOTHING
@@ -54,6 +56,8 @@ class Snapshot:
     place_m: Place | None = None                    # the outlets' last one
     heading_deg: float | None = None
     hopper_kg: float | None = None
+    after_cut_kg: float = 0.0                       # by the machine model: released after the last row, and counted
+    cut_hopper_kg: float | None = None              # the scale at the last row, from the rows before it
     alarms: tuple[AlarmRecord, ...] = ()
     track: tuple[Spot, ...] = ()
     ground: Raster = NOTHING_DONE
@@ -83,11 +87,12 @@ def write(path: Path, snapshot: Snapshot) -> None:
 def read(path: Path) -> Snapshot:
     """Raises ValueError, one line that names the file, where it is no snapshot; OSError."""
     try:
+        held_to(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise ValueError(f"key format: allowed {FORMAT}")
         return _snapshot(data)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
 
 
@@ -97,13 +102,13 @@ def finish(path: Path) -> None:
 
 
 def newest(folder: Path) -> tuple[Path, Snapshot] | None:
-    """The job that was saved last in a folder, if it can go on. Files that cannot be read are passed over."""
+    """The job that was saved last in a folder, if it was cut off. Files that cannot be read are passed over."""
     for path in sorted(folder.glob(f"*{ENDING}"), key=_saved_ns, reverse=True):
         try:
             snapshot = read(path)
         except (ValueError, OSError):
             continue
-        return (path, snapshot) if snapshot.worth_going_on else None
+        return (path, snapshot) if snapshot.worth_going_on and not snapshot.quit else None
     return None
 
 

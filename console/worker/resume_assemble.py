@@ -20,14 +20,15 @@ from control.simulation.tractor import field_path
 SEARCH_M = 0.5              # along the simulated tractor's way
 
 
-def before_of(options: Options, machine: Machine, n_fraction: float) -> Snapshot | None:
-    """What was done before, up to the last row that reached the disk; None where nothing is to go on.
+def before_of(options: Options, machine: Machine, n_fraction: float, stops_s: float | None) -> Snapshot | None:
+    """What was done before, up to the last row that reached the disk, and what fell after it; None where nothing is to
+    go on. stops_s: as `with_tail` has it.
 
     Raises ValueError, OSError.
     """
     if options.resume is None:
         return None
-    return with_tail(resume.read(options.resume), machine, n_fraction)
+    return with_tail(resume.read(options.resume), machine, n_fraction, stops_s)
 
 
 def job_to_go_on(job: Job, machine: Machine, before: Snapshot) -> Job:
@@ -45,7 +46,7 @@ def job_to_go_on(job: Job, machine: Machine, before: Snapshot) -> Job:
 def go_on(loop: ControlLoop, before: Snapshot) -> None:
     """Totals and trim as they were; where something lies already the loop's guard against a second dose knows it."""
     plane = None if before.origin_deg is None else TangentPlane(*before.origin_deg)
-    loop.go_on(before.sums, before.flow_trim, before.ground, plane)
+    loop.go_on(before.sums, before.flow_trim, before.ground, plane, before.after_cut_kg)
 
 
 def begun(options: Options, log: Path, names: tuple[str, str, str], simulated: bool, now_utc: str,
@@ -57,7 +58,7 @@ def begun(options: Options, log: Path, names: tuple[str, str, str], simulated: b
     earlier = () if before is None else (*before.logs_before, before.log_path)
     return replace(start, log_path=os.path.abspath(log), saved_utc=now_utc, job=job, machine=machine, crop=crop,
                    simulated=simulated, config=config, seed=options.seed, effects=options.effects, hz=options.hz,
-                   logs_before=earlier, time_s=0.0, sums_s=0.0)
+                   logs_before=earlier, time_s=0.0, sums_s=0.0, quit=False)
 
 
 def _driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:

@@ -100,8 +100,11 @@ def unpacked(data: dict[str, Any]) -> Raster:
     rows, columns, cell_m = int(data["rows"]), int(data["columns"]), float(data["cell_m"])
     if not (rows > 0 and columns > 0 and 0.0 < cell_m < 10.0):
         raise ValueError("ground: rows, columns and cell_m must be above 0")
+    if rows * columns > MOST_CELLS:
+        raise ValueError(f"ground: {rows} x {columns} cells: allowed up to {MOST_CELLS}")
     try:
-        bits = np.frombuffer(zlib.decompress(base64.b64decode(data["bits"])), dtype=np.uint8)
+        unpacker = zlib.decompressobj()
+        bits = np.frombuffer(unpacker.decompress(base64.b64decode(data["bits"]), rows * columns // 8 + 2), np.uint8)
     except zlib.error as error:
         raise ValueError(f"ground: {error}") from None
     if bits.size != (rows * columns + 7) // 8:

@@ -13,6 +13,7 @@ from console.worker import resume
 from console.worker.resume import Snapshot
 from console.worker.resume_alarms import AlarmBook
 from console.worker.resume_ground import Done
+from console.worker.resume_tail import SCALE_S
 from control.field.totals import Sums
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
@@ -20,6 +21,7 @@ from control.machine.machine import Machine
 from control.orders import Alarm, State
 
 SAVE_S = 5.0                # the snapshot is this old at most, and the disk's own time
+BELIEVED_KG = 2.0           # a scale that lost or gained more since the cut tells of a refill, or of a repair
 SUMS_S = 1.0                # the loop's sums are taken over this often: some 50 us
 FINISHED = "mark job finished"      # the event by which the operator ends a job
 
@@ -65,12 +67,14 @@ class Keeper:
         self._path, self._loop, self._utc_now = path, loop, utc_now
         self._handed: SimpleQueue[_Handed] = SimpleQueue()
         self._taken_s = -inf
+        self._quit = False
         self._snapshot = begun
         self._done = Done(machine, begun.ground, begun.track)
         self._book = AlarmBook(begun.alarms)
         self._last: LogRow | None = None
         self._saved_s = -inf
         self._saved = False
+        self._scale = _AfterCut(begun.after_cut_kg, begun.cut_hopper_kg)
         self.trouble = ""
         self.tally = self._tally()
 
@@ -83,6 +87,10 @@ class Keeper:
             self._taken_s, sums = seen.row.time_s, self._loop.sums
         self._handed.put(_Handed(seen, sums, self._loop.flow_trim, self._loop.plane))
 
+    def quit(self) -> None:
+        """The worker was told to end: nothing is cut off. Before the last `work`."""
+        self._quit = True
+
     # --- the log writer's thread -------------------------------------------------------------------------------------
 
     def work(self, closing: bool) -> None:
@@ -94,6 +102,8 @@ class Keeper:
                 except Empty:
                     break
                 self._absorb(handed)
+            if self._quit:
+                self._snapshot = replace(self._snapshot, quit=True)
             if self._last is not None and (closing or self._last.time_s - self._saved_s >= SAVE_S):
                 self._save()
             self.tally = self._tally()
@@ -111,6 +121,7 @@ class Keeper:
         if handed.plane is not None:
             changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
         self._pass_over(row, seen.place_m)
+        self._scale.look(row)
         known = {"strategy": row.strategy or None, "hopper_kg": row.hopper_kg, "place_m": seen.place_m,
                  "heading_deg": row.heading_deg}
         changes |= {name: value for name, value in known.items() if value is not None}
@@ -165,7 +176,34 @@ class Keeper:
     def _tally(self) -> Tally:
         now = self._snapshot
         return Tally(now.held_s, now.moves, now.refills, now.logs_before[-1] if now.logs_before else "", now.began_utc,
-                     now.finished, self.trouble)
+                     now.finished, self.trouble, self._scale.model_kg, self._scale.scale_kg)
+
+
+class _AfterCut:
+    """What the scale says of what was released after the last row before a cut: its mean while nothing flows, over the
+    first seconds, less than then."""
+
+    def __init__(self, model_kg: float, before_kg: float | None) -> None:
+        self.model_kg = model_kg if model_kg > 0.0 else None
+        self.scale_kg: float | None = None
+        self._before_kg = before_kg if model_kg > 0.0 else None
+        self._begun_s: float | None = None
+        self._told: list[float] = []
+
+    def look(self, row: LogRow) -> None:
+        if self._before_kg is None:
+            return
+        if row.hopper_kg is not None and not row.shaft_rpm_cmd:
+            self._begun_s = row.time_s if self._begun_s is None else self._begun_s
+            self._told.append(row.hopper_kg)
+        over = row.shaft_rpm_cmd or "refill" in (row.events or "") or (
+            self._begun_s is not None and row.time_s - self._begun_s >= SCALE_S)
+        if not over:
+            return
+        if self._told:
+            less_kg = self._before_kg - sum(self._told) / len(self._told)
+            self.scale_kg = less_kg if abs(less_kg) < BELIEVED_KG else None
+        self._before_kg = None
 
 
 def _moved(before: LogRow, row: LogRow) -> bool:

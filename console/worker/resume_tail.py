@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from console.worker.resume import Snapshot
 from console.worker.resume_ground import Done
+from console.worker.resume_run_on import STEP_S, run_on
 from control.field.totals import Totaliser
 from control.geodesy import TangentPlane, offset
 from control.machine.machine import Machine
@@ -16,6 +17,7 @@ from control.orders import State
 
 TAIL_BYTES = 200_000        # more than half a minute at 20 Hz
 MOST_STEP_S = 1.0           # a longer step between rows is a gap
+SCALE_S = 5.0               # of the scale's readings: five of its correlation times
 
 
 class _Row(NamedTuple):
@@ -29,12 +31,17 @@ class _Row(NamedTuple):
     applied_rate_kg_ha: float
     flow_trim: float
     target_rate_kg_ha: float
+    hopper_kg: float | None
     state: str
     refill_kg: float
 
 
-def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float) -> Snapshot:
-    """The snapshot brought up to the log's last whole row: sums, ground, refills. As it is, where no log is there."""
+def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None) -> Snapshot:
+    """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell any more: sums, ground,
+    refills. As it is, where no log is there.
+
+    stops_s: the drive stops after so long without its host; None: it ended with the worker, as a simulated one does.
+    """
     try:
         rows = list(_rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)))
     except OSError:
@@ -61,11 +68,40 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float) -> Snapsh
         worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or applied > 0.0)
         if row.time_s > snapshot.sums_s and worked and step_s <= MOST_STEP_S:
             sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha)
+    width_m, last, after_cut_kg = machine.geometry.working_width_m, rows[-1], 0.0
+    cut_hopper_kg = _hopper_kg(rows, width_m)
+    flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
+    landing = offset(plane.to_m(last.lat_deg, last.lon_deg), last.heading_deg, -antenna_m)
+    for after in run_on(machine, last.shaft_rpm, stops_s) if stops_s is not None and flowed else ():
+        landing = offset(landing, last.heading_deg, last.speed_used_mps * STEP_S)
+        applied = last.applied_rate_kg_ha * last.flow_trim * after.share
+        done.pass_over(last.time_s + after.after_s, landing, last.heading_deg, last.shaft_rpm * after.share, applied)
+        if after.share > 0.0:
+            sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha)
+            after_cut_kg += applied * width_m * last.speed_used_mps * STEP_S / 10_000.0
     refills = tuple((snapshot.saved_utc, row.refill_kg) for row in rows
                     if row.refill_kg > 0.0 and row.time_s > snapshot.time_s)
     return replace(snapshot, sums=sums.sums, ground=done.raster(), track=tuple(done.track), place_m=place,
                    heading_deg=rows[-1].heading_deg, held_s=held_s, time_s=before_s, sums_s=before_s,
-                   refills=(*snapshot.refills, *refills))
+                   refills=(*snapshot.refills, *refills), after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
+
+
+def _hopper_kg(rows: list[_Row], width_m: float) -> float | None:
+    """The scale at the last row: the mean of the last readings, each less what was released after it."""
+    released_kg, told = 0.0, []
+    for row, step_s in _backwards(rows):
+        if rows[-1].time_s - row.time_s > SCALE_S or row.refill_kg > 0.0:
+            break
+        if row.hopper_kg is not None:
+            told.append(row.hopper_kg - released_kg)
+        released_kg += row.applied_rate_kg_ha * row.flow_trim * width_m * row.speed_used_mps * step_s / 10_000.0
+    return sum(told) / len(told) if told else None
+
+
+def _backwards(rows: list[_Row]) -> Iterator[tuple[_Row, float]]:
+    """Each row from the last one on, with the time since the row before it, s."""
+    for number in range(len(rows) - 1, 0, -1):
+        yield rows[number], min(MOST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s))
 
 
 def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
@@ -94,7 +130,8 @@ def _row(cells: dict[str, str]) -> _Row | None:
             heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
             shaft_rpm=known("shaft_rpm"), shaft_rpm_cmd=known("shaft_rpm_cmd"),
             applied_rate_kg_ha=known("applied_rate_kg_ha"), flow_trim=known("flow_trim", 1.0),
-            target_rate_kg_ha=known("target_rate_kg_ha"), state=cells.get("state", ""),
+            target_rate_kg_ha=known("target_rate_kg_ha"),
+            hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None, state=cells.get("state", ""),
             refill_kg=sum(map(float, refills)))
     except (KeyError, ValueError):
         return None

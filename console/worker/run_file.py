@@ -9,6 +9,7 @@ import contextlib
 import io
 import json
 import os
+import threading
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -19,6 +20,7 @@ from console.worker.system import private_folder, write_private
 from drivers.files.lock import take_lock
 
 AGAIN_S = 0.02
+MENDED_S = 0.2
 
 
 @contextlib.contextmanager
@@ -37,12 +39,39 @@ def held(path: Path) -> Iterator[None]:
         lock.close()
 
 
-def write(path: Path, port: int, token: str, log_path: str) -> None:
-    """Say where this process listens, while the lock is `held`. Raises OSError."""
-    started = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    say = {"port": port, "token": token, "pid": os.getpid(), "parent": os.getppid(), "started": started,
-           "log_path": log_path}
-    write_private(path, json.dumps(say).encode() + b"\n")
+class RunFile(threading.Thread):
+    """Says where this process listens, while the lock is `held`, and goes on saying it: a file that somebody removed or
+    damaged is written again within `MENDED_S`, by a thread of its own."""
+
+    def __init__(self, path: Path, port: int, token: str, log_path: str) -> None:
+        super().__init__(name="run file", daemon=True)
+        started = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        say = {"port": port, "token": token, "pid": os.getpid(), "parent": os.getppid(), "started": started,
+               "log_path": log_path}
+        self._path, self._said = path, json.dumps(say).encode() + b"\n"
+        self._closing = threading.Event()
+
+    def write(self) -> None:
+        """Raises OSError."""
+        write_private(self._path, self._said)
+
+    def run(self) -> None:
+        while not self._closing.wait(MENDED_S):
+            with contextlib.suppress(OSError):
+                if not self._stands():
+                    self.write()
+
+    def close(self) -> None:
+        self._closing.set()
+        if self.is_alive():
+            self.join(LOCK_S)
+
+    def _stands(self) -> bool:
+        try:
+            with open(self._path, "rb") as file:
+                return file.read(len(self._said) + 1) == self._said
+        except FileNotFoundError:
+            return False
 
 
 def _lock(path: Path) -> io.FileIO:

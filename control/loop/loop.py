@@ -1,7 +1,7 @@
 """One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
 from __future__ import annotations
 
-from math import inf
+from math import inf, isfinite
 
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
@@ -27,7 +27,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Answer, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading
+from control.readings import DriveCommand, Measurements, Reading, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
 from control.sensing import Sensed, Sensing, speed_ahead_mps
 from control.targets.fence import OUTSIDE, Fence
@@ -38,6 +38,7 @@ from control.targets.point_source import PointSource
 from control.targets.profile import Change, Target
 
 LONGEST_TICK_S = 1.0
+STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
 
 
@@ -72,6 +73,7 @@ class ControlLoop:
         self._events: list[str] = []                    # of the next row
         self._refused_s: float | None = None            # epoch of the last GNSS place that was refused
         self._time_s: float | None = None               # of the tick before
+        self._standing = 0                              # ticks since the clock last went on
         self._begun_s = 0.0
         self._metres_left_m: float | None = None
 
@@ -113,13 +115,17 @@ class ControlLoop:
         """Of point mode, as learned."""
         return None if self._doses is None else self._doses.points.mode.threshold
 
-    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None) -> None:
-        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread."""
+    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None,
+              after_cut_kg: float = 0.0) -> None:
+        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread.
+        after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
         self._flow_trim.value = flow_trim
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
+        if after_cut_kg > 0.0:
+            self._events.append(f"released_after_cut {after_cut_kg:.3f}")
 
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
@@ -155,7 +161,7 @@ class ControlLoop:
 
     def _look(self, m: Measurements) -> Moment:
         """Where the machine is, how fast, and what lies ahead."""
-        m, dt_s = self._at_time(m)
+        m, dt_s = self._at_time(possible(m))
         sensed = self._sensing.update(m)
         self._note_jump(m, sensed)
         self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
@@ -164,9 +170,13 @@ class ControlLoop:
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
-        """The measurements and the time since the tick before. A clock that goes back stands still here, so that
-        readings grow old and flow stops."""
+        """The measurements and the time since the tick before. A clock that goes back, or tells no number, stands still
+        here. Readings do not grow old while it stands: after `STANDING_TICKS` none of them is believed."""
+        self._standing = 0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
+        if self._standing > STANDING_TICKS:
+            m = Measurements(m.time_s, work_switch=m.work_switch, drive_fault=m.drive_fault)
         if self._time_s is None:
+            m = m if isfinite(m.time_s) else m._replace(time_s=0.0)
             self._time_s = self._begun_s = m.time_s
             read = self._opening(m)
             self._expected.begin(self.machine.set_points.opening_mm if read is None else read.value, m.time_s)
@@ -302,7 +312,8 @@ class ControlLoop:
     def _metres_left(self, hopper: Reading | None, rate_kg_ha: float) -> float | None:
         if hopper is None or rate_kg_ha <= 0.0:
             return None
-        return max(0.0, hopper.value) / (rate_kg_ha * self.machine.geometry.working_width_m / 10_000.0)
+        left_m = max(0.0, hopper.value) / (rate_kg_ha * self.machine.geometry.working_width_m / 10_000.0)
+        return left_m if left_m < inf else None
 
     def _usable_mps(self, lag: Lag) -> float:
         """Highest speed at which a change is still made in time; infinite where no speed is too high."""

@@ -45,6 +45,8 @@ _KINDS = (
               N_("Check the wheel sensor and the GNSS receiver."), N_("speed"), State.HELD),
     AlarmKind("console_silent", _RED, N_("The console was not heard for {limit_s} s."),
               N_("Look at the machine, then start again."), N_("console"), State.HELD),
+    AlarmKind("control_failed", _RED, N_("The control program failed in a tick; the drives were stopped."),
+              N_("Look at the machine, then make it ready again. Keep the log and report it."), N_("control worker")),
     AlarmKind("log_failed", _RED, N_("The log cannot be written."),
               N_("Free disk space, or order to go on without a log."), N_("log")),
     AlarmKind("position_lost", _RED, N_("No usable position; flow is stopped."),
@@ -62,6 +64,9 @@ _KINDS = (
     AlarmKind("position_jumped", _AMBER, N_("GNSS tells a place {off_m} m from where the machine can be; it is not "
                                             "used."),
               N_("Look at the map. A place that GNSS goes on telling is taken after a second."), N_("GNSS")),
+    AlarmKind("device_aside", _AMBER, N_("What {devices} said cannot be digested; it is not listened to any more."),
+              N_("Connect it again on the Devices page. If it comes back, keep a capture and report it."),
+              N_("devices")),
     AlarmKind("ndvi_silent", _AMBER, N_("The canopy heads are silent; the fallback rate is used."),
               N_("Check the heads and their cable."), N_("canopy heads")),
     AlarmKind("heads_few", _AMBER, N_("Only {valid_heads} canopy heads agree; at least {limit} are wanted."),

@@ -23,6 +23,10 @@ def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion
     found: dict[str, Details] = {}
     if not s.log_ok:
         found["log_failed"] = ()
+    if s.measurements.control_failed:
+        found["control_failed"] = ()
+    if s.measurements.put_aside:
+        found["device_aside"] = (("devices", ", ".join(s.measurements.put_aside)),)
     if m.state is State.OFF:
         return found
     _drives(found, m, now_s, s, seen, limits)

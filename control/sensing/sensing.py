@@ -10,7 +10,7 @@ from math import cos, exp, isfinite, radians, sin
 from typing import NamedTuple
 
 from control.geodesy import TangentPlane
-from control.readings import AHEAD_S, GnssFix, Measurements, is_fresh
+from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
 from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
 
 FILTER_TAU_S = 0.25             # filter `speed_used`, second order: its step response is half-way after 0.2 s;
@@ -77,6 +77,7 @@ class Sensing:
         self._north: float | None = None
         self._heard_s: float | None = None
         self._wheel_s: float | None = None
+        self._turned_s: float | None = None         # newest time that the wheel told anything
         self._direction = _Direction()
         self._gate = PositionGate()
         self._placed_s: float | None = None         # epoch of the place last taken
@@ -99,7 +100,7 @@ class Sensing:
         gnss_speed = m.gnss.speed_mps if m.gnss is not None and gnss_ok else None
         wheel = m.wheel_speed_mps
         wheel_ok = wheel is not None and is_fresh(wheel.time_s, now, WHEEL_HOLDS_S)
-        standstill = wheel is not None and (wheel.value <= 0.0 or now - wheel.time_s > STANDSTILL_S)
+        standstill = self._wheel_stands(wheel, now)
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
         source = self._take_speed(m, now, dt, gnss_speed, wheel_ok and not wheel_faulty, fix_new)
         speed = self._speed if source != "none" else None
@@ -115,6 +116,15 @@ class Sensing:
         return Sensed(now, speed, self._acceleration, source, self._track_m, east, north, self._heading, self._turn,
                       position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
                       self._refused_m, moved_m)
+
+    def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
+        """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also
+        when what it says cannot be."""
+        if wheel is not None and wheel.time_s <= now + AHEAD_S:
+            self._turned_s = wheel.time_s if self._turned_s is None else max(self._turned_s, wheel.time_s)
+            if wheel.value <= 0.0:
+                return True
+        return self._turned_s is not None and now - self._turned_s > STANDSTILL_S
 
     def _take_speed(self, m: Measurements, now: float, dt: float, gnss_mps: float | None, wheel_ok: bool,
                     fix_new: bool) -> str:

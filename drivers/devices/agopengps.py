@@ -32,6 +32,7 @@ class AgOpenGpsDecoder:
     def __init__(self) -> None:
         self.counts = Counts()
         self._rest = b""
+        self._at = 0                # of `_rest`: read up to here
         self._in_garbage = False
         self._speed_mps: float | None = None
         self._speed_s = -math.inf
@@ -54,25 +55,34 @@ class AgOpenGpsDecoder:
         return []
 
     def _next(self) -> bytes | None:
-        """The next frame whose sum is right; None: more bytes are needed."""
+        """The next frame whose sum is right; None: more bytes are needed, and what was read is dropped.
+
+        Every byte is looked at once as the beginning of a frame, and summed at most once for each head before it: no
+        pattern of bytes costs more than the longest frame for every three bytes.
+        """
         while True:
-            start = self._rest.find(HEAD)
-            if start != 0 and self._rest:
-                keep = start if start > 0 else max(0, len(self._rest) - len(HEAD) + 1)
-                if keep and not self._in_garbage:
-                    self.counts.reject("garbage")
-                    self._in_garbage = True
-                self._rest = self._rest[keep:]
-            if start < 0 or len(self._rest) < 5 or len(self._rest) < 6 + self._rest[4]:
-                return None
-            frame = self._rest[:6 + self._rest[4]]
+            start = self._rest.find(HEAD, self._at)
+            if start < 0:
+                self._skip_to(max(self._at, len(self._rest) - len(HEAD) + 1))
+                break
+            self._skip_to(start)
+            if len(self._rest) < start + 5 or len(self._rest) < (end := start + 6 + self._rest[start + 4]):
+                break
             self._in_garbage = False
-            if sum(frame[2:-1]) & 0xFF == frame[-1]:
-                self._rest = self._rest[len(frame):]
-                return frame
+            if sum(memoryview(self._rest)[start + 2:end - 1]) & 0xFF == self._rest[end - 1]:
+                self._at = end
+                return self._rest[start:end]
             self.counts.reject("bad_checksum")
-            self._rest = self._rest[len(HEAD):]
+            self._at = start + len(HEAD)
             self._in_garbage = True         # what follows of that frame was counted with it
+        self._rest, self._at = self._rest[self._at:], 0
+        return None
+
+    def _skip_to(self, place: int) -> None:
+        if place > self._at and not self._in_garbage:
+            self.counts.reject("garbage")
+            self._in_garbage = True
+        self._at = place
 
     def _take(self, name: int, body: bytes, time_s: float) -> GnssFix | None:
         if name not in FEWEST_BYTES:

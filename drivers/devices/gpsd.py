@@ -2,8 +2,8 @@
 from __future__ import annotations
 
 import json
-import math
 import re
+from datetime import datetime
 from typing import Any
 
 from control.readings import GnssFix
@@ -99,7 +99,7 @@ class GpsdDecoder:
         heading_deg = _number(said, "track", 0.0, 360.0)
         speed_mps = _number(said, "speed", 0.0, FASTEST_MPS)
         utc = said.get("time")
-        if utc is not None and not (isinstance(utc, str) and _UTC.fullmatch(utc)):
+        if utc is not None and not _is_utc(utc):
             return "malformed"
         if utc is not None:
             if utc == self._utc:
@@ -121,6 +121,16 @@ class GpsdDecoder:
         return time_s - self._behind_since_s >= NEW_CLOCK_AFTER_S
 
 
+def _is_utc(said: object) -> bool:
+    if not (isinstance(said, str) and _UTC.fullmatch(said)):
+        return False
+    try:
+        datetime.fromisoformat(said[:19])
+    except ValueError:
+        return False
+    return True
+
+
 class _WrongType(Exception):
     pass
 
@@ -135,6 +145,6 @@ def _number(said: dict[str, Any], key: str, low: float, high: float) -> float | 
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise _WrongType
-    if not math.isfinite(value) or not low <= value <= high:
+    if not low <= value <= high:                # also for what is no number, and for whole ones of any length
         raise _Impossible
     return float(value)

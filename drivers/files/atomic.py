@@ -30,6 +30,9 @@ def write_atomically(path: Path, content: str | bytes) -> None:
     _sync_folder(path.parent)
 
 
+LONGEST_LINE = 65_536
+
+
 class LogFile(Protocol):
     """What a log writer needs of a file: appending bytes, and knowing that they are kept."""
 
@@ -41,24 +44,52 @@ class LogFile(Protocol):
     def sync(self) -> None:
         """Returns when everything written survives a power loss. Raises OSError, also where the file was deleted."""
 
+    @property
+    def stands(self) -> bool:
+        """Whether what is at `path` is still this file."""
+
+    def all(self) -> bytes:
+        """Everything written. Raises OSError."""
+
     def close(self) -> None: ...
 
 
 class NewFile:
     """A file of its own, unbuffered: `LogFile` on a disk."""
 
-    def __init__(self, path: Path, overwrite: bool = False) -> None:
-        """Creates `path`. Raises FileExistsError where it is there already (unless `overwrite`), else OSError."""
+    def __init__(self, path: Path, overwrite: bool = False, go_on_at: int | None = None) -> None:
+        """Creates `path`. Raises FileExistsError where it is there already (unless `overwrite`), else OSError.
+
+        go_on_at: goes on with the file that is there, after so many of its bytes or its last whole line before.
+        """
         self.path = path
-        self._file = io.FileIO(path, "w" if overwrite else "x")
+        self._file = io.FileIO(path, ("w+" if overwrite else "x+") if go_on_at is None else "r+")
+        if go_on_at is not None:
+            end = min(go_on_at, os.fstat(self._file.fileno()).st_size)
+            begin = self._file.seek(max(0, end - LONGEST_LINE))
+            self._file.truncate(begin + (self._file.read(end - begin) or b"").rfind(b"\n") + 1)
+            self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
         return self._file.write(data) or 0
 
     def sync(self) -> None:
         os.fsync(self._file.fileno())
-        if os.fstat(self._file.fileno()).st_nlink == 0:
-            raise OSError("the file was deleted while it was being written")
+        if not self.stands:
+            raise OSError("the file was deleted, or is no longer where it was begun")
+
+    @property
+    def stands(self) -> bool:
+        """Whether what is at `path` is still this file: not deleted, moved, or on a disk that went and came back."""
+        try:
+            return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path))
+        except OSError:
+            return False
+
+    def all(self) -> bytes:
+        """Everything written, also of a file that was deleted meanwhile. Raises OSError."""
+        self._file.seek(0)
+        return self._file.readall()
 
     def close(self) -> None:
         self._file.close()

@@ -18,10 +18,9 @@ from pydantic import BaseModel, ValidationError
 
 from drivers.files.atomic import write_atomically
 from drivers.files.config_words import explain, nearest
+from drivers.files.limits import CONFIG
 from drivers.files.plain import plain, schema_of
 from drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
-
-MAX_BYTES = 2_000_000
 
 M = TypeVar("M", bound=BaseModel)
 Model = TypeVar("Model", bound=BaseModel, covariant=True)
@@ -141,13 +140,13 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
     label = _label(path)
     try:
         with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
+            raw = file.read(CONFIG.most + 1)
     except FileNotFoundError:
         raise ConfigError([f"{label}: no such file"]) from None
     except OSError as error:
         raise ConfigError([f"{label}: cannot be read: {error.strerror or error}"]) from None
-    if len(raw) > MAX_BYTES:
-        raise ConfigError([f"{label}: too large for a configuration: allowed {MAX_BYTES} bytes"])
+    if len(raw) > CONFIG.most:
+        raise ConfigError([f"{label}: too large for a configuration: allowed {CONFIG.most} bytes"])
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -138,8 +138,10 @@ def _chords(time_s: Floats, lat_deg: Floats, lon_deg: Floats
     known = np.flatnonzero(np.isfinite(lat_deg) & np.isfinite(lon_deg))
     if known.size < 2:
         return None
-    marks = np.searchsorted(time_s[known], np.arange(time_s[known[0]], time_s[known[-1]], _CHORD_S))
-    picked = known[np.unique(np.minimum(marks, known.size - 1))]
+    told_s = time_s[known]
+    piece = np.floor((told_s - told_s[0]) / _CHORD_S)           # a bounded work, however far apart the times are
+    begins = np.flatnonzero(np.diff(piece, prepend=-1.0) > 0.0)
+    picked = known[begins[told_s[0] + piece[begins] * _CHORD_S < told_s[-1]]]
     start, end = picked[:-1], picked[1:]
     north_m = (lat_deg[end] - lat_deg[start]) * _M_PER_DEG
     east_m = (lon_deg[end] - lon_deg[start]) * _M_PER_DEG * np.cos(np.radians(lat_deg[start]))

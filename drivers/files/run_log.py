@@ -4,6 +4,7 @@ Not one row is ever half written into the middle of a log: what the disk did not
 """
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -13,11 +14,11 @@ from types import TracebackType
 from typing import Self
 
 from control.log_row import LogRow
-from drivers.files.atomic import LogFile, create, sidecar, write_atomically
+from drivers.files.atomic import LogFile, NewFile, create, sidecar, write_atomically
 from drivers.files.log_text import HEADER, RowText
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
-FLUSH_S = 0.5             # rows reach the operating system at least this often
+FLUSH_S = 0.1             # rows reach the operating system at least this often: what a kill of the worker can cost
 SYNC_S = 1.0              # and the disk itself about this often
 SLOW_S = 5.0              # rows waiting longer than this are a trouble
 MAX_WAITING_ROWS = 72_000     # an hour at 20 Hz; what comes after is lost, and counted
@@ -109,6 +110,8 @@ class RunLogWriter:
         self._text = RowText()
         self._formatted = bytearray()       # written by the thread only
         self._formatted_rows = 0
+        self._unsynced = bytearray()        # written and perhaps not kept
+        self._synced_bytes = len(HEADER.encode())
         self._file: LogFile | None = None
         self._trouble = ""
         self._lost = 0
@@ -186,15 +189,45 @@ class RunLogWriter:
             return
         now_s = self._clock()
         try:
-            _write_all(self._file, self._formatted)
+            if self._trouble and not self._file.stands:
+                self._file = self._gone_on_with(self._file)
+            waiting = bytes(self._formatted)
+            try:
+                _write_all(self._file, self._formatted)
+            finally:
+                self._unsynced += waiting[:len(waiting) - len(self._formatted)]
             self._formatted_rows = 0
             if closing or now_s - self._synced_at_s >= self._sync_s:
                 self._file.sync()
                 self._synced_at_s = now_s
+                self._synced_bytes += len(self._unsynced)
+                self._unsynced.clear()
                 self._trouble = ""
         except OSError as error:
             self._trouble = _in_words(self.path, error)
         self._good_at_s = self._clock()
+
+    def _gone_on_with(self, before: LogFile) -> LogFile:
+        """The log's file anew, after it was deleted, or its folder or disk went and came back. Raises OSError.
+
+        What is there is gone on with after the last row that was surely kept; where nothing is, what was written
+        before is written again, as far as it can still be read.
+        """
+        path = before.path
+        if not path.parent.is_dir():
+            raise OSError("its folder is gone")
+        if path.exists() and _begins_as_a_log(path):
+            file: LogFile = NewFile(path, go_on_at=self._synced_bytes)
+            self._formatted[:0] = self._unsynced
+        else:
+            text = _read_again(before) or HEADER.encode() + self._unsynced
+            file = begin_log(path, self._meta, not path.exists(), self._create)
+            self._formatted[:0] = text[len(HEADER.encode()):]
+            self._synced_bytes = len(HEADER.encode())
+        self._unsynced.clear()
+        with contextlib.suppress(OSError):
+            before.close()
+        return file
 
     def _open(self) -> None:
         try:
@@ -203,6 +236,19 @@ class RunLogWriter:
         except OSError as error:
             self._trouble = _in_words(self._wanted, error)
             self._good_at_s = self._clock()
+
+
+def _begins_as_a_log(path: Path) -> bool:
+    with open(path, "rb") as file:
+        return file.read(len(HEADER.encode())) == HEADER.encode()
+
+
+def _read_again(file: LogFile) -> bytes:
+    try:
+        text = file.all()
+    except OSError:
+        return b""
+    return text[:text.rfind(b"\n") + 1] if text.startswith(HEADER.encode()) else b""
 
 
 def _write_all(file: LogFile, data: bytearray) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.files.findings import Finding, many
+from drivers.files.limits import BeyondLimits, check_file, check_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -86,13 +87,23 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
     return Table(path, layout.names, columns, tuple(findings))
 
 
-def _utf8(path: Path) -> tuple[bytes, list[Finding]]:
+def _bytes(path: Path) -> bytes:
+    """Raises TableError."""
     try:
+        check_file(path)
         data = path.read_bytes()
+        check_text(data.replace(b"\0", b""), str(path))
+    except BeyondLimits as error:
+        raise TableError(str(error)) from None
     except FileNotFoundError:
         raise TableError(f"{path}: no such file") from None
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return data
+
+
+def _utf8(path: Path) -> tuple[bytes, list[Finding]]:
+    data = _bytes(path)
     findings: list[Finding] = []
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         data = data.decode("utf-16", errors="ignore").encode()

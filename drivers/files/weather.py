@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from control.agronomy.crop import Crop
 from control.agronomy.days import days_above_base
+from drivers.files.limits import CONFIG
 
 COLDEST_C, HOTTEST_C = -90.0, 60.0
 
@@ -32,6 +33,8 @@ class Weather(NamedTuple):
 def read_weather(path: Path) -> Weather:
     """Reads a weather file (UTF-8, with or without a byte order mark). Raises WeatherError in one line."""
     try:
+        if path.stat().st_size > CONFIG.most:
+            raise WeatherError(f"{path}: {path.stat().st_size} bytes: allowed up to {CONFIG.most} bytes")
         lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except OSError as error:
         raise WeatherError(f"{path}: cannot be read ({error.strerror or error})") from error

@@ -15,6 +15,11 @@ MAX_NODES = 100_000      # aliases counted each time they are used
 MAX_DEPTH = 40
 
 
+_PLAIN = "tag:yaml.org,2002:"
+_KEY_TAGS = frozenset(_PLAIN + name for name in ("str", "int", "float", "bool", "merge"))
+_TAGS = _KEY_TAGS | {_PLAIN + name for name in ("null", "seq", "map")}
+
+
 class YamlProblem(ValueError):
     """One line, naming the line of the file."""
 
@@ -69,6 +74,9 @@ def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
 def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int) -> int:
     """Records lines and refuses duplicates and bombs; returns the number of nodes seen so far."""
     count += 1
+    if node.tag not in _TAGS:
+        raise YamlProblem(f"line {node.start_mark.line + 1}: not YAML as read here: tag {node.tag}: "
+                          "allowed is plain data without tags")
     if count > MAX_NODES or len(path) > MAX_DEPTH:
         raise YamlProblem(f"line {node.start_mark.line + 1}: nested too deeply or too large")
     lines.setdefault(path, node.start_mark.line + 1)
@@ -79,7 +87,7 @@ def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int
         seen: dict[str, int] = {}
         for key, child in node.value:
             line = key.start_mark.line + 1
-            if not isinstance(key, yaml.ScalarNode):
+            if not isinstance(key, yaml.ScalarNode) or key.tag not in _KEY_TAGS or not key.value:
                 raise YamlProblem(f"line {line}: a key must be a name")
             if key.value in seen:
                 where = ".".join(str(p) for p in (*path, key.value))

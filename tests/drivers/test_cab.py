@@ -145,3 +145,36 @@ def test_a_board_that_does_not_follow_is_told(plugged, board_line):
     told(105.2, True)
     assert measured(105.25, 0) == (False, False), "the time begins anew"
     assert measured(105.6, 4) == (True, False), "a driver's fault is its own alarm"
+
+
+def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(plugged, board_line, monkeypatch):
+    """The others are read in the same tick; the console is told; a board goes on being told to stop."""
+    cab, lines = plugged
+    good = board_line("S1,0,0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1")
+    monkeypatch.setattr("drivers.devices.slave_board.decode_status", lambda frame: 1 / 0)
+    lines["board"].write(good)
+    lines["h2"].write(b"0.2,0.65,1,2,3\r\n")
+    m = cab.measure(100.0)
+    assert m.ndvi == (None, Reading(0.65, 100.0)) and m.put_aside == ("board",)
+    assert cab.line("board").status(100.0).last_error == "put aside: ZeroDivisionError: division by zero"
+    monkeypatch.undo()
+    lines["board"].write(good)
+    assert cab.measure(100.05).shaft_rpm is None
+    cab.command(100.05, None, False)
+    assert lines["board"].read() == board_line("T1,0,0.000,0.000,0")
+    cab.line("board").plug(False)
+    cab.line("board").plug(True)
+    lines["board"].write(good)
+    m = cab.measure(100.1)
+    assert m.shaft_rpm == Reading(60.0, 100.1) and m.put_aside == ()
+
+
+def test_who_listens_in_and_raises_is_left_out(plugged):
+    cab, lines = plugged
+    heard = []
+    cab.line("head_1").listen_in(lambda *_: 1 / 0)
+    cab.line("head_1").listen_in(lambda *said: heard.append(said))
+    for _ in range(2):
+        lines["h1"].write(b"0.2,0.45,1,2,3\r\n")
+        assert cab.measure(100.0).put_aside == ()
+    assert len(heard) == 2

@@ -33,7 +33,7 @@ def test_the_schema_is_published_for_editors():
     ("board: {port: COM3, work_switch: 1}", "board.work_switch"),
     ("gnss: {port: COM3, protocol: ubx}", "gnss.protocol: value ubx"),
     ("heads: {ports: [a, b], protocol: psychic}", "allowed is one of greenseeker"),
-    ("rate_module: {pulses_per_turn: 360.0}", "fixed_opening_mm is missing")])
+    ("rate_module: {pulses_per_turn: 360.0, listen: 0.0.0.0}", "fixed_opening_mm is missing")])
 def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
     path = tmp_path / "cab.yaml"
     path.write_text(f"format: topdress-cab/1\n{text}\n")

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 
 import pytest
 
@@ -65,6 +66,23 @@ def test_what_is_no_object_is_malformed(junk):
     assert decoder.counts.rejected == {"malformed": 1}
 
 
+@pytest.mark.parametrize("key", ["mode", "lat", "lon", "status", "track", "speed"])
+@pytest.mark.parametrize("number", ["9" * 400, "-" + "9" * 4000, "1e400", "-1e308", "NaN", "Infinity"])
+def test_numbers_of_any_length_are_impossible_and_nothing_else(key, number):
+    decoder = GpsdDecoder()
+    said = json.dumps(TPV | {key: "HERE"}).replace('"HERE"', number)
+    assert decoder.feed(said.encode() + b"\n", 5.0) == []
+    assert decoder.counts.rejected_total == 1
+
+
+@pytest.mark.parametrize("utc", ["2026-13-01T00:00:00Z", "2026-02-30T00:00:00Z", "2026-01-01T24:61:00Z",
+                                 "0000-01-01T00:00:00Z"])
+def test_a_time_that_no_calendar_has_is_malformed(utc):
+    decoder = GpsdDecoder()
+    assert decoder.feed(lines(TPV | {"time": utc}), 5.0) == []
+    assert decoder.counts.rejected == {"malformed": 1}
+
+
 def test_gpsd_is_asked_to_speak_at_every_connect(clock, make_plant):
     host, device = memory_pair("gpsd", clock)
     cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}), clock, lambda *_: host)
@@ -124,6 +142,22 @@ def test_agopengps_wrong_frames(data, kind):
     assert decoder.feed(data, 0.0) == []
     assert decoder.counts.rejected == {kind: 1}
     assert len(decoder.feed(PLACE, 0.0)) == 1, "the next good frame is heard"
+
+
+@pytest.mark.parametrize("pattern", [b"\x80\x81\x7f\x64\x00\x00", b"\x80\x81\x7f", b"\x80\x81\x7f\x00\xff"])
+def test_no_pattern_of_bytes_is_looked_at_again_and_again(pattern):
+    """A megabyte takes 0.2 s of the thread's own time; 12 s where what is left was copied at every head."""
+    decoder = AgOpenGpsDecoder()
+    began_s = time.thread_time()
+    decoder.feed((pattern * 350_000)[:1_000_000], 0.0)
+    assert time.thread_time() - began_s < 3.0
+    assert len(decoder._rest) < 262 and decoder.counts.accepted == 0
+
+
+def test_what_follows_a_flood_is_heard():
+    decoder = AgOpenGpsDecoder()
+    decoder.feed(b"\x80\x81\x7f\x64\x00\x00" * 5000, 0.0)
+    assert len(decoder.feed(PLACE, 0.0)) == 1
 
 
 def test_agopengps_over_the_cab(clock):

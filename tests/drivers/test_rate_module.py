@@ -3,17 +3,21 @@ from __future__ import annotations
 
 import itertools
 import math
+import socket
 import struct
 
 import pytest
 
 from control.readings import DriveCommand
 from drivers.cab import Cab, CabConfig
-from drivers.datagrams import UdpPort, datagram_pair, udp_address
+from drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
 from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.rate_module_frames import Relays, Target, decode_told, encode_target
 from drivers.ports import memory_pair
 from drivers.virtual.extras import VirtualRateModule
+
+WITH_BOARD = {"pulses_per_turn": 360.0, "listen": "0.0.0.0"}
+MODULE = WITH_BOARD | {"fixed_opening_mm": 25.0}
 
 
 def sealed(body: bytes) -> bytes:
@@ -129,7 +133,7 @@ def test_a_module_that_does_not_hear_us_is_no_drive():
 def plugged(clock):
     """A cab with a rate module and a gate set by hand, and the virtual module."""
     host, device = datagram_pair("module", clock)
-    cab = Cab(CabConfig.model_validate({"rate_module": {"pulses_per_turn": 360.0, "fixed_opening_mm": 25.0}}), clock,
+    cab = Cab(CabConfig.model_validate({"rate_module": MODULE}), clock,
               datagram_opener=lambda url, _clock: host)
     return cab, VirtualRateModule(device, 360.0), device
 
@@ -200,7 +204,7 @@ def test_a_wrong_number_of_pulses_shows_as_a_wrong_speed(clock):
 def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_line):
     host, device = datagram_pair("module", clock)
     lines = memory_pair("board", clock)
-    cab = Cab(CabConfig.model_validate({"board": {"port": "b"}, "rate_module": {"pulses_per_turn": 360.0}}), clock,
+    cab = Cab(CabConfig.model_validate({"board": {"port": "b"}, "rate_module": WITH_BOARD}), clock,
               lambda url, baud, _clock: lines[0], lambda url, _clock: host)
     cab.command(100.0, DriveCommand(60.0, 33.0), True)
     assert lines[1].read() == board_line("T1,0,0.000,33.000,1")
@@ -216,23 +220,29 @@ def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_li
 
 
 def test_the_operator_is_told_of_the_four_seconds():
-    config = CabConfig.model_validate({"rate_module": {"pulses_per_turn": 360.0, "fixed_opening_mm": 25.0}})
+    config = CabConfig.model_validate({"rate_module": MODULE})
     assert any("only after 4 s" in line for line in config.warnings)
     assert config.rate_module.url == "udp://0.0.0.0:29999?to=192.168.1.50:28888"
 
 
 @pytest.mark.parametrize(("change", "said"), [
-    ({"rate_module": {"pulses_per_turn": 360.0}}, "fixed_opening_mm is missing"),
-    ({"rate_module": {"pulses_per_turn": 360.0, "fixed_opening_mm": 25.0}, "board": {"port": "b"}}, "leave one"),
-    ({"rate_module": {"pulses_per_turn": 20000.0, "fixed_opening_mm": 25.0}}, "16777"),
+    ({"rate_module": WITH_BOARD}, "fixed_opening_mm is missing"),
+    ({"rate_module": MODULE, "board": {"port": "b"}}, "leave one"),
+    ({"rate_module": MODULE | {"pulses_per_turn": 20000.0}}, "16777"),
     ({"gnss": {"protocol": "agopengps", "port": "COM3"}}, "udp://127.0.0.1:17777"),
-    ({"gnss": {"port": "udp://127.0.0.1:17777"}}, "serial port")])
+    ({"gnss": {"port": "udp://127.0.0.1:17777"}}, "serial port"),
+    ({"gnss": {"protocol": "agopengps", "port": "udp://0.0.0.0:17777"}}, "anybody on that network"),
+    ({"rate_module": MODULE | {"listen": "127.0.0.1"}}, "listen 127.0.0.1: a module at 192.168.1.50 cannot be heard"),
+    ({"rate_module": MODULE | {"address": "127.0.0.1"}}, "listen 0.0.0.0: a module at 127.0.0.1 cannot be heard"),
+    ({"rate_module": MODULE | {"address": "192.168.1.255"}}, "subnet is missing"),
+    ({"rate_module": MODULE | {"address": "module.local"}}, "subnet is missing"),
+    ({"rate_module": MODULE | {"subnet": "192.168.1.7/24"}}, "subnet 192.168.1.7/24: allowed is a network")])
 def test_configuration_mistakes_are_said(change, said):
     with pytest.raises(ValueError, match=said):
         CabConfig.model_validate(change)
 
 
-@pytest.mark.parametrize("url", ["udp://nowhere", "tcp://a:1", "udp://a:1?to=b", "udp://a:99999999"])
+@pytest.mark.parametrize("url", ["udp://nowhere", "tcp://a:1", "udp://a:1?to=b", "udp://a:99999999", "udp://1.2.3.4:1?from=x"])
 def test_an_address_that_cannot_be_read_is_said(url):
     with pytest.raises(ValueError, match=r"allowed is udp://HOST:PORT"):
         udp_address(url)
@@ -247,3 +257,33 @@ def test_a_taken_port_is_tried_again(clock):
     clock.now_s += 1.1
     assert second.read_each() == [] and second.number == number
     second.close()
+
+
+@pytest.mark.parametrize(("url", "senders"), [
+    ("udp://127.0.0.1:0", "127.0.0.0/8"), ("udp://localhost:0", "127.0.0.0/8"),
+    ("udp://0.0.0.0:29999?to=192.168.1.50:28888", "192.168.1.50/32"),
+    ("udp://0.0.0.0:29999?to=192.168.1.255:28888&from=192.168.1.0/24", "192.168.1.0/24"),
+    ("udp://192.168.1.9:17777?from=192.168.1.20", "192.168.1.20/32"), ("udp://0.0.0.0:29999", "None")])
+def test_who_is_believed(url, senders):
+    assert str(udp_address(url).senders) == senders
+
+
+def test_a_stranger_is_not_heard(clock):
+    """He sits at another address of this computer; a flood of his costs a bounded number of looks."""
+    port = UdpPort("udp://127.0.0.1:0?from=127.0.0.2", clock)
+    module, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    try:
+        module.bind(("127.0.0.2", 0))
+        stranger.bind(("127.0.0.3", 0))
+    except OSError:
+        pytest.skip("one loopback address only")
+    for _ in range(100):
+        stranger.sendto(b"stranger", ("127.0.0.1", port.number))
+    module.sendto(b"module", ("127.0.0.1", port.number))
+    assert port.read_each() == [b"module"]
+    assert port.state().dropped_in == 800 and port.state().last_error == "a datagram from 127.0.0.3 was refused"
+    for _ in range(100):
+        module.sendto(b"again", ("127.0.0.1", port.number))
+    assert len(port.read_each()) == MOST_WAITING, "of a flood the newest are given"
+    for one in (port, module, stranger):
+        one.close()

@@ -52,6 +52,13 @@ class _ShakyFile:
     def sync(self) -> None:
         self._file.sync()
 
+    @property
+    def stands(self) -> bool:
+        return self._file.stands
+
+    def all(self) -> bytes:
+        return self._file.all()
+
     def close(self) -> None:
         self._file.close()
 
@@ -239,14 +246,50 @@ def test_failing_to_open_leaves_no_litter(tmp_path: Path, monkeypatch: pytest.Mo
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_log_deleted_under_way_is_told(tmp_path: Path) -> None:
+def rows_of(log: RunLogWriter) -> list[str]:
+    return [line.split(",")[0] for line in log.path.read_text().splitlines()[1:]]
+
+
+def test_a_log_deleted_under_way_is_told_and_written_anew(tmp_path: Path, full_row: MakeRow) -> None:
     log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.0)
+    log.append(full_row(0.0))
+    assert until(lambda: rows_of(log) == ["0.000"])
+    troubles = []
     try:
         log.path.unlink()
     except PermissionError:
         pytest.skip("this system does not delete open files")
-    assert until(lambda: "deleted" in log.trouble)
-    log.close()
+    assert until(lambda: bool(troubles.append(log.trouble) or "no longer where it was begun" in "".join(troubles)))
+    log.append(full_row(0.05))
+    assert until(lambda: log.ok and log.path.exists() and len(rows_of(log)) == 2)
+    assert log.close() and rows_of(log) == ["0.000", "0.050"]
+
+
+@pytest.mark.parametrize("lost_bytes", [0, 30])
+def test_a_log_whose_folder_comes_back_is_written_on(tmp_path: Path, full_row: MakeRow, lost_bytes: int) -> None:
+    """The card is pulled and put in again: the same names, other files for the system; the last bytes may be gone."""
+    folder, away = tmp_path / "card", tmp_path / "away"
+    log = RunLogWriter(folder / "run.csv", META, flush_s=0.01, sync_s=0.0)
+    log.append(full_row(0.0))
+    log.append(full_row(0.05))
+    assert until(lambda: len(rows_of(log)) == 2)
+    folder.rename(away)
+    log.append(full_row(0.1))
+    assert until(lambda: not log.ok)
+    log.append(full_row(0.15))
+    time.sleep(0.05)
+    assert not folder.exists(), "nothing is written where the card should be"
+    folder.mkdir()
+    for name in ("run.csv", "run.yaml"):
+        data = (away / name).read_bytes()
+        (folder / name).write_bytes(data[:len(data) - lost_bytes] if name == "run.csv" else data)
+    log.append(full_row(0.2))
+    assert until(lambda: log.ok)
+    assert log.close()
+    told = rows_of(log)
+    assert told == sorted(set(told)) and told[0] == "0.000" and told[-2:] == ["0.150", "0.200"]
+    assert log.path == folder / "run.csv" and len(told) >= 5 - (lost_bytes > 0) - 1
+    assert all(line.count(",") == HEADER.count(",") for line in log.path.read_text().splitlines())
 
 
 def test_a_row_that_is_none_never_ends_the_log(tmp_path: Path, full_row: MakeRow) -> None:

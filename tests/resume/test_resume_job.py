@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -10,9 +11,12 @@ from console.worker import resume
 from console.worker.assemble import assemble
 from console.worker.host import Host
 from console.worker.program import Options, options_from
+from console.worker.requests import Ask
 from console.worker.resume import Snapshot
+from console.worker.resume_keeper import Keeper
 from console.worker.resume_tail import with_tail
 from control.field.totals import Sums, Totaliser
+from control.log_row import LogRow
 from control.machine.machine import Machine
 from control.orders import Do, Order
 from drivers.files.read_log import read_log
@@ -64,6 +68,22 @@ def run(log: Path, until_s: float, resumed: Path | None = None, cut: bool = Fals
         parts.writer.close()
         real_work(False)
     return frames, parts
+
+
+class Standing(NamedTuple):
+    """A tick of a machine that stands."""
+
+    row: LogRow
+    alarms: tuple = ()
+    place_m: tuple[float, float] | None = None
+    look_ahead: bool = True
+    flow_trim_on: bool = True
+
+
+def _read(folder, data):
+    path = folder / "told.resume.json"
+    path.write_text(json.dumps(data))
+    return resume.read(path)
 
 
 def test_what_is_kept_of_a_morning(morning):
@@ -193,3 +213,43 @@ def test_totals_that_go_on_are_those_of_one_run():
 
 def test_the_workers_option():
     assert options_from(["--run-file", "w.json", "--resume", "a.resume.json"]).resume == Path("a.resume.json")
+
+
+def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
+    """A board goes on for a second without its host, then its shaft runs down, then what is in the air lands."""
+    _frames, parts = morning
+    kept = resume.read(resume.beside(parts.writer.path))
+    machine = Machine()
+    known, beyond = (with_tail(kept, machine, 0.46, stops_s) for stops_s in (None, 1.0))
+    last = list(read_log(parts.writer.path).rows())[-1]
+    assert last.shaft_rpm_cmd > 0.0 and last.state == "working"
+    flow_kg_s = last.applied_rate_kg_ha * last.flow_trim * machine.geometry.working_width_m * last.speed_used_mps / 1e4
+    assert known.after_cut_kg == 0.0 and 1.2 * flow_kg_s < beyond.after_cut_kg < 1.8 * flow_kg_s
+    assert beyond.sums.kg - known.sums.kg == pytest.approx(beyond.after_cut_kg)
+    more_m2 = (beyond.ground.done.sum() - known.ground.done.sum()) * known.ground.cell_m ** 2
+    metres = more_m2 / machine.geometry.working_width_m
+    assert 2.5 * last.speed_used_mps < metres < 4.5 * last.speed_used_mps, "a second, run-down and fall"
+    longer = with_tail(kept, machine, 0.46, 4.0)
+    assert longer.after_cut_kg - beyond.after_cut_kg == pytest.approx(3.0 * flow_kg_s, rel=0.05)
+
+
+def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
+    _frames, parts = morning
+    data = json.loads(resume.beside(parts.writer.path).read_text()) | {"after_cut_kg": 0.17, "cut_hopper_kg": 100.0}
+    keeper = Keeper(tmp_path / "x.resume.json", Machine(), _read(tmp_path, data), parts.loop, lambda: "")
+    assert (keeper.tally.after_cut_kg, keeper.tally.after_cut_scale_kg) == (0.17, None)
+    for number in range(120):
+        keeper.take(Standing(LogRow(0.05 * number, hopper_kg=99.8, shaft_rpm_cmd=0.0, state="off")))
+    keeper.work(False)
+    assert keeper.tally.after_cut_scale_kg == pytest.approx(0.2)
+
+
+def test_a_clean_quit_is_no_cut(tmp_path):
+    """It is not offered as one; by name it can be gone on with."""
+    frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Ask.QUIT})
+    path = resume.beside(parts.writer.path)
+    kept = resume.read(path)
+    assert kept.quit and kept.worth_going_on and resume.newest(tmp_path) is None
+    later, _parts = run(tmp_path / "b.csv", 5.0, resumed=path)
+    assert later[0].area_ha == pytest.approx(frames[-1].area_ha, rel=0.02)
+    assert not resume.read(resume.beside(tmp_path / "b.csv")).quit, "told to stop, but not by anybody's QUIT"

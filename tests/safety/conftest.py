@@ -25,7 +25,8 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     course, quality = changes.pop("course_deg", 90.0), changes.pop("fix_quality", 4)
     hopper_kg, switch = changes.pop("hopper_kg", 200.0), changes.pop("work_switch", None)
     heard = changes.pop("heads_heard", 6)
-    faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped")}
+    faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped", "control_failed")}
+    faults["put_aside"] = changes.pop("put_aside", ())
     ages = {name: changes.pop(f"{name}_age_s", 0.0) for name in ("gnss", "wheel", "shaft", "gate", "scale")}
 
     def reading(name: str, value: float) -> Reading | None:

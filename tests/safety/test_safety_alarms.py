@@ -24,6 +24,8 @@ RAISED = [
     ("speed_silent", {"speed_used_mps": None}, 1.9, 2.1, State.HELD),
     ("console_silent", {"console_age_s": 2.1}, 0.0, 0.05, State.HELD),
     ("log_failed", {"log_ok": False}, 0.0, 0.05, State.WORKING),
+    ("control_failed", {"control_failed": True}, 0.0, 0.05, State.WORKING),
+    ("device_aside", {"put_aside": ("gnss", "head_2")}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": MAP, "position_ok": False}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": POINT, "position_ok": False}, 0.0, 0.05, State.WORKING),
     ("wheel_fault", {"wheel_mps": 0.0, "gnss_mps": 0.55}, 0.4, 0.6, State.WORKING),

@@ -9,19 +9,22 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
+from console.app.tablet import Key
 from console.cli import serve as serve_command
 from console.cli import tablet
 from console.cli.plain_errors import CommandError
-from console.cli.tablet import TabLink, options_of, token_in
+from console.cli.tablet import TAB_BYTES, SharedWaits, TabLink, options_of, token_in
 from console.link import Link, Where, WorkerFailed, start_worker
 from control.orders import Answer, Do, Order
+from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
-from console.serve.server import host_allowed, number  # noqa: E402
+from console.serve.server import MOST_COLUMNS, MOST_ROWS, Pace, TabletServer, host_allowed, number  # noqa: E402
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
 
@@ -181,3 +184,84 @@ def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
     meta = run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
     log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
     assert options_of(Where(1, None, 1, "", str(log))) == {"limits_kg_ha": (0.0, 450.0), "hopper_kg": 280.0}
+
+
+class Said:
+    """A tab's socket that says what it is given, and a service that notes what reaches the console."""
+
+    def __init__(self, *messages):
+        self.messages = [SimpleNamespace(type=aiohttp.web.WSMsgType.TEXT, data=text) for text in messages]
+        self.sizes, self.bytes, self.pongs = [], [], []
+
+    async def __aiter__(self):
+        for message in self.messages:
+            yield message
+
+    async def set_terminal_size(self, width, height):
+        self.sizes.append((width, height))
+
+    async def send_bytes(self, data):
+        self.bytes.append(data)
+
+    async def send_json(self, data):
+        self.pongs.append(data)
+
+
+@pytest.mark.parametrize(("width", "height", "told"), [
+    ("1e9", "1e9", (MOST_COLUMNS, MOST_ROWS)), ("-5", "0", (1, 1)), ('"x"', "null", (80, 24)), ("[]", "{}", (80, 24)),
+    ("1e400", "NaN", (80, 24)), ("9" * 300, "40", (MOST_COLUMNS, 40))])
+async def test_a_window_stays_bounded_after_the_first_message_too(width, height, told):
+    tab = Said(f'["resize", {{"width": {width}, "height": {height}}}]')
+    await TabletServer("x", "127.0.0.1", 0)._process_messages(tab, tab)
+    assert tab.sizes == [told]
+
+
+@pytest.mark.parametrize("message", ["[", "{}", "7", "[]", "[" * 5000, '["resize", 7]', '["stdin"]', '["resize", {}]'])
+async def test_what_is_no_message_of_the_page_ends_the_tab_alone(message):
+    tab = Said(message)
+    with pytest.raises((ValueError, KeyError, IndexError, TypeError, RecursionError)):
+        await TabletServer("x", "127.0.0.1", 0)._process_messages(tab, tab)
+
+
+async def test_text_and_pings_are_taken_as_they_are():
+    tab = Said('["stdin", "\\ud800x"]', '["stdin", 7]', f'["ping", "{"p" * 900}"]', '["other", 1]')
+    await TabletServer("x", "127.0.0.1", 0)._process_messages(tab, tab)
+    assert tab.bytes == [b"?x", b"7"] and tab.pongs == [["pong", "p" * 100]]
+
+
+def test_messages_are_taken_no_faster_than_anybody_types():
+    now_s = [0.0]
+    pace = Pace(lambda: now_s[0])
+    taken = 0
+    while now_s[0] < 10.0:
+        now_s[0] += pace.wait_s() + 1e-6
+        taken += 1
+    assert 900 < taken < 1150
+
+
+def test_a_wrong_key_makes_every_tab_wait(tmp_path):
+    now_s = [100.0]
+    path = tmp_path / "run" / "waits.json"
+    one, other = (Key("right", lambda: now_s[0], SharedWaits(path)) for _ in range(2))
+    assert "not the tablet" in one.wrong("guess")
+    assert "wait" in other.wrong("right"), "also a tab that was loaded again"
+    now_s[0] += 1.1
+    assert "not the tablet" in other.wrong("guess") and "wait" in one.wrong("right")
+    assert path.stat().st_mode & 0o077 == 0 or os.name != "posix"
+    now_s[0] += 2.1
+    assert one.wrong("right") == "" and other.wrong("right") == ""
+    with take_lock(path.with_suffix(".lock")):
+        assert "wait" in one.wrong("right"), "one guess at a time over all tabs"
+    for spoilt in (b"", b"[1]", b"[NaN, 1e400]", b"{}"):
+        path.write_bytes(spoilt)
+        assert one.wrong("right") == ""
+    path.write_text(f"[60, {now_s[0] + 1e6}]")
+    assert one.wrong("right") == "", "of a clock that began anew"
+
+
+@posix
+def test_a_tab_has_little_memory_and_no_first_claim_on_the_processor():
+    program = ("import os, resource; from console.cli.tablet import bounded; before = os.nice(0); bounded();"
+               "print(os.nice(0) - before, resource.getrlimit(resource.RLIMIT_AS)[0])")
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert int(said[0]) > 0 and int(said[1]) == TAB_BYTES

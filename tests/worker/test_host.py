@@ -5,8 +5,9 @@ from itertools import pairwise
 
 import pytest
 
+from console.frame import DeviceDo
 from console.worker import limits
-from console.worker.requests import Ask
+from console.worker.requests import Ask, DeviceOrder
 from control.orders import Answer, Do, Order
 
 
@@ -117,27 +118,57 @@ def test_stop_between_ticks_still_logs_a_row_off(rig):
     assert r.loop.orders[-1] == Order(Do.STOP) and r.writer.rows[-1].state == "off" and r.host.newest.row.state == "off"
 
 
-def test_a_loop_that_breaks_leaves_drives_off_and_the_log_whole(rig):
+def test_a_loop_that_breaks_in_a_tick_stops_the_drives_and_goes_on(rig, capsys):
     r = rig()
     ask(r, Order(Do.START))
-    r.loop.break_at_tick = 3
-    with pytest.raises(RuntimeError, match="the loop broke"):
-        r.host.run()
-    assert len(r.writer.rows) == 3 and r.writer.rows[-1].state == "working"
+    good, broken = r.loop.tick, []
+
+    def tick(measurements, *rest):
+        broken.append(measurements.control_failed)
+        if 4 <= len(broken) <= 6:
+            raise RuntimeError("the loop broke")
+        return good(measurements, *rest)
+
+    r.loop.tick = tick
+    for number in range(4):
+        r.host.tick(0.05 * number)
     assert r.bench.commands[-1][1:] == (None, False)
-    assert r.writer.closed and r.bench.closed and r.host.ended == "failed"
+    assert r.loop.orders[-1] == Order(Do.STOP) and r.host.newest.alarms[0].id == "control_failed"
+    for number in range(4, 8):
+        r.host.tick(0.05 * number)
+    assert [row.state for row in r.writer.rows] == ["working"] * 3 + ["off"] * 2
+    assert broken == [False] * 4 + [True] * 3 + [False]             # safety is told, once it can be told
+    assert capsys.readouterr().err.count("RuntimeError: the loop broke") == 1
 
 
-def test_a_drive_that_cannot_be_told_does_not_cost_the_log(rig):
+def test_a_drive_that_cannot_be_told_costs_neither_log_nor_worker(rig):
     r = rig()
 
     def command(*_):
         raise OSError("port gone")
 
     r.bench.command = command
+    for number in range(5):
+        r.host.tick(0.05 * number)
+    assert r.loop.orders == [Order(Do.STOP)] * 5
     with pytest.raises(OSError):
-        r.host.run()
+        r.host.close("done")
     assert r.writer.closed and r.bench.closed
+
+
+def test_what_stands_beside_the_loop_costs_no_tick(rig):
+    """Log, keeper, tests of devices, an answer that cannot be given."""
+    r = rig()
+
+    def broken(*_):
+        raise RuntimeError("broken")
+
+    r.writer.append = r.host._desk.tick = r.host.lag.tick = r.host._desk.order = broken
+    said = ask(r, DeviceOrder("board", DeviceDo.TEST))
+    r.host.ask(Order(Do.MARK), broken)
+    r.host.tick(0.0)
+    assert r.host.newest.alarms == () and len(r.bench.commands) == 1
+    assert said[0][0].why.startswith("internal_error: test: RuntimeError")
 
 
 def test_orders_are_answered_by_the_next_tick(rig):

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -20,6 +21,7 @@ import pytest
 from console.link import Link, Where, WorkerFailed, WorkerGone, find_running, start_worker
 from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES
 from control.orders import Answer, Do, Order
+from drivers.files.lock import take_lock
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
 
@@ -332,11 +334,17 @@ def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
     assert find_running(tmp_path / "run" / "worker.json") == started[0]
 
 
-def test_without_its_run_file_a_worker_still_is_the_only_one(running, tmp_path):
-    running()
-    (tmp_path / "run" / "worker.json").unlink()
-    with pytest.raises(WorkerFailed, match="did not start: topdress worker: a control worker runs already"):
-        running()
+@posix
+def test_without_its_run_file_a_worker_still_is_the_only_one(tmp_path, running):
+    """Nobody mends the file of a worker that is stopped by a debugger; its lock stands."""
+    where = running()
+    os.kill(where.pid, signal.SIGSTOP)
+    try:
+        (tmp_path / "run" / "worker.json").unlink()
+        with pytest.raises(WorkerFailed, match="did not start: topdress worker: a control worker runs already"):
+            running()
+    finally:
+        os.kill(where.pid, signal.SIGCONT)
 
 
 @posix
@@ -377,16 +385,47 @@ def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
     assert find_running(run_file) is None and not run_file.exists()
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', '{"port": 1, "token": "x", "pid": 1}'])
-def test_a_run_file_is_never_removed_while_a_worker_holds_its_lock(running, tmp_path, text):
+@pytest.mark.parametrize("text", [None, "", "{", "[]", '{"port": "x"}', '{"port": 1}', '{"port": 1e400}', "[" * 9999,
+                                  '{"port": 1, "token": "x", "pid": 1}', '{"port": 70000, "token": "x", "pid": 1}'],
+                         ids=lambda text: "missing" if text is None else text[:20])
+def test_a_worker_that_runs_mends_its_run_file(running, tmp_path, text):
     where = running()
     run_file = tmp_path / "run" / "worker.json"
+    if text is None:
+        run_file.unlink()
+    else:
+        run_file.write_text(text)
+    assert find_running(run_file) == where
+    assert run_file.stat().st_mode & 0o777 == 0o600
+
+
+@posix
+@pytest.mark.parametrize("text", ["", '{"port": 1e400}', '{"port": 70000, "token": "x", "pid": 1}'])
+def test_a_wrong_run_file_that_nobody_mends_is_said(tmp_path, text):
+    run_file = tmp_path / "worker.json"
     run_file.write_text(text)
-    with pytest.raises(WorkerFailed, match="end"):
+    with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="end"):
         find_running(run_file)
     assert run_file.read_text() == text
-    run_file.write_text(json.dumps({"port": where.port, "token": where.token, "pid": where.pid}))
-    assert find_running(run_file).pid == where.pid
+
+
+@posix
+def test_a_port_that_drips_is_not_waited_for(tmp_path):
+    """A byte now and then, and never a whole line: each is answered before the time of a single read is over."""
+    run_file = tmp_path / "worker.json"
+    with socket.create_server(("127.0.0.1", 0)) as dripping, take_lock(run_file.with_suffix(".lock")):
+        def drip() -> None:
+            with contextlib.suppress(OSError), dripping.accept()[0] as visitor:
+                for _ in range(40):
+                    visitor.send(b" ")
+                    time.sleep(0.1)
+
+        threading.Thread(target=drip, daemon=True).start()
+        run_file.write_text(json.dumps({"port": dripping.getsockname()[1], "token": "x", "pid": 1}))
+        began_s = time.monotonic()
+        with pytest.raises(WorkerFailed, match="does not answer"):
+            find_running(run_file)
+        assert time.monotonic() - began_s < 2.0          # half a second, and room for a busy machine; 4 s without
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', "\x00"])

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import datetime as dt
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,17 @@ from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble, listed
+from drivers.files.limits import BeyondLimits, check_sheets
 
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
 def read_excel(path: Path, said: Source) -> RawTable:
     """Raises ImportTrouble, OSError. Without a sheet named, the one sheet that holds a table."""
+    try:
+        check_sheets(path)
+    except (BeyondLimits, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+        raise ImportTrouble(f"{path}: not readable as a workbook: {error}") from None
     try:
         with CalamineWorkbook.from_path(str(path)) as book:
             sheets = [said.sheet] if said.sheet else book.sheet_names

@@ -1,7 +1,6 @@
 """Points with attributes: GeoJSON and shapefiles, as many as-applied files are."""
 from __future__ import annotations
 
-import json
 import struct
 import zipfile
 from pathlib import Path
@@ -16,6 +15,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.limits import read_json
 from drivers.files.prescriptions.projected import projection_of
 
 LAT, LON = "lat_deg", "lon_deg"     # what places are called here
@@ -25,13 +25,14 @@ POINTS = (shapefile.POINT, shapefile.POINTZ, shapefile.POINTM)
 def read_geojson(path: Path, said: Source) -> RawTable:
     """Features that are points. Raises ImportTrouble, OSError."""
     try:
-        root = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
+        root = read_json(path)
+    except ValueError as error:
         raise ImportTrouble(f"{path}: not readable as JSON: {error}") from None
     features = root.get("features") if isinstance(root, dict) else None
     if not isinstance(features, list) or not features:
         raise ImportTrouble(f"{path}: no features: allowed is a FeatureCollection of points")
-    points = [(feature["geometry"]["coordinates"], feature.get("properties") or {}) for feature in features
+    points = [(feature["geometry"]["coordinates"], told if isinstance(told := feature.get("properties"), dict) else {})
+              for feature in features
               if isinstance(feature, dict) and isinstance(feature.get("geometry"), dict)
               and feature["geometry"].get("type") == "Point"]
     if not points:
@@ -40,8 +41,10 @@ def read_geojson(path: Path, said: Source) -> RawTable:
     names = list(dict.fromkeys(name for _, properties in points for name in properties))
     try:
         lon, lat = np.array([place[:2] for place, _ in points], np.float64).T
-    except (TypeError, ValueError):
+    except (ArithmeticError, TypeError, ValueError):
         raise ImportTrouble(f"{path}: coordinates of a point are no two numbers: allowed [lon, lat]") from None
+    if not names:
+        raise ImportTrouble(f"{path}: no point tells anything: allowed are points with properties")
     columns = [_column(name, [properties.get(name) for _, properties in points]) for name in names]
     others = len(features) - len(points)
     left_out = (Finding("not_points", f"{many(others, 'feature')} that are no points left out", rows=others),)

@@ -8,6 +8,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.limits import BeyondLimits, check_file
 
 _SUFFIXES: dict[str, SourceKind] = {
     ".xlsx": "excel", ".xlsm": "excel", ".xls": "excel", ".xlsb": "excel", ".ods": "excel", ".geojson": "geojson",
@@ -19,6 +20,10 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
     said = said or Source()
     if not path.exists():
         raise ImportTrouble(f"{path}: no such file")
+    try:
+        check_file(path)
+    except BeyondLimits as error:
+        raise ImportTrouble(str(error)) from None
     kind = said.kind or _kind(path)
     if path.is_dir() and kind != "isoxml":
         raise ImportTrouble(f"{path}: a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 from pathlib import Path
 
 import polars as pl
@@ -12,6 +13,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.limits import BeyondLimits, check_text
 
 
 def read_text(path: Path, said: Source) -> RawTable:
@@ -21,10 +23,17 @@ def read_text(path: Path, said: Source) -> RawTable:
         raise ImportTrouble(f"{path}: the file is empty")
     encoding = said.encoding or encoding_of(data)
     data = _utf8(path, data, encoding)
+    try:
+        check_text(data, str(path))
+    except BeyondLimits as error:
+        raise ImportTrouble(str(error)) from None
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
         sample = sample[:sample.rfind("\n")]
-    dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
+    try:
+        dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
+    except csv.Error as error:
+        raise ImportTrouble(f"{path}: not readable as a table: {error}") from None
     names, units = _header(dialect, said)
     findings: list[Finding] = []
     frame = _frame(path, data, dialect, names, findings)

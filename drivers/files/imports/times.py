@@ -43,10 +43,10 @@ def clock(table: RawTable, times: Times) -> Clock:
         return found
     found_numbers = numbers(series, table.decimal_comma).values
     if times.counts == "excel_day":
-        ms = ((found_numbers - _EXCEL_EPOCH_DAYS) * (_DAY_US / 1000)).round(0).cast(pl.Int64)
+        ms = ((found_numbers - _EXCEL_EPOCH_DAYS) * (_DAY_US / 1000)).round(0).cast(pl.Int64, strict=False)
         found = _of_naive(ms * 1000, times.zone)
     else:
-        us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64)
+        us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64, strict=False)
         found = Clock(us, "utc" if times.counts.startswith("unix") else "relative")
     _check(table, times, found.us)
     return found

@@ -8,6 +8,7 @@ from typing import Any
 from control.targets.prescription import NO_FALLBACKS, Fallbacks
 from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
+from drivers.files.limits import read_json
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError, checked_rate
 
@@ -18,8 +19,8 @@ WGS84 = ("crs84", "4326")
 def read_geojson(path: Path, choice: Choice) -> Imported:
     """A prescription out of a FeatureCollection of (multi)polygons. Raises PrescriptionError, OSError."""
     try:
-        root = json.loads(path.read_bytes().decode("utf-8-sig"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        root = read_json(path)
+    except ValueError as error:
         raise PrescriptionError(f"{path}: not readable as JSON: {error}") from None
     found = root.get("features") if isinstance(root, dict) and root.get("type") == "FeatureCollection" else None
     if not isinstance(found, list):
@@ -36,7 +37,7 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
         if polygons is None:
             others += 1
             continue
-        features.append(Feature(number, feature.get("properties") or {}, polygons))
+        features.append(Feature(number, _properties(feature), polygons))
     if others:
         text = f"{many(others, 'feature')} that are no polygons left out"
         findings.append(Finding("not_polygons", text, rows=others))
@@ -44,6 +45,12 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
     fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
     return imported(path, "geojson", features, choice, findings, fallbacks, fields, str(root.get("name", "")),
                     str(ours.get("product", "")) if isinstance(ours, dict) else "")
+
+
+def _properties(feature: dict[str, Any]) -> dict[str, Any]:
+    """What it tells beside its shape; nothing where that is no record."""
+    told = feature.get("properties")
+    return told if isinstance(told, dict) else {}
 
 
 def _polygons(feature: Any, where: str) -> list[tuple[Floats, ...]] | None:
@@ -56,7 +63,7 @@ def _polygons(feature: Any, where: str) -> list[tuple[Floats, ...]] | None:
     try:
         parts = [geometry["coordinates"]] if kind == "Polygon" else geometry["coordinates"]
         polygons = [tuple(ring(corners) for corners in part) for part in parts]
-    except (TypeError, ValueError, LookupError):
+    except (ArithmeticError, TypeError, ValueError, LookupError):
         raise PrescriptionError(f"{where}: coordinates are not rings of numbers: allowed [[[lon, lat], ...]]") from None
     for rings in polygons:
         if not rings or any(len(corners) < 3 for corners in rings):

@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
 
 from control.targets.rate_map import Floats
+from drivers.files.limits import BeyondLimits, check_file, read_json
 from drivers.files.prescriptions.words import PrescriptionError
 
 
@@ -15,6 +15,10 @@ def read_plants(path: Path) -> Floats:
     """Places (n, 2), latitude and longitude, in the file's order. Raises PrescriptionError in one line, OSError."""
     if not path.exists():
         raise PrescriptionError(f"{path}: not there: allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
+    try:
+        check_file(path)
+    except BeyondLimits as error:
+        raise PrescriptionError(str(error)) from None
     rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
     if not rows:
         raise PrescriptionError(f"{path}: no plants: allowed is at least one")
@@ -46,9 +50,9 @@ def _csv(path: Path) -> list[tuple[float, float]]:
 
 def _geojson(path: Path) -> list[tuple[float, float]]:
     try:
-        features = json.loads(path.read_text(encoding="utf-8-sig"))["features"]
+        features = read_json(path)["features"]
         points = [feature["geometry"]["coordinates"] for feature in features
                   if feature["geometry"]["type"] == "Point"]
         return [(float(point[1]), float(point[0])) for point in points]
-    except (ValueError, LookupError, TypeError) as error:
+    except (ArithmeticError, ValueError, LookupError, TypeError) as error:
         raise PrescriptionError(f"{path}: not GeoJSON points: {type(error).__name__}: {error}") from None

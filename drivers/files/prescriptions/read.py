@@ -4,6 +4,7 @@ from __future__ import annotations
 import zipfile
 from pathlib import Path
 
+from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 
@@ -15,6 +16,10 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     path, choice = Path(path), choice or Choice()
     if not path.exists():
         raise PrescriptionError(f"{path}: not there: allowed is {KNOWN}")
+    try:
+        check_file(path)
+    except BeyondLimits as error:
+        raise PrescriptionError(str(error)) from None
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson

@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 from typing import Protocol
 from xml.etree import ElementTree
 
+from drivers.files.limits import REFERENCES, held_to
 from drivers.files.prescriptions.words import PrescriptionError
 
 LARGEST_BYTES = 512 << 20
@@ -94,8 +95,9 @@ def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.E
     root = _parsed(data, files.label)
     if root.tag != "ISO11783_TaskData":
         raise PrescriptionError(f"{files.label}: root element {root.tag}: allowed ISO11783_TaskData")
-    for reference in list(root.findall("XFR")):
-        name = f"{reference.get('A', '')}.XML"
+    references = [f"{reference.get('A', '')}.XML" for reference in root.findall("XFR")]
+    held_to(REFERENCES, len(references), files.label)
+    for name in dict.fromkeys(references):
         more = files.read(name)
         if more is None:
             raise PrescriptionError(f"{files.label}: {name}, which XFR names, is not there")

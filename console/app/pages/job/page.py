@@ -118,6 +118,8 @@ class JobScreen(Page):
         tally = frame.tally if frame is not None else None
         if tally is not None and tally.log_before:
             notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
+        if tally is not None and tally.after_cut_kg is not None:
+            notes.append(JobNote(_after_cut(tally.after_cut_kg, tally.after_cut_scale_kg)))
         if tally is not None and tally.finished:
             notes.append(JobNote(_("this job is ended; more work still counts to it")))
         if self.pending:
@@ -218,6 +220,12 @@ class JobScreen(Page):
             else:
                 self.ask_restart(str(worker.result))
         self.hurry()
+
+
+def _after_cut(model_kg: float, scale_kg: float | None) -> str:
+    scale = "--" if scale_kg is None else f"{scale_kg:.2f}"
+    return _("released after the cut, and counted: about {kg} kg (by the scale {scale})").format(
+        kg=f"{model_kg:.2f}", scale=scale)
 
 
 def _one_line(error: BaseException | None) -> str:

@@ -1,0 +1,288 @@
+"""Random steps of the control loop with wild places, times and numbers: `python benchmarks/random_steps.py --steps N`
+
+A machine drives to and fro on a field and works. A share of its readings, of the times of its ticks and of its orders
+is wild: no number, infinite, from the future, from the past, elsewhere on earth. The interlocks are written
+here a second time, from docs/safety.md, and with a memory of their own; every command that turns the shaft is held
+against them, every command against the limits of the drives, every row against the log's text and the console's frame.
+
+Printed, and the exit code is 1 unless the first two are 0 and material flowed: interlocks broken, exceptions, the
+slowest tick (of the thread's own time), the memory that the process took at most, ticks with flow. With `--state FILE`
+it is resumable: what was done is kept there, and a further call goes on until N steps are done.
+"""
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import json
+import random
+import resource
+import sys
+import time
+import traceback
+from collections import Counter
+from math import cos, hypot, inf, isfinite, nan, radians, sin
+from pathlib import Path
+from typing import Any
+
+from shapely import Point, Polygon
+
+from console.frame import Frame
+from console.worker.parts import TOLD
+from console.worker.wire import framed
+from control.field.job import Job, Wanted
+from control.geodesy import TangentPlane
+from control.loop import ControlLoop
+from control.loop.tick import Tick
+from control.orders import Do, Order, State, TargetSource
+from control.readings import GnssFix, Measurements, Reading
+from control.simulation.assembly import control_loop, with_simulated_field
+from drivers.files.log_text import RowText
+from drivers.files.setup import load_setup
+
+STEPS_A_RUN = 2000
+DT_S = 0.05
+WILD = (nan, inf, -inf, 1e308, -1e308, 1e-320, -0.0, -1.0, 1e6, -1e6, 400.0, 0.0)
+LATE_S = (0.0, 0.0, 0.1, 0.4, 0.6, 1.0, 3.0, 60.0, -0.05, -0.3, -5.0, -1e9, 1e9, nan, inf, -inf)
+TICKS_S = (0.0, 0.01, 0.2, 0.6, 2.0, 30.0, -0.05, -10.0, -1e9, nan, inf, -inf, 1e9)
+AWAY_M = (0.5, 5.0, 30.0, 1e3, 5e4, 5e6)
+SETTLING = (Order(Do.ACKNOWLEDGE, ""), Order(Do.READY), Order(Do.START))
+VALUES = (None, True, False, "", "map", "manual", "balanced", 0.3, -30.0, 250.0, nan, inf, 1e308, "x" * 999)
+ORDERS = [Order(do, value) for do in Do for value in VALUES]
+LIVELY = [order for order in ORDERS if order.do is not Do.STOP]
+
+
+class Rules:
+    """The published interlocks again, over all that was measured and ordered so far."""
+
+    def __init__(self, job: Job, has_switch: bool) -> None:
+        self._field = Polygon(job.field.boundary_m) if job.field.boundary_m else None
+        self._has_switch = has_switch
+        self._now_s: float | None = None
+        self._standing = 0
+        self._pulse_s = self._speed_s = -inf
+
+    def broken(self, m: Measurements, console_s: float | None, log_ok: bool, tick: Tick) -> list[str]:
+        went_on = isfinite(m.time_s) and (self._now_s is None or self._now_s < m.time_s)
+        self._standing = 0 if went_on else self._standing + 1
+        if went_on:
+            self._now_s = m.time_s
+        now_s = self._now_s if self._now_s is not None else nan
+        wheel, fix = m.wheel_speed_mps, m.gnss
+        if wheel is not None and 0.0 < wheel.value <= 30.0 and _fresh(wheel.time_s, now_s, inf):
+            self._pulse_s = max(self._pulse_s, wheel.time_s)
+            self._speed_s = max(self._speed_s, wheel.time_s)
+        if fix is not None and fix.speed_mps is not None and 0.0 <= fix.speed_mps <= 30.0 and _fresh(
+                fix.time_s, now_s, inf):
+            self._speed_s = max(self._speed_s, fix.time_s)
+        command, allow, state = tick.command, tick.allow, tick.verdict.state
+        turns_well = command.shaft_rpm == 0.0 or 10.0 <= command.shaft_rpm <= 100.0
+        found = [] if turns_well and 0.0 <= command.opening_mm <= 60.0 else ["limits"]
+        if command.shaft_rpm == 0.0 and command.dose is None:
+            return found
+        found += [name for name, bad in (
+            ("not_working", state not in (State.WORKING, State.CALIBRATING)),
+            ("shaft_silent", not _known(m.shaft_rpm, now_s, 0.5)),
+            ("gate_silent", not _known(m.opening_mm, now_s, 0.5)),
+            ("clock_stands", self._standing > 12),
+            ("work_switch_up", m.work_switch is False or (self._has_switch and m.work_switch is None)),
+        ) if bad]
+        if state is not State.WORKING:
+            return found
+        row = tick.row
+        return found + [name for name, bad in (
+            ("log_failed", not log_ok and not allow.unlogged),
+            ("console_silent", console_s is not None and not console_s <= 2.0),
+            ("standstill", not now_s - self._pulse_s <= 0.8 + 1e-6),
+            ("speed_silent", not now_s - self._speed_s <= 3.0 + 1e-6),
+            ("target_refused", row.target_rate_kg_ha is not None and not 0.0 <= row.target_rate_kg_ha <= 1000.0),
+            ("position_lost", tick.choices.source in (TargetSource.MAP, TargetSource.POINT)
+             and not tick.sensed.position_ok),
+            ("outside_field", self._field is not None and not allow.outside and not self._may_land(tick)),
+        ) if bad]
+
+    def _may_land(self, tick: Tick) -> bool:
+        """Whether some place within the reach of the lag, from where the loop thinks it is, lies in the field."""
+        place, speed_mps = tick.place_m, tick.row.speed_used_mps
+        if place is None or not (isfinite(place[0]) and isfinite(place[1])) or speed_mps is None or self._field is None:
+            return False
+        return bool(self._field.distance(Point(place)) <= 3.0 + 4.0 * speed_mps)
+
+
+def _fresh(time_s: float, now_s: float, holds_s: float) -> bool:
+    return -0.1 - 1e-9 <= now_s - time_s <= holds_s + 1e-9
+
+
+def _known(reading: Reading | None, now_s: float, holds_s: float) -> bool:
+    return reading is not None and isfinite(reading.value) and _fresh(reading.time_s, now_s, holds_s)
+
+
+class Machine:
+    """A machine that drives to and fro, and what its sensors say; `wild` of all that is said is wild."""
+
+    def __init__(self, chance: random.Random, job: Job, wild: float) -> None:
+        self._chance, self._wild = chance, wild
+        origin = job.field.origin_lat_deg, job.field.origin_lon_deg
+        self._plane = TangentPlane(*origin)
+        corners = Polygon(job.field.boundary_m).bounds if job.field.boundary_m else (0.0, 0.0, 40.0, 60.0)
+        self._east_m, self._south_m, self._north_m = 0.5 * (corners[0] + corners[2]), corners[1], corners[3]
+        self._driven_m, self._true_s = chance.uniform(0.0, 50.0), 0.0
+        self._speed_mps = chance.choice((0.4, 0.8, 1.2, 2.0))
+        self._said: dict[str, Any] = {}
+        self._off: tuple[float, float] | None = None
+        self._skew_s = 0.0
+        self._frozen = 0                # ticks for which clock and devices still stand
+        self._last: Measurements | None = None
+
+    def measure(self) -> Measurements:
+        if self._frozen > 0 and self._last is not None:
+            self._frozen -= 1
+            return self._last
+        if self._odd(0.002):
+            self._frozen = 40
+        self._last = self._measured()
+        return self._last
+
+    def _measured(self) -> Measurements:
+        chance = self._chance
+        self._true_s += DT_S
+        self._driven_m += self._speed_mps * DT_S
+        if chance.random() < 0.002:
+            self._speed_mps = chance.choice((0.0, 0.4, 0.8, 1.2, 2.0, 4.0))
+        now_s = self._true_s + self._skew_s
+        if chance.random() < 0.02 * self._wild:
+            now_s += chance.choice(TICKS_S if chance.random() < 0.2 else TICKS_S[:-5])
+            if chance.random() < 0.3 and abs(now_s) < 1e6:
+                self._skew_s = now_s - self._true_s
+        span_m = self._north_m - self._south_m + 20.0
+        legs, along_m = divmod(self._driven_m, span_m)
+        back = int(legs) % 2 == 1
+        north_m = self._south_m - 10.0 + (span_m - along_m if back else along_m)
+        for name, value in (("wheel_speed_mps", self._speed_mps), ("shaft_rpm", 40.0), ("opening_mm", 25.0),
+                            ("hopper_kg", 200.0), ("supply_v", 12.5), ("pitch_deg", 0.0), ("roll_deg", 0.0)):
+            if not self._quiet():
+                self._said[name] = self._reading(value, now_s)
+        if not self._quiet():
+            self._said["ndvi"] = tuple(self._reading(0.6, now_s) for _ in range(6))
+        if not self._quiet():
+            self._said["gnss"] = self._fix(now_s, self._east_m, north_m, 180.0 if back else 0.0)
+        if self._odd(0.05):
+            self._said["work_switch"] = chance.choice((True, False, None))
+        if self._odd(0.05):
+            self._said.pop(chance.choice(sorted(self._said)), None)
+        return Measurements(now_s, **{"work_switch": True} | self._said, drive_fault=self._odd(0.01),
+                            drive_stopped=self._odd(0.01))
+
+    def _odd(self, share: float) -> bool:
+        return self._chance.random() < share * self._wild
+
+    def _quiet(self) -> bool:
+        return self._odd(0.3)
+
+    def _reading(self, value: float, now_s: float) -> Reading:
+        said = self._chance.choice(WILD) if self._odd(0.1) else value
+        return Reading(said, now_s - (self._chance.choice(LATE_S) if self._odd(0.1) else 0.0))
+
+    def _fix(self, now_s: float, east_m: float, north_m: float, heading_deg: float) -> GnssFix:
+        chance = self._chance
+        if self._odd(0.05):
+            away_m, angle = chance.choice(AWAY_M), radians(chance.uniform(0.0, 360.0))
+            self._off = None if chance.random() < 0.5 else (away_m * sin(angle), away_m * cos(angle))
+        off = self._off or (0.0, 0.0)
+        lat_deg, lon_deg = _degrees(self._plane, east_m + off[0], north_m + off[1])
+        speed: float | None = self._speed_mps
+        if self._odd(0.05):
+            lat_deg, lon_deg = chance.choice((lat_deg, *WILD)), chance.choice((lon_deg, *WILD))
+        if self._odd(0.05):
+            speed = chance.choice((None, *WILD))
+        course = chance.choice((None, *WILD, chance.uniform(0.0, 360.0))) if self._odd(0.05) else heading_deg
+        return GnssFix(now_s - (chance.choice(LATE_S) if self._odd(0.05) else 0.0), lat_deg, lon_deg,
+                       chance.choice((0, 1, 9, -1)) if self._odd(0.05) else 4, 14,
+                       chance.choice((None, *WILD)) if self._odd(0.05) else 0.8, speed, course,
+                       chance.choice((None, "2014-03-07T08:00:00.000Z")))
+
+
+def _degrees(plane: TangentPlane, east_m: float, north_m: float) -> tuple[float, float]:
+    if hypot(east_m, north_m) > 1e6:
+        return -45.0, 100.0
+    return plane.to_deg(east_m, north_m)
+
+
+class Done(dict[str, Any]):
+    """What was done so far, as it is kept."""
+
+    def __init__(self, path: Path | None) -> None:
+        super().__init__(steps=0, runs=0, broken={}, exceptions={}, slowest_ms=0.0, peak_mb=0.0, flowing=0, seconds=0.0)
+        self._path = path
+        if path is not None and path.exists():
+            self.update(json.loads(path.read_text(encoding="utf-8")))
+
+    def keep(self) -> None:
+        if self._path is not None:
+            unfinished = self._path.with_suffix(".tmp")
+            unfinished.write_text(json.dumps(self), encoding="utf-8")
+            unfinished.replace(self._path)
+
+
+def run(number: int, seed: int, setup: Any, done: Done) -> None:
+    chance = random.Random(f"{seed}/{number}")
+    source = chance.choice((TargetSource.MANUAL, TargetSource.CANOPY))
+    target = Wanted(source=source, manual_rate_kg_ha=chance.choice((100.0, 300.0)))
+    job = setup.job.model_copy(update={"target": target})
+    if chance.random() < 0.8:
+        job = with_simulated_field(job, setup.machine)
+    has_switch = chance.random() < 0.3
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job, has_switch)
+    machine, rules, text = Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))), Rules(job, has_switch), RowText()
+    broken, exceptions = Counter(done["broken"]), Counter(done["exceptions"])
+    for step in range(STEPS_A_RUN):
+        m = machine.measure()
+        console_s = chance.choice((0.1, 0.1, None, 1.9, 2.1, nan)) if chance.random() < 0.01 else 0.1
+        log_ok = chance.random() > 0.002
+        began_s = time.thread_time()
+        try:
+            _order(loop, chance)
+            tick = loop.tick(m, console_s, log_ok)
+            done["slowest_ms"] = max(done["slowest_ms"], 1e3 * (time.thread_time() - began_s))
+            broken.update(rules.broken(m, console_s, log_ok, tick))
+            done["flowing"] += tick.command.shaft_rpm > 0.0
+            text.line(tick.row)
+            if step % 5 == 0:
+                told: dict[str, Any] = {name: getattr(tick, name) for name in TOLD}
+                framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **told))
+        except Exception as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            exceptions[f"{type(error).__name__}: {error} at {Path(last.filename).name}:{last.lineno}"[:150]] += 1
+        done["steps"] += 1
+    done["broken"], done["exceptions"] = dict(broken), dict(exceptions)
+
+
+def _order(loop: ControlLoop, chance: random.Random) -> None:
+    if chance.random() < 0.05:
+        for order in SETTLING:
+            loop.order(order)
+    if chance.random() < 0.005:
+        loop.order(chance.choice(LIVELY if chance.random() < 0.98 else ORDERS))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--state", type=Path, help="keeps what was done: a further call goes on there")
+    given = parser.parse_args()
+    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    done = Done(given.state)
+    while done["steps"] < given.steps:
+        began_s = time.perf_counter()
+        run(done["runs"], given.seed, setup, done)
+        done["runs"] += 1
+        done["seconds"] += time.perf_counter() - began_s
+        done["peak_mb"] = max(done["peak_mb"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+        done.keep()
+    for name, said in done.items():
+        print(f"{name}: {said}")
+    sys.exit(1 if done["broken"] or done["exceptions"] or not done["flowing"] else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+"""How much is read of any file: the one table of limits, and what holds a file against it before a reader opens it.
+
+docs/limits.md shows the table; a test holds the page against it. A file beyond a limit is refused in one line that
+names it, its size and what is allowed; nothing of it is unpacked first.
+"""
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+MB = 1 << 20
+
+
+class Limit(NamedTuple):
+    """`what`: kind of file, for the page. `most`: in `unit`."""
+
+    what: str
+    most: int
+    unit: str
+
+
+CONFIG = Limit("configuration, settings, weather (YAML, CSV)", 2_000_000, "bytes")
+TEXT = Limit("run log, table, bench table, plant list as text (CSV and its relatives)", 1024 * MB, "bytes")
+COLUMNS = Limit("columns of a table", 2_000, "columns")
+LINE = Limit("line of a text table", 128 << 10, "bytes")
+JSON = Limit("GeoJSON", 256 * MB, "bytes")
+DIGITS = Limit("whole number in JSON", 300, "digits")
+XML = Limit("task file of ISO 11783 (TASKDATA.XML and each file that it names)", 64 * MB, "bytes")
+REFERENCES = Limit("files that a task file names, each once", 1_000, "files")
+SHAPES = Limit("shapefile: each of .shp, .shx, .dbf", 512 * MB, "bytes")
+SIDE = Limit("side file of a shapefile (.prj, .cpg and the like)", 1 * MB, "bytes")
+ENTRIES = Limit("entries of a zip", 5_000, "entries")
+UNPACKED = Limit("zip, unpacked altogether", 1024 * MB, "bytes")
+WORKBOOK = Limit("Excel workbook, unpacked altogether", 768 * MB, "bytes")
+CELLS = Limit("cells of a sheet, empty ones between others included", 40_000_000, "cells")
+RESUME = Limit("what is kept of a job beside its log (.resume.json)", 128 * MB, "bytes")
+OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
+
+LIMITS = (CONFIG, TEXT, COLUMNS, LINE, JSON, DIGITS, XML, REFERENCES, SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS,
+          RESUME, OTHER)
+
+_OF_SUFFIX = {
+    ".csv": TEXT, ".txt": TEXT, ".tsv": TEXT, ".geojson": JSON, ".json": JSON, ".xml": XML, ".yaml": CONFIG,
+    ".yml": CONFIG, ".shp": SHAPES, ".shx": SHAPES, ".dbf": SHAPES, ".prj": SIDE, ".cpg": SIDE, ".qpj": SIDE,
+    ".xlsx": WORKBOOK, ".xlsm": WORKBOOK, ".xls": WORKBOOK, ".xlsb": WORKBOOK, ".ods": WORKBOOK}
+_SIDES = (".shx", ".dbf", ".prj", ".cpg")
+_ZIPPED = (".zip", ".xlsx", ".xlsm", ".xlsb", ".ods")
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_ENCRYPTED = 0x1
+_ENDLESS = re.compile(rb"[^\r\n]{%d,}" % (LINE.most + 1))
+
+
+class BeyondLimits(ValueError):
+    """The file is larger, or holds more, than is read; one line, naming it."""
+
+
+def held_to(limit: Limit, found: int, label: str) -> None:
+    """Raises BeyondLimits where more was found than is allowed."""
+    if found > limit.most:
+        raise BeyondLimits(f"{label}: {_amount(found, limit.unit)}: allowed up to {_amount(limit.most, limit.unit)}")
+
+
+def check_file(path: Path) -> None:
+    """Hold a file, a folder of a task or a zip against the table, the files beside it that a reader opens too included.
+
+    Raises BeyondLimits, OSError. What is not there is the reader's to say.
+    """
+    if path.is_dir():
+        for number, file in enumerate(_files_of(path), start=1):
+            held_to(ENTRIES, number, str(path))
+            _check_size(file.suffix, file.stat().st_size, str(file))
+        return
+    if not path.is_file():
+        return
+    if path.suffix.lower() in _ZIPPED and zipfile.is_zipfile(path):
+        _check_zip(path)
+    else:
+        _check_size(path.suffix, path.stat().st_size, str(path))
+    if path.suffix.lower() == ".shp":
+        for suffix in _SIDES:
+            for beside in {path.with_suffix(suffix), path.with_suffix(suffix.upper())}:
+                if beside.is_file():
+                    _check_size(suffix, beside.stat().st_size, str(beside))
+
+
+def check_text(data: bytes, label: str) -> None:
+    """A text table's bytes: no endless line at its beginning, no endless header. Raises BeyondLimits."""
+    held_to(TEXT, len(data), label)
+    endless = _ENDLESS.search(data[:MB])
+    if endless is not None:
+        held_to(LINE, len(endless[0]), f"{label}: one of its first lines")
+    for line in re.split(rb"[\r\n]+", data[:MB], maxsplit=50)[:50]:
+        for sign in (b",", b";", b"\t", b"|"):
+            held_to(COLUMNS, line.count(sign), label)
+
+
+def read_json(path: Path) -> Any:
+    """A JSON file, with or without a byte order mark. Raises ValueError in words without the path, OSError.
+
+    Deep nesting and whole numbers of any length are refused as no JSON, not with an error of their own.
+    """
+    size = path.stat().st_size
+    if size > JSON.most:
+        raise ValueError(f"{_amount(size, JSON.unit)}: allowed up to {_amount(JSON.most, JSON.unit)}")
+    try:
+        return json.loads(path.read_bytes().decode("utf-8-sig"), parse_int=_whole)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def check_sheets(path: Path) -> None:
+    """The cells that a sheet spans, which its reader makes all, empty ones too. Raises BeyondLimits."""
+    if path.suffix.lower() not in (".xlsx", ".xlsm") or not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        for info in archive.infolist():
+            if info.filename.startswith("xl/worksheets/") and info.filename.endswith(".xml"):
+                with archive.open(info) as sheet:
+                    held_to(CELLS, _spanned(iter(lambda: sheet.read(4 * MB), b"")), f"{path}: {info.filename}")
+
+
+def _spanned(chunks: Iterator[bytes]) -> int:
+    """Rows times columns, as far as the references of rows and cells say; a little more than there are."""
+    columns: set[bytes] = set()
+    last_row, rows, rest = 0, 0, b""
+    for chunk in chunks:
+        text = rest + chunk
+        columns.update(re.findall(rb'\br="([A-Z]{1,9})\d', text))
+        rows += text.count(b"<row")
+        told = re.findall(rb'<row[^>]{0,200}?\br="(\d{1,9})"', text)
+        last_row = max(last_row, max(map(int, told), default=0))
+        odd = re.findall(rb'\br="[A-Z]{1,9}(\d{6,12})"', text)          # far down, whatever its row says
+        last_row = max(last_row, max(map(int, odd), default=0))
+        rest = text[-300:]
+    return max(last_row, rows) * max((_column(name) for name in columns), default=0)
+
+
+def _column(name: bytes) -> int:
+    number = 0
+    for letter in name:
+        number = number * 26 + letter - 64
+    return number
+
+
+def _check_zip(path: Path) -> None:
+    """By the zip's own directory: its readers unpack no more of an entry than that says."""
+    whole = UNPACKED if path.suffix.lower() == ".zip" else WORKBOOK
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        return                                  # no zip: the reader says so
+    held_to(ENTRIES, len(entries), str(path))
+    held_to(whole, sum(entry.file_size for entry in entries), f"{path}, unpacked")
+    seen: set[str] = set()
+    for entry in entries:
+        label = f"{path}/{entry.filename}"
+        if entry.filename in seen:
+            raise BeyondLimits(f"{label}: stands twice in the zip: allowed once")
+        seen.add(entry.filename)
+        if entry.flag_bits & _ENCRYPTED:
+            raise BeyondLimits(f"{label}: encrypted: allowed is a zip without a password")
+        if entry.compress_type not in _METHODS:
+            raise BeyondLimits(f"{label}: compression {entry.compress_type}: allowed are stored and deflated")
+        if whole is UNPACKED:
+            _check_size(Path(entry.filename).suffix, entry.file_size, label)
+
+
+def _check_size(suffix: str, size: int, label: str) -> None:
+    held_to(_OF_SUFFIX.get(suffix.lower(), OTHER), size, label)
+
+
+def _files_of(folder: Path) -> Iterator[Path]:
+    for file in folder.iterdir():
+        if file.is_file():
+            yield file
+        elif file.is_dir() and file.name.lower() == "taskdata":
+            yield from (inner for inner in file.iterdir() if inner.is_file())
+
+
+def _whole(text: str) -> int:
+    if len(text) > DIGITS.most:
+        raise ValueError(f"a whole number of {len(text)} digits: allowed up to {DIGITS.most}")
+    return int(text)
+
+
+def _amount(number: int, unit: str) -> str:
+    if unit == "bytes":
+        return f"{number / MB:.0f} MB" if number >= 10 * MB else f"{number} bytes"
+    return f"{number} {unit}"

@@ -1,0 +1,186 @@
+"""Files that are too large, hold too much, or are no files of their kind: one line, at once, and little memory."""
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+import warnings
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console.worker import resume
+from console.worker.resume_ground import unpacked
+from drivers.files import limits
+from drivers.files.config import ConfigError
+from drivers.files.imports.read import read_raw
+from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_sheets, check_text, read_json
+from drivers.files.log_values import _chords
+from drivers.files.prescriptions.plants import read_plants
+from drivers.files.prescriptions.read import read_prescription
+from drivers.files.read_log import read_log
+from drivers.files.setup import by_kind
+
+PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
+
+
+def zipped(path: Path, entries: list[tuple[str, bytes]], declares: int | None = None, method: int | None = None,
+           flag: int = 0) -> Path:
+    """A zip; `declares`: what its directory says of the first entry's size."""
+    made = io.BytesIO()
+    with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in entries:
+            archive.writestr(name, data)
+    data = bytearray(made.getvalue())
+    central = data.find(b"PK\x01\x02")
+    if declares is not None:
+        data[central + 24:central + 28] = struct.pack("<I", declares)
+    if method is not None:
+        data[central + 10:central + 12] = data[8:10] = struct.pack("<H", method)
+    data[central + 8] |= flag
+    path.write_bytes(data)
+    return path
+
+
+def test_the_page_shows_the_table() -> None:
+    rows = [line.strip("| ").split(" | ") for line in PAGE.read_text(encoding="utf-8").splitlines()
+            if line.startswith("| ") and "up to" not in line]
+    assert rows == [[one.what, limits._amount(one.most, one.unit)] for one in LIMITS]
+
+
+@pytest.mark.parametrize(("entries", "how", "said"), [
+    ([("a.shp", b"x"), ("a.dbf", b"x")], {"declares": 600 << 20}, "600 MB: allowed up to 512 MB"),
+    ([("a.shp", b"x"), ("b.bin", b"x")], {"declares": 4_000_000_000}, "unpacked: 3815 MB: allowed up to 1024 MB"),
+    ([("TASKDATA.XML", b"x")], {"declares": 65 << 20}, "allowed up to 64 MB"),
+    ([("a.prj", b"x"), ("a.shp", b"x")], {"declares": 2 << 20}, "a.prj: 2097152 bytes: allowed up to 1048576 bytes"),
+    ([("a.shp", b"x")] * 2, {}, "a.shp: stands twice"),
+    ([(f"{k}", b"") for k in range(5001)], {}, "5001 entries: allowed up to 5000 entries"),
+    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"method": 99}, "compression 99: allowed are stored and deflated"),
+    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"flag": 1}, "encrypted")])
+@pytest.mark.parametrize("read", [read_prescription, read_raw])
+def test_a_zip_is_judged_by_its_directory(tmp_path: Path, read, entries, how, said) -> None:
+    path = zipped(tmp_path / "map.zip", entries, **how)
+    with pytest.raises(ValueError, match=said):
+        read(path)
+
+
+def test_a_zip_that_lies_about_its_sizes_is_not_unpacked_beyond_them(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "map.zip", [("TASKDATA.XML", b" " * (80 << 20))], declares=100)
+    with pytest.raises(ValueError, match=r"XML|CRC"):
+        read_prescription(path)
+
+
+def test_a_file_that_is_named_many_times_is_read_once(tmp_path: Path) -> None:
+    """A task file of 2000 names of one file: 200 MB of elements in memory, and as many again for each name."""
+    references = b'<XFR A="TSK00001" B="1"/>'
+    text = b"<ISO11783_TaskData>" + references * 900 + b"</ISO11783_TaskData>"
+    entries = [("TASKDATA.XML", text), ("TSK00001.XML", b"<XFC>" + b"<TSK/>" * 20_000 + b"</XFC>")]
+    with pytest.raises(ValueError, match=r"map\.zip"):
+        read_prescription(zipped(tmp_path / "map.zip", entries))
+    (tmp_path / "TASKDATA.XML").write_bytes(text.replace(references, references * 2))
+    with pytest.raises(ValueError, match="1800 files: allowed up to 1000 files"):
+        read_prescription(tmp_path / "TASKDATA.XML")
+
+
+def test_side_files_are_held_to_their_limits(tmp_path: Path) -> None:
+    (tmp_path / "map.shp").write_bytes(b"x")
+    (tmp_path / "map.prj").write_bytes(b" " * (limits.SIDE.most + 1))
+    with pytest.raises(BeyondLimits, match=r"map\.prj"):
+        check_file(tmp_path / "map.shp")
+
+
+@pytest.mark.parametrize("text", [
+    "[" * 100_000, '{"features":' * 50_000, '{"a": ' + "9" * 400 + "}", "\ufeff{", "NaN,"])
+@pytest.mark.parametrize("name", ["x.geojson", "x.json"])
+def test_json_of_any_depth_and_length_is_one_line(tmp_path: Path, name: str, text: str) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    for read in (read_prescription, read_raw, read_plants, read_json):
+        with pytest.raises(ValueError) as said:
+            read(path)
+        assert "\n" not in str(said.value)
+
+
+@pytest.mark.parametrize("properties", ["[1, 2]", '"rate"', "7", "null"])
+def test_properties_that_are_no_record_are_nothing(tmp_path: Path, properties: str) -> None:
+    path = tmp_path / "x.geojson"
+    ring = "[[1, 1], [1, 2], [2, 2], [1, 1]]"
+    for shape in (f'{{"type": "Polygon", "coordinates": [{ring}]}}', '{"type": "Point", "coordinates": [1, 1]}'):
+        path.write_text('{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": '
+                        f'{shape}, "properties": {properties}}}]}}')
+        for read in (read_prescription, read_raw):
+            with pytest.raises(ValueError):
+                read(path)
+
+
+@pytest.mark.parametrize("text", ["? \n: 1", "~: 1", "null: 1", '"": 1', "x: !!set {a}", "x: !!omap [a: 1]",
+                                  "x: !!binary aaaa", "x: !!timestamp 2020-01-01", "x: !!python/name:os.system",
+                                  "x: !own 1", "a: " + "[" * 50_000, "{" * 50_000, f"id: {'9' * 5000}"])
+def test_yaml_is_plain_data_with_names(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "job.yaml"
+    path.write_text(f"format: topdress-job/1\n{text}\n")
+    with pytest.raises(ConfigError) as said:
+        by_kind([str(path)])
+    assert len(said.value.lines) == 1
+
+
+@pytest.mark.parametrize("data", [b"a" * 200_000, b"time_s" + b",c" * 3000 + b"\n1\n", b"x,y\n" + b'"' * 200_000],
+                         ids=["endless line", "columns", "quotes"])
+def test_a_text_table_has_lines_and_a_header(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "x.csv"
+    path.write_bytes(data)
+    with pytest.raises(BeyondLimits):
+        check_text(data, "x")
+    for read in (read_log, read_raw):
+        with pytest.raises(ValueError, match="allowed up to"):
+            read(path)
+
+
+def test_bare_returns_are_line_ends(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_bytes(b"time_s,shaft_rpm\r" + b"".join(b"%d,1\r" % k for k in range(300_000)))
+    assert len(read_log(path)) == 300_000 and read_raw(path).frame.height == 300_000
+
+
+def test_times_of_other_scales_cost_nothing() -> None:
+    """Three rows, the last a thousand years later: marks of five seconds between them would be 50 GB."""
+    time_s = np.array([0.0, 6.0, 12.0, 3.2e10])
+    found = _chords(time_s, np.array([34.0, 34.1, 34.2, 34.3]), np.full(4, 119.0))
+    assert found is not None and found[0].tolist() == [0, 1] and found[1].tolist() == [1, 2]
+
+
+def sheet(path: Path, cells: bytes) -> Path:
+    return zipped(path, [("xl/worksheets/sheet1.xml", b"<worksheet><sheetData>" + cells + b"</sheetData></worksheet>")])
+
+
+@pytest.mark.parametrize("cells", [
+    b'<row r="1"><c r="A1"/></row><row r="1048576"><c r="XFD1048576"/></row>',
+    b'<row><c r="A1"/></row><row><c r="XFD1048576"/></row>', b'<row r="4000000"><c r="Z4000000"/></row>'])
+def test_a_sheet_of_two_cells_far_apart_is_not_made(tmp_path: Path, cells: bytes) -> None:
+    """Its reader would make every cell between them, and end the program when it cannot."""
+    with pytest.raises(ValueError, match="cells: allowed up to 40000000 cells"):
+        read_raw(sheet(tmp_path / "x.xlsx", cells))
+
+
+def test_a_long_sheet_is_read(tmp_path: Path) -> None:
+    rows = b"".join(b'<row r="%d"><c r="A%d"><v>1</v></c><c r="J%d"><v>2</v></c></row>' % (k, k, k)
+                    for k in range(1, 50_000))
+    check_sheets(sheet(tmp_path / "x.xlsx", rows))
+
+
+def test_ground_is_unpacked_no_further_than_it_says(tmp_path: Path) -> None:
+    bits = base64.b64encode(zlib.compress(bytes(100 << 20), 9)).decode()
+    told = {"west_m": 0.0, "south_m": 0.0, "cell_m": 0.25, "rows": 8, "columns": 8, "bits": bits}
+    with pytest.raises(ValueError, match="bytes of cells for 8 x 8"):
+        unpacked(told)
+    with pytest.raises(ValueError, match="allowed up to 400000000"):
+        unpacked(told | {"rows": 10**6, "columns": 10**6})
+    path = tmp_path / "x.resume.json"
+    for text in ("[" * 100_000, json.dumps({"format": resume.FORMAT, "sums": 1e400})):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="not a job that can go on"):
+            resume.read(path)
