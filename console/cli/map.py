@@ -19,12 +19,12 @@ SHOWN_RATES = 20
 
 def map_files(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
-                                           "shapefile; GeoJSON), or a run log (.csv).")],
+                                           "shapefile; GeoJSON; CSV of polygons), or a run log (.csv).")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
                                              "folder (ISOXML task); of a run log also .csv and .html (the job's "
                                              "report). None: IN is only told.")
                    ] = None,
-    column: Annotated[str | None, typer.Option(help="Rate column of a shapefile or GeoJSON.")] = None,
+    column: Annotated[str | None, typer.Option(help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
     scale: Annotated[float, typer.Option(help="Factor on every rate.")] = 1.0,
     density: Annotated[float | None, typer.Option(metavar="KG_PER_L", help="Of the product, for rates in "
@@ -50,7 +50,7 @@ def map_files(
     from drivers.files.prescriptions.words import Choice
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    is_log = source.suffix.lower() == ".csv"
+    is_log = _is_log(source)
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
     if is_log:
@@ -58,6 +58,11 @@ def map_files(
         return
     choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
     _convert(source, out, choice, as_json)
+
+
+def _is_log(source: Path) -> bool:
+    from drivers.files.prescriptions.csv_zones import holds_polygons
+    return source.suffix.lower() == ".csv" and not (source.is_file() and holds_polygons(source))
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
@@ -113,7 +118,8 @@ def _tell(read: Imported, as_json: bool) -> None:
     grid = read.data.grid
     if as_json:
         typer.echo(json.dumps({
-            "path": str(read.path), "format": read.format, "unit": read.unit, "kg_ha_per_unit": read.factor,
+            "path": str(read.path), "format": read.format, "rate_from": read.rate_from, "unit": read.unit,
+            "unit_from": read.unit_from, "kg_ha_per_unit": read.factor,
             "layers": list(read.layers), "zones": len(read.data.zones),
             "cells": None if grid is None else list(grid.rate_kg_ha.shape), "product": read.data.product,
             "fallbacks": read.data.fallbacks._asdict(), "area_ha": area, "mass_kg": mass,
@@ -122,6 +128,7 @@ def _tell(read: Imported, as_json: bool) -> None:
     size = many(len(read.data.zones), "zone") if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
     typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
                                                                    else ""))
+    typer.echo(f"rates        {read.rate_from}; {read.unit} {read.unit_from}")
     fallbacks = read.data.fallbacks
     typer.echo(f"elsewhere    {fallbacks.default_kg_ha:g} kg/ha in the field, {fallbacks.outside_kg_ha:g} outside, "
                f"{fallbacks.lost_kg_ha:g} with the position lost")

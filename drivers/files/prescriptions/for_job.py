@@ -12,7 +12,7 @@ from control.targets.prescription import MapData, on_plane
 from drivers.files.file_set import files_of
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import PrescriptionError
+from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
 
 
 def map_of_job(job: Job, folder: Path) -> MapProfile | None:
@@ -23,12 +23,20 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
     """
     if job.target.map is None:
         return None
-    read = read_prescription(folder / job.target.map)
+    read = _read(folder / job.target.map)
     plane = _plane(job, read.data)
     try:
         return MapProfile(on_plane(read.data, plane), plane)
     except ValueError as error:
         raise PrescriptionError(f"{read.path}: {error}") from None
+
+
+def _read(path: Path) -> Imported:
+    """As the file alone says it. Raises PrescriptionError, OSError."""
+    try:
+        return read_prescription(path)
+    except RateQuestion as question:
+        raise RateQuestion(f"{question}; a job takes what topdress map IN ... --out NEW.geojson writes") from None
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:

@@ -7,7 +7,8 @@ from pathlib import Path
 from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 
-KNOWN = "an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), GeoJSON (.geojson, .json)"
+KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), GeoJSON (.geojson, "
+         ".json), CSV with polygons (WKT)")
 
 
 def read_prescription(path: str | Path, choice: Choice | None = None) -> Imported:
@@ -22,6 +23,9 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     if suffix == ".shp" or (suffix == ".zip" and _holds_shapefile(path)):
         from drivers.files.prescriptions.shapefiles import read_shapefile
         return read_shapefile(path, choice)
+    if suffix == ".csv":
+        from drivers.files.prescriptions.csv_zones import read_csv_zones
+        return read_csv_zones(path, choice)
     files = find_task_files(path)
     if files is None:
         raise PrescriptionError(f"{path}: no prescription: allowed is {KNOWN}")

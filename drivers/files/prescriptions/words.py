@@ -14,7 +14,8 @@ HIGHEST_KG_HA = 20_000.0
 LB_AC_KG_HA = 0.45359237 / 0.40468564224        # kg/ha
 GAL_AC_L_HA = 3.785411784 / 0.40468564224       # l/ha
 
-MASS_UNITS: dict[str, float] = {"kg/ha": 1.0, "t/ha": 1000.0, "g/m2": 10.0, "mg/m2": 0.01, "lb/ac": LB_AC_KG_HA}
+MASS_UNITS: dict[str, float] = {"kg/ha": 1.0, "t/ha": 1000.0, "g/m2": 10.0, "mg/m2": 0.01, "lb/ac": LB_AC_KG_HA,
+                                "kg/mu": 15.0}      # a mu is a fifteenth of a hectare
 VOLUME_UNITS: dict[str, float] = {"l/ha": 1.0, "mm3/m2": 0.01, "m3/ha": 1000.0, "gal/ac": GAL_AC_L_HA}
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
@@ -22,6 +23,10 @@ UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
 class PrescriptionError(ValueError):
     """The file cannot be used; one line that names file, place, value and what is allowed."""
+
+
+class RateQuestion(PrescriptionError):
+    """The file can be used once the operator has said which of several readings is meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,8 @@ class Imported:
     factor: float
     layers: tuple[str, ...] = ()        # all that the file holds
     findings: tuple[Finding, ...] = ()
+    rate_from: str = "the task's process data"      # which column the rates are, and why that one
+    unit_from: str = "by the data dictionary"       # who says what they are in
 
 
 def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
