@@ -111,6 +111,9 @@ def _convert(source: Path, out: Path | None, choice: Choice, as_json: bool) -> N
 
 
 def _tell(read: Imported, as_json: bool) -> None:
+    from console.app.pages.job.map_words import map_words
+    from console.app.units import METRIC
+    from control.targets.map_check import map_check
     from control.targets.prescription import statistics
     from drivers.files.findings import many
     shares = statistics(read.data)
@@ -123,7 +126,8 @@ def _tell(read: Imported, as_json: bool) -> None:
             "layers": list(read.layers), "zones": len(read.data.zones),
             "cells": None if grid is None else list(grid.rate_kg_ha.shape), "product": read.data.product,
             "fallbacks": read.data.fallbacks._asdict(), "area_ha": area, "mass_kg": mass,
-            "rates": [share._asdict() for share in shares], "findings": [f._asdict() for f in read.findings]}))
+            "check": map_check(read.data)._asdict(), "rates": [share._asdict() for share in shares],
+            "findings": [f._asdict() for f in read.findings]}))
         return
     size = many(len(read.data.zones), "zone") if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
     typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
@@ -137,8 +141,8 @@ def _tell(read: Imported, as_json: bool) -> None:
     if len(shares) > SHOWN_RATES:
         typer.echo(f"          ... {len(shares) - SHOWN_RATES} more rates")
     typer.echo(f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha")
-    for finding in read.findings:
-        typer.echo(f"note         {finding.text}")
+    for text in (*(finding.text for finding in read.findings), *map_words(map_check(read.data), METRIC)):
+        typer.echo(f"note         {text}")
 
 
 def _export(source: Path, out: Path | None, machine: str | None, product: str | None, nitrogen: float | None,
@@ -183,4 +187,7 @@ def _tell_applied(applied: AsApplied) -> None:
                f"{t.area_ha:.4f} ha, mean {t.mean_rate_kg_ha or 0.0:.1f} kg/ha")
     error = "" if t.error_percent is None else f", applied {t.error_percent:+.2f} %"
     typer.echo(f"target       {t.target_kg:.2f} kg{error}")
+    if (cut := applied.cut) is not None:
+        typer.echo(f"limit        {cut.area_ha:.4f} ha wanted up to {cut.highest_kg_ha:g} kg/ha: the crop's limit of "
+                   f"{cut.limit_kg_ha:g} was applied there, {cut.less_kg:.2f} kg less than wanted")
     typer.echo(f"stretches    {len(applied.stretches.time_s)} in {t.worked_s:.0f} s of work")

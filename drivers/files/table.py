@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.files.findings import Finding, many
+from drivers.files.unknown import NOTHING
 
 if TYPE_CHECKING:
     import polars as pl
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[Any]]
 Rename = Callable[[tuple[str, ...]], tuple[tuple[str, ...], list[Finding]]]
 
-NOTHING = frozenset({"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"})   # in lower case
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _CHUNK_ROWS = 50_000

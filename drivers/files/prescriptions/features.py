@@ -11,6 +11,7 @@ import numpy as np
 from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
+from drivers.files.imports.trouble import listed
 from drivers.files.prescriptions.rate_column import rate_column
 from drivers.files.prescriptions.words import (
     Choice,
@@ -20,6 +21,8 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
+
+KNOWN_EXTRA = ("title",)        # of our own files
 
 
 class Feature(NamedTuple):
@@ -48,6 +51,10 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
         rate = checked_rate(cell.value * factor,
                             lambda n=feature.number: f"{path}: row {n}: {column}")  # type: ignore[misc]
         zones += [Zone(rate, rings) for rings in feature.polygons_deg]
+    unused = [name for name in dict.fromkeys(name for feature in features for name in feature.attributes)
+              if name != column and name not in KNOWN_EXTRA]
+    if unused:
+        findings.append(Finding("unused_columns", f"{many(len(unused), 'column')} not used: {listed(unused)}"))
     if empty:
         findings.append(Finding("empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty))
     if not zones:
