@@ -14,10 +14,11 @@ from control.geodesy import Place, TangentPlane, direction
 from control.orders import TargetSource
 
 from .profile import Target
-from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg
+from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons
 
 SHORTEST_M = 0.25       # a shorter stretch is a cut corner, passed before a drive has answered
 LEAST_M2 = 0.01         # smaller ground is the rounding of corners
+LEAST_DEG2 = LEAST_M2 / 111_200.0 ** 2
 GAP_M = 0.5             # shorter ground without a rate, between ground that has one, is a sliver between polygons
 
 
@@ -259,12 +260,30 @@ def ground_of(data: MapData, plane: TangentPlane) -> RatedGround:
     return RatedGround(np.array([zone.rate_kg_ha for zone in data.zones]), shapely.area(own), own, None, overlap_m2)
 
 
-def _each_once(shapes: npt.NDArray[np.object_]) -> tuple[npt.NDArray[np.object_], float]:
-    """The shapes less what an earlier one covers, and how much ground lies in more than one."""
+def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
+    """The same zones where none lies over another; else zones of the ground on which each holds, in degrees."""
+    shapes = polygons([zone.rings_deg for zone in zones])
+    own, _ = _each_once(shapes, LEAST_DEG2)
+    found: list[Zone] = []
+    for zone, before, now in zip(zones, shapes, own, strict=True):
+        if now is before:
+            found.append(zone)
+            continue
+        for part in shapely.get_parts(now):
+            if part.geom_type == "Polygon" and part.area > LEAST_DEG2:
+                rings = (part.exterior, *part.interiors)
+                found.append(zone._replace(rings_deg=tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)))
+    return tuple(found)
+
+
+def _each_once(shapes: npt.NDArray[np.object_],
+               least: float = LEAST_M2) -> tuple[npt.NDArray[np.object_], float]:
+    """The shapes less what an earlier one covers, and how much ground lies in more than one; less than `least` in two
+    is none."""
     tree = shapely.STRtree(shapes)
     pairs = np.concatenate([tree.query(shapes, predicate=how) for how in ("overlaps", "contains", "within")], axis=1)
     later, earlier = pairs[:, pairs[0] > pairs[1]]
-    counts = shapely.area(shapely.intersection(shapes[later], shapes[earlier])) > LEAST_M2
+    counts = shapely.area(shapely.intersection(shapes[later], shapes[earlier])) > least
     later, earlier = later[counts], earlier[counts]
     own, shared = shapes.copy(), []
     for k in np.unique(later).tolist():
