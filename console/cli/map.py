@@ -37,6 +37,8 @@ def map_files(
     lost: Annotated[float | None, typer.Option(metavar="KG_HA", help="When the position is lost.")] = None,
     layer: Annotated[str | None, typer.Option(help="Of a task file with several: TASK/DDI or "
                                               "TASK/DDI/PRODUCT.")] = None,
+    inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "
+                                               "shapefile.")] = None,
     rate_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a task file contradicts "
                                                   "itself about its unit.")] = None,
     machine: Annotated[str | None, typer.Option(help="Of a run log that has no NAME.yaml beside it.")] = None,
@@ -56,7 +58,7 @@ def map_files(
     if is_log:
         _export(source, out, machine, product, nitrogen, every, polygons, as_json)
         return
-    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
+    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, inside, _source(rate_from))
     _convert(source, out, choice, as_json)
 
 

@@ -21,7 +21,9 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
+from drivers.files.shape_sets import Unit
 
+NO_UNITS: Mapping[str, Unit] = {}
 KNOWN_EXTRA = ("title",)        # of our own files
 
 
@@ -35,11 +37,12 @@ class Feature(NamedTuple):
 
 def imported(path: Path, format_name: str, features: Sequence[Feature], choice: Choice, findings: list[Finding],
              fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
-             product: str = "") -> Imported:
-    """Zones of the features, by the operator's choice. Raises PrescriptionError."""
+             product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
+    """Zones of the features, by the operator's choice. units: what files beside say. Raises PrescriptionError."""
     if not features:
         raise PrescriptionError(f"{path}: no polygons: allowed is at least one")
-    chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice)
+    chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice,
+                         units)
     column, unit = chosen.name, chosen.unit
     factor = factor_kg_ha(choice, unit, f"{path}: column {column}")
     zones: list[Zone] = []

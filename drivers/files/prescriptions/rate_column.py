@@ -16,6 +16,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.units import unit_named
 from drivers.files.prescriptions.cells import Cell, cell_of
 from drivers.files.prescriptions.words import UNITS, Choice, PrescriptionError, RateQuestion
+from drivers.files.shape_sets import Unit
 
 PLAIN_UNIT = "kg/ha"
 MOST_SHOWN = 12
@@ -43,7 +44,7 @@ MEASURED = frozenset("""ec eca ecsh ecdp conductivity cond leitfähigkeit ph om 
     count pixels x y lat lon latitude longitude width speed price cost seed seeds seeding planting population
     growth infiltration temperature rain erntemenge""".split())
 # Chinese names have no blanks between their words.
-RATE_IN = ("施肥量", "用量", "处方", "推荐量", "目标量", "追肥量")
+RATE_IN = ("施肥量", "用量", "处方", "推荐量", "推荐施", "目标量", "目标施", "追肥量")
 COUNTED_IN, SIZED_IN = ("编号", "序号", "等级", "类别", "分区"), ("面积", "周长", "总量")
 MEASURED_IN = ("产量", "电导率", "有机质", "高程", "坡度", "水分")
 RATE_ENDS = ("rate", "menge", "gabe")
@@ -79,14 +80,15 @@ class _Seen(NamedTuple):
         return f"{self.name} ({min(known):g} to {max(known):g}{', ' + self.doubt if self.doubt else ''})"
 
 
-def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], choice: Choice) -> RateColumn:
-    """`numbered`: rows with the numbers by which people find them.
+def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], choice: Choice,
+                beside: Mapping[str, Unit]) -> RateColumn:
+    """`numbered`: rows with the numbers by which people find them. `beside`: units by column, in small letters.
 
     Raises RateQuestion where the file does not say which column it is, PrescriptionError where none can be.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
     if choice.column is not None:
-        return _chosen(path, numbered, names, choice, choice.column)
+        return _chosen(path, numbered, names, choice, choice.column, beside)
     columns = {name: _cells(numbered, name) for name in names}
     numbers = [_seen(name, cells) for name, cells in columns.items() if cells is not None
                and not all(math.isnan(cell.value) for cell in cells)]
@@ -94,7 +96,7 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
     best = _best(rates)
     if best is not None:
         others = ", ".join(one.name for one in rates if one is not best)
-        return _with_unit(path, best, choice, "by its name" + (f", not {others}" if others else ""))
+        return _with_unit(path, best, choice, "by its name" + (f", not {others}" if others else ""), beside)
     if not numbers:
         raise PrescriptionError(f"{path}: rate column not chosen: allowed a column of numbers (columns: "
                                 f"{', '.join(names) or 'none'})")
@@ -105,14 +107,14 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
 
 
 def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: Choice,
-            column: str) -> RateColumn:
+            column: str, beside: Mapping[str, Unit]) -> RateColumn:
     if column not in names:
         raise PrescriptionError(f"{path}: column {column}: allowed {', '.join(names) or 'none: there is none'}")
     cells = _cells(numbered, column)
     if cells is None:
         number, row = next(row for row in numbered if cell_of(row[1].get(column)) is None)
         raise PrescriptionError(f"{path}: row {number}: {column} {row.get(column)!r}: allowed is a number")
-    return _with_unit(path, _seen(column, cells), choice, "chosen")
+    return _with_unit(path, _seen(column, cells), choice, "chosen", beside)
 
 
 def _best(rates: Sequence[_Seen]) -> _Seen | None:
@@ -200,10 +202,19 @@ def _looks_like(cells: Sequence[Cell]) -> str:
     return ""
 
 
-def _with_unit(path: Path, one: _Seen, choice: Choice, why: str) -> RateColumn:
-    """The operator's unit, else the one that the file names; a nutrient's rate is no rate of the product."""
+def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, beside: Mapping[str, Unit]) -> RateColumn:
+    """The operator's unit, else the one that the file or one beside it names; a nutrient's rate is no rate of the
+    product."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
+    told = beside.get(one.name.casefold())
+    if told is not None:
+        unit = _unit(told.text)
+        if unit is None or one.unit not in (None, unit):
+            also = "" if one.unit is None else f", {one.unit} by its own name"
+            raise RateQuestion(f"{path}: column {one.name}: unit {told.text} in {told.source}{also}: allowed with "
+                               "--unit, which says what holds")
+        return RateColumn(one.name, one.cells, unit, f"named in {told.source}", why)
     nutrient = next((nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), "")
     if nutrient == "nitrogen" and choice.n_fraction is not None:
         unit = {"lb/ac": "lb N/ac"}.get(one.unit or "", "kg N/ha")

@@ -42,6 +42,7 @@ class Choice:
     outside_kg_ha: float | None = None
     lost_kg_ha: float | None = None
     layer: str | None = None            # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
+    inside: str | None = None           # of a folder or zip with several: the task set or shapefile
     rate_from: Literal["ddi", "presentation"] | None = None    # where a task file contradicts itself
 
 
@@ -68,15 +69,20 @@ def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
         return MASS_UNITS[unit] * choice.scale
     if unit in VOLUME_UNITS:
         if choice.density_kg_l is None or not 0.1 <= choice.density_kg_l <= 5.0:
-            raise PrescriptionError(f"{where}: rates in {unit}, density {choice.density_kg_l}: allowed with the "
-                                    "product's density, 0.1 to 5 kg/l")
+            raise _asked(choice.density_kg_l)(f"{where}: rates in {unit}, density {choice.density_kg_l}: allowed with "
+                                              "the product's density, 0.1 to 5 kg/l")
         return VOLUME_UNITS[unit] * choice.density_kg_l * choice.scale
     if unit in NITROGEN_UNITS:
         if choice.n_fraction is None or not 0.0 < choice.n_fraction <= 1.0:
-            raise PrescriptionError(f"{where}: rates in {unit}, nitrogen {choice.n_fraction}: allowed with the "
-                                    "product's share of N, above 0 to 1")
+            raise _asked(choice.n_fraction)(f"{where}: rates in {unit}, nitrogen {choice.n_fraction}: allowed with the "
+                                            "product's share of N, above 0 to 1")
         return NITROGEN_UNITS[unit] / choice.n_fraction * choice.scale
     raise PrescriptionError(f"{where}: unit {unit}: allowed {', '.join(UNITS)}")
+
+
+def _asked(given: float | None) -> type[PrescriptionError]:
+    """What was not given is a question, what was given wrongly is refused."""
+    return RateQuestion if given is None else PrescriptionError
 
 
 def checked_rate(rate_kg_ha: float, where: Callable[[], str]) -> float:
