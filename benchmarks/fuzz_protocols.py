@@ -28,7 +28,8 @@ from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import gnss_sentences, head_line
-from drivers.virtual.extras import VirtualGpsd, agopengps_frames
+from drivers.virtual.extras import agopengps_frames
+from drivers.virtual.gpsd import VirtualGpsd
 
 Said = tuple[Any, ...]
 

@@ -68,7 +68,7 @@ def write_all(folder: Path) -> None:
 
 def _check(files: list[str]) -> None:
     from drivers.files.config import ConfigError, load_any
-    from drivers.files.kinds import CAB, KINDS, MACHINE
+    from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
     from drivers.files.setup import wheel_disagreements
     wrong: list[str] = []
     read: list[tuple[Any, Any]] = []
@@ -84,6 +84,8 @@ def _check(files: list[str]) -> None:
             continue
         typer.echo(f"{loaded.path}: ok ({kind.format})")
         read.append((kind, loaded))
+        if kind is JOB:
+            wrong += _map_of(loaded)
         for warning in getattr(loaded.model, "warnings", ()):
             typer.echo(f"{loaded.path}: note: {warning}")
     for kind, machine in read:
@@ -92,6 +94,25 @@ def _check(files: list[str]) -> None:
                       for line in wheel_disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
+
+
+def _map_of(loaded: Any) -> list[str]:
+    """Says what of a job's map will not be applied as it stands. Returns what is wrong, a line each."""
+    from console.cli.map_notes import told_map
+    from drivers.files.config import ConfigError, load
+    from drivers.files.kinds import CROP
+    from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
+    from drivers.files.prescriptions.words import PrescriptionError
+    folder = loaded.path.parent
+    try:
+        crop = load(loaded.model.crop, CROP, beside=folder).model
+        told_map(check_of_job(loaded.model, crop.max_rate_kg_ha, folder), str(loaded.path))
+        plants_of_job(loaded.model, folder)
+    except ConfigError as error:
+        return list(error.lines)
+    except (PrescriptionError, OSError) as error:
+        return [f"{loaded.path}: {error}"]
+    return []
 
 
 def _of_keymap(model: BaseModel) -> str:

@@ -79,8 +79,9 @@ def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> l
 
 
 def _is_run(data: list[Path]) -> bool:
-    with data[0].open(encoding="utf-8-sig", errors="replace") as file:
-        return "time_s" in file.readline().replace(";", ",").strip().split(",")
+    from drivers.files.foreign import is_run_log
+    from drivers.files.table import header_of
+    return is_run_log(header_of(data[0]))
 
 
 def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:

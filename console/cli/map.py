@@ -19,12 +19,12 @@ SHOWN_RATES = 20
 
 def map_files(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
-                                           "shapefile; GeoJSON), or a run log (.csv).")],
+                                           "shapefile; GeoJSON; CSV of polygons), or a run log (.csv).")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
                                              "folder (ISOXML task); of a run log also .csv and .html (the job's "
                                              "report). None: IN is only told.")
                    ] = None,
-    column: Annotated[str | None, typer.Option(help="Rate column of a shapefile or GeoJSON.")] = None,
+    column: Annotated[str | None, typer.Option(help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
     scale: Annotated[float, typer.Option(help="Factor on every rate.")] = 1.0,
     density: Annotated[float | None, typer.Option(metavar="KG_PER_L", help="Of the product, for rates in "
@@ -37,6 +37,8 @@ def map_files(
     lost: Annotated[float | None, typer.Option(metavar="KG_HA", help="When the position is lost.")] = None,
     layer: Annotated[str | None, typer.Option(help="Of a task file with several: TASK/DDI or "
                                               "TASK/DDI/PRODUCT.")] = None,
+    inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "
+                                               "shapefile.")] = None,
     rate_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a task file contradicts "
                                                   "itself about its unit.")] = None,
     machine: Annotated[str | None, typer.Option(help="Of a run log that has no NAME.yaml beside it.")] = None,
@@ -50,14 +52,19 @@ def map_files(
     from drivers.files.prescriptions.words import Choice
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    is_log = source.suffix.lower() == ".csv"
+    is_log = _is_log(source)
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
     if is_log:
         _export(source, out, machine, product, nitrogen, every, polygons, as_json)
         return
-    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, _source(rate_from))
+    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, inside, _source(rate_from))
     _convert(source, out, choice, as_json)
+
+
+def _is_log(source: Path) -> bool:
+    from drivers.files.prescriptions.csv_zones import holds_polygons
+    return source.suffix.lower() == ".csv" and not (source.is_file() and holds_polygons(source))
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
@@ -106,6 +113,9 @@ def _convert(source: Path, out: Path | None, choice: Choice, as_json: bool) -> N
 
 
 def _tell(read: Imported, as_json: bool) -> None:
+    from console.app.pages.job.map_words import map_words
+    from console.app.units import METRIC
+    from control.targets.map_check import map_check
     from control.targets.prescription import statistics
     from drivers.files.findings import many
     shares = statistics(read.data)
@@ -113,15 +123,18 @@ def _tell(read: Imported, as_json: bool) -> None:
     grid = read.data.grid
     if as_json:
         typer.echo(json.dumps({
-            "path": str(read.path), "format": read.format, "unit": read.unit, "kg_ha_per_unit": read.factor,
+            "path": str(read.path), "format": read.format, "rate_from": read.rate_from, "unit": read.unit,
+            "unit_from": read.unit_from, "kg_ha_per_unit": read.factor,
             "layers": list(read.layers), "zones": len(read.data.zones),
             "cells": None if grid is None else list(grid.rate_kg_ha.shape), "product": read.data.product,
             "fallbacks": read.data.fallbacks._asdict(), "area_ha": area, "mass_kg": mass,
-            "rates": [share._asdict() for share in shares], "findings": [f._asdict() for f in read.findings]}))
+            "check": map_check(read.data)._asdict(), "rates": [share._asdict() for share in shares],
+            "findings": [f._asdict() for f in read.findings]}))
         return
     size = many(len(read.data.zones), "zone") if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
     typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
                                                                    else ""))
+    typer.echo(f"rates        {read.rate_from}; {read.unit} {read.unit_from}")
     fallbacks = read.data.fallbacks
     typer.echo(f"elsewhere    {fallbacks.default_kg_ha:g} kg/ha in the field, {fallbacks.outside_kg_ha:g} outside, "
                f"{fallbacks.lost_kg_ha:g} with the position lost")
@@ -130,8 +143,8 @@ def _tell(read: Imported, as_json: bool) -> None:
     if len(shares) > SHOWN_RATES:
         typer.echo(f"          ... {len(shares) - SHOWN_RATES} more rates")
     typer.echo(f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha")
-    for finding in read.findings:
-        typer.echo(f"note         {finding.text}")
+    for text in (*(finding.text for finding in read.findings), *map_words(map_check(read.data), METRIC)):
+        typer.echo(f"note         {text}")
 
 
 def _export(source: Path, out: Path | None, machine: str | None, product: str | None, nitrogen: float | None,
@@ -176,4 +189,7 @@ def _tell_applied(applied: AsApplied) -> None:
                f"{t.area_ha:.4f} ha, mean {t.mean_rate_kg_ha or 0.0:.1f} kg/ha")
     error = "" if t.error_percent is None else f", applied {t.error_percent:+.2f} %"
     typer.echo(f"target       {t.target_kg:.2f} kg{error}")
+    if (cut := applied.cut) is not None:
+        typer.echo(f"limit        {cut.area_ha:.4f} ha wanted up to {cut.highest_kg_ha:g} kg/ha: the crop's limit of "
+                   f"{cut.limit_kg_ha:g} was applied there, {cut.less_kg:.2f} kg less than wanted")
     typer.echo(f"stretches    {len(applied.stretches.time_s)} in {t.worked_s:.0f} s of work")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from console.cli.map_notes import told_map
 from console.cli.outputs import Force, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
@@ -55,7 +56,7 @@ def simulate(
     from control.machine.planting import parse_planted
     from control.simulation.assembly import with_simulated_field
     from drivers.files.atomic import write_atomically
-    from drivers.files.prescriptions.for_job import placed_of_job
+    from drivers.files.prescriptions.for_job import check_of_job, placed_of_job
     from drivers.files.setup import load_setup
 
     setup = load_setup(machine, job, dt.date.today())
@@ -72,6 +73,7 @@ def simulate(
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     planted = [parse_planted(text) for text in effect or ()]
     placed = placed_of_job(resolved, setup.folder)
+    told_map(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
         run = _run(setup, resolved, seed, planted, seconds, placed, log)
         if out is not None:

@@ -30,6 +30,9 @@ def job_page(applied: AsApplied, software: str) -> str:
         ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(t.mean_rate_kg_ha, 4)} kg/ha"),
         ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"
                    if t.error_percent is not None else "none logged"),
+        *(() if applied.cut is None else (("above the crop's limit", f"{fixed(applied.cut.area_ha, 4)} ha wanted up to "
+            f"{number(applied.cut.highest_kg_ha, 4)} kg/ha; the limit of {number(applied.cut.limit_kg_ha, 4)} was "
+            f"applied there, {fixed(applied.cut.less_kg, 2)} kg less than wanted"),)),
         ("nitrogen", f"{fixed(t.applied_n_kg, 2)} kg ({fixed(100.0 * applied.product.n_fraction, 1)} % of the "
                      "product)"),
         ("evenness", f"CV {number(t.cv_percent)} %, Christiansen's uniformity {number(t.cuc_percent)} %"),

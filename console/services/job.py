@@ -6,7 +6,7 @@ import datetime as dt
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import platformdirs
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from console.link import Link, Where
     from control.field.job import Job
     from control.machine.machine import Machine
+    from control.targets.map_check import MapCheck
 
 OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
 MOST_FILES = 11             # in one list of choices
@@ -83,6 +84,7 @@ class JobFiles:
         """folder: of the user's own files; new job files go to its folder jobs."""
         self._launcher = launcher
         self._folder = folder or data_folder()
+        self._checked: tuple[object, MapCheck | str] | None = None      # of the map as it stood, and what was found
 
     # --- facts --------------------------------------------------------------------------------------------------
 
@@ -105,6 +107,7 @@ class JobFiles:
             nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
             fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
             fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, field=name, field_ha=area,
+            **self._map(job, machine, found, setup.crop.max_rate_kg_ha, setup.folder),
             machine=machine.title or machine.id, machine_file=str(machine_path), effects=_effects(machine),
             shipped_machine=machine_path in shipped(MACHINE.folder).values(),
             jobs=self._files("jobs", job_path), crops=self._files("crops", crop.path),
@@ -113,12 +116,32 @@ class JobFiles:
     @staticmethod
     def _field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> tuple[str, float | None]:
         from control.field.boundary import Boundary
-        from control.simulation.assembly import with_simulated_field
-        cab = found.get(CAB.format)
-        if cab is None or getattr(cab.model, "virtual", False):
-            job = with_simulated_field(job, machine)
-        ground = job.field
+        ground = _on_its_ground(job, machine, found).field
         return ground.title, Boundary(ground.boundary_m).area_ha if ground.boundary_m else None
+
+    def _map(self, job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]], limit_kg_ha: float,
+             folder: Path) -> _MapFacts:
+        """Looked at anew only when the file or the job has changed: a large one takes seconds."""
+        from drivers.files.file_set import files_of
+        from drivers.files.prescriptions.for_job import check_of_job
+        from drivers.files.prescriptions.words import PrescriptionError
+        if job.target.map is None:
+            return _MapFacts(map_file="", map_check=None, map_trouble="")
+        path = folder / job.target.map
+        job = _on_its_ground(job, machine, found)
+        stands = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(path)
+                       if file.is_file())
+        key = (stands, job.target, job.field, limit_kg_ha)
+        if self._checked is None or self._checked[0] != key:
+            try:
+                check = check_of_job(job, limit_kg_ha, folder)
+                assert check is not None
+                self._checked = key, check
+            except (PrescriptionError, OSError) as error:
+                self._checked = key, str(error).splitlines()[0]
+        told = self._checked[1]
+        return _MapFacts(map_file=str(path), map_check=None if isinstance(told, str) else told,
+                         map_trouble=told if isinstance(told, str) else "")
 
     def _files(self, folder: str, now: Path) -> tuple[File, ...]:
         """The one in use, the user's own, the newest first, and those that are shipped."""
@@ -304,6 +327,21 @@ class JobFiles:
         """Raises WorkerFailed, ValueError, OSError."""
         resume.finish(Path(offer.path))
         return await self._launcher.link()
+
+
+class _MapFacts(TypedDict):
+    """Of `Facts`, by these names."""
+
+    map_file: str
+    map_check: MapCheck | None
+    map_trouble: str
+
+
+def _on_its_ground(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
+    """The job on the field where it will be worked: on the simulated machine one without a boundary gets one."""
+    from control.simulation.assembly import with_simulated_field
+    cab = found.get(CAB.format)
+    return with_simulated_field(job, machine) if cab is None or getattr(cab.model, "virtual", False) else job
 
 
 def _path_of(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:

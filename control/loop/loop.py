@@ -209,13 +209,14 @@ class ControlLoop:
         holding = self._queue.holding
         if by_point and self._doses is not None:
             holding = self._doses.target(sensed, allow.outside)
-        rate = min(self.crop.max_rate_kg_ha, holding.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0))
+        planned = holding.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
+        rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         speed_then = speed_ahead_mps(moment.speed_mps, sensed.acceleration_mps2, lag.total_s)
         wanted_kg_s = rate * self.machine.geometry.working_width_m * speed_then / 10_000.0
         pair = self._setting.pair(wanted_kg_s, now, self._expected.pair, moment.conditions)
         stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
-        return Decision(holding, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point)
+        return Decision(holding, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point)
 
     def _meter(self, moment: Moment, decision: Decision) -> Metered:
         """What leaves the outlets now."""
@@ -264,7 +265,7 @@ class ControlLoop:
         applied = metered.rate_kg_ha
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
             self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
-                             None if decision.by_point else decision.rate_kg_ha)
+                             None if decision.by_point else decision.planned_kg_ha)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 

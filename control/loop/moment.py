@@ -38,7 +38,8 @@ class Decision(NamedTuple):
     """What the machine is to do, before safety is asked."""
 
     holding: Target
-    rate_kg_ha: float               # of `holding`, nudged, at most the crop's limit
+    planned_kg_ha: float            # of `holding`, nudged
+    rate_kg_ha: float               # the same, at most the crop's limit: what is metered
     lag: Lag                        # of a small change from what is held
     stop: Lag                       # of a stop
     pair: Pair

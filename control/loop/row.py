@@ -30,7 +30,7 @@ def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered
         speed_used_mps=sensed.speed_mps,
         ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5],
         ndvi=decided_ndvi if choices.source is TargetSource.CANOPY else None,
-        target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.rate_kg_ha,
+        target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
         shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_held(m, "shaft_rpm"),
         opening_mm_cmd=command.opening_mm, opening_mm=_held(m, "opening_mm"),

@@ -57,6 +57,9 @@ _KINDS = (
               N_("Check crop, prescription and manual rate."), N_("target")),
     AlarmKind("rate_far_off", _RED, N_("The rate is off by {error_percent} %."),
               N_("Hold and check opening, shaft and hopper."), N_("metering")),
+    AlarmKind("target_cut", _AMBER, N_("{planned_kg_ha} kg/ha are wanted here; the crop's limit of {limit_kg_ha} kg/ha "
+                                       "is applied."),
+              N_("Check the map's rates and their unit, the nudge, and the crop's limit."), N_("target")),
     AlarmKind("rate_off", _AMBER, N_("The rate is off by {error_percent} %."),
               N_("Watch it; slow down if the machine is at its limit."), N_("metering")),
     AlarmKind("gnss_silent", _AMBER, N_("GNSS is silent or has no fix."),

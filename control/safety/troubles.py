@@ -99,6 +99,9 @@ def _working(found: dict[str, Details], now_s: float, s: Situation, seen: Senses
         found["console_silent"] = (("limit_s", limits.console_hold_s),)
     if s.target_source in _PLACED and not s.position_ok:
         found["position_lost"] = ()
+    if s.cut_from_kg_ha is not None:
+        found["target_cut"] = (("planned_kg_ha", _rounded(s.cut_from_kg_ha)),
+                               ("limit_kg_ha", _rounded(s.target_rate_kg_ha)))
     if not target_acceptable(s, limits):
         found["target_refused"] = (("limit_kg_ha", limits.rate_max_kg_ha),)
 

@@ -36,6 +36,7 @@ class Situation(NamedTuple):
     console_age_s: float | None         # since the operating console was heard; None: none needed (headless)
     log_ok: bool
     position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
+    cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
 
 
 class Verdict(NamedTuple):

@@ -14,9 +14,11 @@ from control.geodesy import Place, TangentPlane, direction
 from control.orders import TargetSource
 
 from .profile import Target
-from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg
+from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons
 
 SHORTEST_M = 0.25       # a shorter stretch is a cut corner, passed before a drive has answered
+LEAST_M2 = 0.01         # smaller ground is the rounding of corners
+LEAST_DEG2 = LEAST_M2 / 111_200.0 ** 2
 GAP_M = 0.5             # shorter ground without a rate, between ground that has one, is a sliver between polygons
 
 
@@ -165,8 +167,7 @@ def on_plane(data: MapData, plane: TangentPlane) -> Prescription:
 
     Raises ValueError in one line where a field's outline cannot be used.
     """
-    fields = tuple(Boundary(*_boundary_rings(plane, rings)) for rings in data.fields_deg)
-    return Prescription(_rate_map(data, plane), data.fallbacks, fields)
+    return Prescription(_rate_map(data, plane), data.fallbacks, fields_on(data, plane))
 
 
 def _boundary_rings(plane: TangentPlane, rings: Sequence[Floats]) -> tuple[list[Place], list[list[Place]]]:
@@ -203,27 +204,93 @@ class RateShare(NamedTuple):
 def statistics(data: MapData) -> tuple[RateShare, ...]:
     """Area and mass by rate, rising, of the cells or zones themselves (m on their own plane).
 
-    Where fields are given, what lies outside them does not count. Zones that overlap count each in full.
+    Where fields are given, what lies outside them does not count. Where zones overlap, the first one in order counts,
+    as it holds there.
     """
     plane = data.plane()
-    if data.grid is not None:
-        rates = data.grid.rate_kg_ha.ravel()
-        rings = _cell_rings(data.grid, plane)
-        areas = _ring_areas(rings)
-        shapes = np.asarray(shapely.polygons(rings), dtype=object) if data.fields_deg else None
-    else:
-        rates = np.array([zone.rate_kg_ha for zone in data.zones])
-        shapes = ZoneMap(zone_rings_m(data.zones, plane), rates).shapes
-        areas = shapely.area(shapes)
-    if shapes is not None and data.fields_deg:
-        field = shapely.union_all([Boundary(*_boundary_rings(plane, rings)).shape for rings in data.fields_deg])
+    ground = ground_of(data, plane)
+    areas = ground.areas_m2
+    if data.fields_deg:
+        areas = ground.inside_m2(shapely.union_all([field.shape for field in fields_on(data, plane)]))
+    counts = areas > LEAST_M2
+    levels, which = np.unique(ground.rates[counts], return_inverse=True)
+    by_rate = np.bincount(which, weights=areas[counts], minlength=len(levels)) / 10_000.0
+    return tuple(RateShare(float(rate), float(ha), float(rate * ha)) for rate, ha in zip(levels, by_rate, strict=True))
+
+
+def fields_on(data: MapData, plane: TangentPlane) -> tuple[Boundary, ...]:
+    """The map's fields. Raises ValueError in one line where an outline cannot be used."""
+    return tuple(Boundary(*_boundary_rings(plane, rings)) for rings in data.fields_deg)
+
+
+class RatedGround(NamedTuple):
+    """Cells or zones (n,) that have a rate, none over another: `shapes` or, of a grid, corners `rings` (n, 4, 2)."""
+
+    rates: Floats
+    areas_m2: Floats
+    shapes: npt.NDArray[np.object_] | None
+    rings: Floats | None
+    overlap_m2: float                   # ground in more than one zone
+
+    def _shapes(self) -> npt.NDArray[np.object_]:
+        return self.shapes if self.shapes is not None else np.asarray(shapely.polygons(self.rings), dtype=object)
+
+    def inside_m2(self, field: shapely.Geometry) -> Floats:
+        """Areas (n,) of what lies in a field."""
+        shapes, areas = self._shapes(), self.areas_m2.copy()
         shapely.prepare(field)
         cut = np.flatnonzero(~shapely.contains_properly(field, shapes))
         areas[cut] = shapely.area(shapely.intersection(shapes[cut], field))
-    known = np.isfinite(rates) & (areas > 0.0)
-    levels, which = np.unique(rates[known], return_inverse=True)
-    by_rate = np.bincount(which, weights=areas[known], minlength=len(levels)) / 10_000.0
-    return tuple(RateShare(float(rate), float(ha), float(rate * ha)) for rate, ha in zip(levels, by_rate, strict=True))
+        return areas
+
+    def away_m(self, field: shapely.Geometry) -> float:
+        """Shortest way between the ground and a field."""
+        return float(shapely.distance(self._shapes(), field).min())
+
+
+def ground_of(data: MapData, plane: TangentPlane) -> RatedGround:
+    """Where the map has which rate. Of zones that overlap, the first one in order holds, as `ZoneMap` has it."""
+    if data.grid is not None:
+        rates = data.grid.rate_kg_ha.ravel()
+        known = np.isfinite(rates)
+        rings = _cell_rings(data.grid, plane)[known]
+        return RatedGround(rates[known], _ring_areas(rings), None, rings, 0.0)
+    shapes = ZoneMap(zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones]).shapes
+    own, overlap_m2 = _each_once(shapes)
+    return RatedGround(np.array([zone.rate_kg_ha for zone in data.zones]), shapely.area(own), own, None, overlap_m2)
+
+
+def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
+    """The same zones where none lies over another; else zones of the ground on which each holds, in degrees."""
+    shapes = polygons([zone.rings_deg for zone in zones])
+    own, _ = _each_once(shapes, LEAST_DEG2)
+    found: list[Zone] = []
+    for zone, before, now in zip(zones, shapes, own, strict=True):
+        if now is before:
+            found.append(zone)
+            continue
+        for part in shapely.get_parts(now):
+            if part.geom_type == "Polygon" and part.area > LEAST_DEG2:
+                rings = (part.exterior, *part.interiors)
+                found.append(zone._replace(rings_deg=tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)))
+    return tuple(found)
+
+
+def _each_once(shapes: npt.NDArray[np.object_],
+               least: float = LEAST_M2) -> tuple[npt.NDArray[np.object_], float]:
+    """The shapes less what an earlier one covers, and how much ground lies in more than one; less than `least` in two
+    is none."""
+    tree = shapely.STRtree(shapes)
+    pairs = np.concatenate([tree.query(shapes, predicate=how) for how in ("overlaps", "contains", "within")], axis=1)
+    later, earlier = pairs[:, pairs[0] > pairs[1]]
+    counts = shapely.area(shapely.intersection(shapes[later], shapes[earlier])) > least
+    later, earlier = later[counts], earlier[counts]
+    own, shared = shapes.copy(), []
+    for k in np.unique(later).tolist():
+        before = shapely.union_all(shapes[np.unique(earlier[later == k])])
+        shared.append(shapely.intersection(shapes[k], before))
+        own[k] = shapely.difference(shapes[k], before)
+    return own, float(shapely.area(shapely.union_all(shared))) if shared else 0.0
 
 
 def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:

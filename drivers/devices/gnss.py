@@ -1,4 +1,7 @@
-"""GNSS receivers speaking NMEA 0183: GGA, RMC and VTG grouped into epochs of one UTC time.
+"""GNSS receivers speaking NMEA 0183: GGA, RMC, VTG, GNS and GLL grouped into epochs of one UTC time, ZDA for the date.
+
+GNS, then GLL, serve receivers that send no GGA, and talkers that are no receivers (IN, EC, ...) lines on which none
+speaks: what stands behind another is ignored until that has been silent for 5 s.
 
 Latency: a fix is handed over with the sentence that ended the last epochs (the last type that the last two epochs
 have in common), so nothing is added to the receiver's own sending time. Only the very first epoch, and one whose
@@ -13,9 +16,11 @@ from datetime import UTC, date, datetime, timedelta
 
 from control.readings import GnssFix
 from drivers.devices.lines import Counts, LineCutter
-from drivers.devices.nmea import Ignored, Rejected, Sentence, parse
+from drivers.devices.nmea import GNSS_TALKERS, Ignored, Rejected, Sentence, parse
 
 DAY_MS = 86_400_000
+BEHIND = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
+STANDS_BEHIND_S = 5.0       # a lesser source of places counts when the better one has been silent for so long
 NEW_CLOCK_AFTER_S = 5.0     # a receiver whose time has run on behind the old one this long has a new clock
 
 
@@ -47,7 +52,8 @@ class GnssDecoder:
     `garbage` (text that is no sentence), `overlong`.
 
     Counted as ignored:
-    every other sentence type by its name, `no_fix`, `comment` (lines beginning with #);
+    every other sentence type by its name (ZDA too, though its date is taken; GNS and GLL that stand behind GGA; talkers
+    that stand behind a receiver, with their type), `no_fix`, `comment` (lines beginning with #);
     `other_talker`: a second constellation's sentence for the same epoch; the first stays;
     `no_epoch`: VTG carries no time, and there is no epoch yet that it could belong to.
     """
@@ -60,6 +66,7 @@ class GnssDecoder:
         self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
         self._dated: tuple[date, int] | None = None         # newest date, and the time of day it came with
         self._behind: tuple[int, float] | None = None       # last backward time of day, arrival of the first
+        self._heard_s: dict[str, float] = {}                # types of sentences, and "receiver" -> when they spoke last
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Fixes completed by `data`, which arrived at `time_s`; oldest first, mostly none or one."""
@@ -80,12 +87,40 @@ class GnssDecoder:
                 self.counts.reject("garbage")
             for sentence in sentences:
                 try:
-                    fixes += self._take(parse(sentence), time_s)
+                    fixes += self._take(self._first_hand(parse(sentence), time_s), time_s)
                 except Rejected as kind:
                     self.counts.reject(str(kind))
                 except Ignored as kind:
                     self.counts.ignore(str(kind))
+                    if str(kind) == "no_fix":           # it speaks, and says that it does not know
+                        self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
         return fixes
+
+    def _first_hand(self, sentence: Sentence, time_s: float) -> Sentence:
+        """The sentence, where none that stands before it has spoken lately. Raises Ignored.
+
+        A recording is read at one time: there, whoever has spoken once stands.
+        """
+        if sentence.type == "ZDA":
+            assert sentence.date is not None and sentence.time_of_day_ms is not None
+            self._dated = sentence.date, sentence.time_of_day_ms
+            raise Ignored("ZDA")
+        receiver = sentence.talker in GNSS_TALKERS
+        if not receiver and self._spoke("receiver", time_s):
+            raise Ignored(sentence.talker + sentence.type)
+        if sentence.type in BEHIND and any(self._spoke(kind, time_s) for kind in BEHIND[sentence.type]):
+            raise Ignored(sentence.type)
+        self._note(sentence.talker, sentence.type, time_s)
+        return sentence
+
+    def _note(self, talker: str, kind: str, time_s: float) -> None:
+        self._heard_s[kind] = time_s
+        if talker in GNSS_TALKERS:
+            self._heard_s["receiver"] = time_s
+
+    def _spoke(self, kind: str, time_s: float) -> bool:
+        heard_s = self._heard_s.get(kind)
+        return heard_s is not None and time_s - heard_s < STANDS_BEHIND_S
 
     def _take(self, sentence: Sentence, time_s: float) -> list[GnssFix]:
         epoch, closed = self._epoch_of(sentence, time_s)
@@ -145,8 +180,8 @@ class GnssDecoder:
         return [] if epoch.handed_over else [self._fix(epoch)]
 
     def _fix(self, epoch: _Epoch) -> GnssFix:
-        gga, rmc, vtg = (epoch.sentences.get(kind) for kind in ("GGA", "RMC", "VTG"))
-        place = gga or rmc
+        gga, gns, gll, rmc, vtg = (epoch.sentences.get(kind) for kind in ("GGA", "GNS", "GLL", "RMC", "VTG"))
+        place = gga or gns or rmc or gll
         assert place is not None and place.lat_deg is not None and place.lon_deg is not None
         moving = rmc if rmc is not None and rmc.speed_mps is not None else vtg
         headed = rmc if rmc is not None and rmc.heading_deg is not None else vtg
@@ -162,6 +197,8 @@ class GnssDecoder:
         day, dated_ms = self._dated
         if time_of_day_ms < dated_ms - DAY_MS // 2:     # past midnight, and no RMC has given the new date yet
             day += timedelta(days=1)
+        elif time_of_day_ms > dated_ms + DAY_MS // 2:   # the new date came ahead of the last epoch of the old one
+            day -= timedelta(days=1)
         at = datetime(day.year, day.month, day.day, tzinfo=UTC) + timedelta(milliseconds=time_of_day_ms)
         return at.strftime("%Y-%m-%dT%H:%M:%S.") + f"{time_of_day_ms % 1000:03d}Z"
 

@@ -65,6 +65,8 @@ class GpsdDecoder:
         name = said.get("class")
         if not isinstance(name, str):
             return "malformed"
+        if name == "POLL":
+            return self._poll(said, time_s)
         if name not in ("TPV", "SKY"):
             return "-" + (name if name.isalpha() and len(name) < 20 else "other")
         if self._device is not None and said.get("device", self._device) != self._device:
@@ -75,6 +77,18 @@ class GpsdDecoder:
             return "malformed"
         except _Impossible:
             return "impossible_value"
+
+    def _poll(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
+        """An answer to ?POLL holds the newest reports of each receiver: those of the one that is used."""
+        found: GnssFix | str = "-POLL"
+        for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
+            reports = said.get(name, [])
+            if not isinstance(reports, list) or not all(isinstance(one, dict) for one in reports):
+                return "malformed"
+            for report in reports:
+                taken = self._take({**report, "class": kind}, time_s)
+                found = taken if isinstance(taken, GnssFix) or not isinstance(found, GnssFix) else found
+        return found
 
     def _sky(self, said: dict[str, Any]) -> str:
         hdop, used = _number(said, "hdop", 0.0, LARGEST_HDOP), _number(said, "uSat", 0, 200)

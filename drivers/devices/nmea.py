@@ -10,13 +10,17 @@ from typing import Any, NamedTuple
 
 import pynmea2
 
-TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD"})
-TYPES = frozenset({"GGA", "RMC", "VTG"})
-FEWEST_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8}
+# Satellite receivers by constellation. Any other two letters are some program or instrument that passes a place on (IN
+# integrated navigation, EC chart display, II, ...); P begins what a maker has for himself.
+GNSS_TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ"})
+_TALKER = re.compile(r"[A-OQ-Z][A-Z0-9]|Q[A-Z]")
+FEWEST_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
 
 MPS_PER_KNOT = 1852.0 / 3600.0
 FASTEST_MPS = 100.0         # anything above is no ground vehicle
+FIRST_YEAR, LAST_YEAR = 1980, 2099      # of GPS; two digits of a year, as RMC has them, reach to 2099
 LARGEST_HDOP = 100.0        # receivers write 99.99 for "unknown"
+MODES_BY_WORTH = "RFPDAEMS"
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}    # RMC's mode in GGA's numbers
 
 _TIME = re.compile(r"\d{6}(\.\d+)?")
@@ -37,7 +41,7 @@ class Ignored(Exception):
 
 
 class Sentence(NamedTuple):
-    """What one GGA, RMC or VTG says. `None`: not said."""
+    """What one GGA, RMC, VTG, GNS, GLL or ZDA says. `None`: not said."""
 
     type: str
     talker: str
@@ -71,9 +75,9 @@ def parse(sentence: bytes) -> Sentence:
     if not _ADDRESS.fullmatch(address):
         raise Rejected("malformed")
     talker, kind = address[:2], address[2:]
-    if len(address) != 5 or talker not in TALKERS:
+    if len(address) != 5 or not _TALKER.fullmatch(talker):
         raise Ignored(address)
-    if kind not in TYPES:
+    if kind not in FEWEST_FIELDS:
         raise Ignored(kind)
     if rest.count(",") + 1 < FEWEST_FIELDS[kind]:
         raise Rejected("malformed")
@@ -140,7 +144,46 @@ def _vtg(talker: str, fields: Any) -> Sentence:
     return Sentence("VTG", talker, speed_mps=speed_mps, heading_deg=_heading_deg(fields.data[0]))
 
 
-_READERS = {"GGA": _gga, "RMC": _rmc, "VTG": _vtg}
+def _gns(talker: str, fields: Any) -> Sentence:
+    """One mode letter a constellation: the best of them is the fix's."""
+    modes = fields.data[5]
+    if not modes or set(modes) - set(QUALITY_OF_MODE) - {"N"}:
+        raise Rejected("malformed")
+    best = next((mode for mode in MODES_BY_WORTH if mode in modes), "N")
+    if best == "N":
+        raise Ignored("no_fix")
+    lat_deg, lon_deg = _position(fields)
+    return Sentence("GNS", talker, time_of_day_ms=_time_of_day_ms(fields), lat_deg=lat_deg, lon_deg=lon_deg,
+                    fix_quality=QUALITY_OF_MODE[best], satellites=_whole(fields.data[6], 0, 200),
+                    hdop=_number(fields.data[7], 0.0, LARGEST_HDOP))
+
+
+def _gll(talker: str, fields: Any) -> Sentence:
+    mode = fields.data[6] if len(fields.data) > 6 else ""
+    if fields.data[5] == "V" or mode == "N":
+        raise Ignored("no_fix")
+    if fields.data[5] != "A" or (mode and mode not in QUALITY_OF_MODE):
+        raise Rejected("malformed")
+    lat_deg, lon_deg = _position(fields)
+    return Sentence("GLL", talker, time_of_day_ms=_time_of_day_ms(fields, 4), lat_deg=lat_deg, lon_deg=lon_deg,
+                    fix_quality=QUALITY_OF_MODE.get(mode, 1))
+
+
+def _zda(talker: str, fields: Any) -> Sentence:
+    """Empty before the receiver knows the day."""
+    day, month, year = fields.data[1:4]
+    if not (fields.data[0] and day and month and year):
+        raise Ignored("ZDA")
+    try:
+        told = date(*(_whole(text, 0, 9999) or 0 for text in (year, month, day)))
+    except ValueError:
+        raise Rejected("impossible_value") from None
+    if not FIRST_YEAR <= told.year <= LAST_YEAR:
+        raise Rejected("impossible_value")
+    return Sentence("ZDA", talker, time_of_day_ms=_time_of_day_ms(fields), date=told)
+
+
+_READERS = {"GGA": _gga, "RMC": _rmc, "VTG": _vtg, "GNS": _gns, "GLL": _gll, "ZDA": _zda}
 
 
 def _number(text: str, low: float, high: float) -> float | None:
@@ -166,8 +209,8 @@ def _heading_deg(text: str) -> float | None:
     return None if course_deg is None else course_deg % 360.0
 
 
-def _time_of_day_ms(fields: Any) -> int:
-    if not _TIME.fullmatch(fields.data[0]):
+def _time_of_day_ms(fields: Any, at_field: int = 0) -> int:
+    if not _TIME.fullmatch(fields.data[at_field]):
         raise Rejected("malformed")
     at = fields.timestamp
     if not isinstance(at, time):        # pynmea2 hands back the text where it makes no sense

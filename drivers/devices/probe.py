@@ -15,7 +15,7 @@ from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lag_rig import LagRig
 from drivers.devices.lines import Counts
-from drivers.devices.rate_module_frames import BadDatagram, Board, Label, Status, decode_heard
+from drivers.devices.rate_module_frames import BadDatagram, Board, Label, Status, Trace, decode_heard
 from drivers.devices.slave_board import SlaveBoard
 from drivers.ports import Clock, Port, printable
 
@@ -118,7 +118,7 @@ def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
             heard = decode_heard(data)
         except BadDatagram:
             continue
-        if isinstance(heard, (Status, Board)):
+        if isinstance(heard, (Status, Board, Trace)):
             found.setdefault(heard.module, "")
         elif isinstance(heard, Label):
             found[heard.module] = heard.text

@@ -19,6 +19,7 @@ from drivers.devices.rate_module_frames import (
     Relays,
     Status,
     Target,
+    Trace,
     decode_heard,
     encode_relays,
     encode_target,
@@ -67,6 +68,7 @@ class RateModule:
         self.label = ""
         self.board: Board | None = None         # the newest 32401
         self.board_s: float | None = None
+        self.trace: Trace | None = None         # the newest 32402
         self._address = address
         self._pulses_per_turn = pulses_per_turn
         self._max_shaft_rpm = max_shaft_rpm
@@ -93,7 +95,7 @@ class RateModule:
                     self.counts.reject(str(kind))
                 continue
             if heard.module != self._address.module or (
-                    isinstance(heard, Status) and heard.sensor != self._address.sensor):
+                    isinstance(heard, Status | Trace) and heard.sensor != self._address.sensor):
                 self.counts.ignore("other_module")
             elif isinstance(heard, Status):
                 if heard.units_per_min > FASTEST_RPM:
@@ -105,6 +107,8 @@ class RateModule:
                 self.counts.accept()
                 if isinstance(heard, Label):
                     self.label = heard.text
+                elif isinstance(heard, Trace):
+                    self.trace = heard
                 else:
                     self.board, self.board_s = heard, time_s
         return readings

@@ -35,6 +35,7 @@ class Target(NamedTuple):
     auto: bool = True
     reset_quantity: bool = False
     manual_pwm: int = 0
+    log_pid: bool = False       # the module tells every turn of its control loop (32402)
 
 
 class Relays(NamedTuple):
@@ -83,7 +84,24 @@ class Label(NamedTuple):
     text: str
 
 
-Heard = Status | Board | Label
+class Trace(NamedTuple):
+    """32402, every turn of the module's own control loop while its log is on. Units as in 32400; `millis` since it
+    was switched on."""
+
+    module: int
+    sensor: int
+    millis: int
+    target: float
+    applied: float
+    error: float
+    integral: float
+    change: int
+    pwm: int
+    samples: int
+    firmware: int
+
+
+Heard = Status | Board | Label | Trace
 
 
 def checksum(data: bytes) -> int:
@@ -99,7 +117,8 @@ def seal(message: int, body: bytes) -> bytes:
 def encode_target(target: Target) -> bytes:
     """Raises ValueError for a number that is not finite or does not fit: a wrapped set-point would be another one."""
     command = CONTROL_TYPES.index(target.control) << 1
-    for flag, mask in ((target.reset_quantity, RESET_QUANTITY), (target.master_on, MASTER_ON), (target.auto, AUTO)):
+    for flag, mask in ((target.reset_quantity, RESET_QUANTITY), (target.master_on, MASTER_ON), (target.auto, AUTO),
+                       (target.log_pid, LOG_PID)):
         command |= mask * flag
     if not -255 <= target.manual_pwm <= 255:
         raise ValueError(f"rate module: manual_pwm {target.manual_pwm}, allowed is -255 to 255")
@@ -132,6 +151,20 @@ def encode_board(board: Board) -> bytes:
                 + bytes([board.board_type]) + board.firmware.to_bytes(2, "little") + bytes([flags]))
 
 
+def encode_label(label: Label) -> bytes:
+    """At most 16 letters of Latin-1."""
+    return seal(LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0"))
+
+
+def encode_trace(trace: Trace) -> bytes:
+    return seal(TRACE, bytes([_address(trace.module, trace.sensor)]) + (trace.millis % (1 << 32)).to_bytes(4, "little")
+                + thousandths("target", trace.target) + thousandths("applied", trace.applied)
+                + round(trace.error * 1000.0).to_bytes(3, "little", signed=True)
+                + b"".join(word.to_bytes(2, "little", signed=True)
+                           for word in (round(trace.integral * 10.0), trace.change, trace.pwm))
+                + bytes([trace.samples]) + trace.firmware.to_bytes(2, "little"))
+
+
 def decode_heard(data: bytes) -> Heard:
     """A datagram from a module. Raises BadDatagram: `unknown_message`, `wrong_length`, `bad_checksum`."""
     message, body = _open(data)
@@ -148,6 +181,12 @@ def decode_heard(data: bytes) -> Heard:
                      bool(flags & CONFIG_REJECTED))
     if message == LABEL:
         return Label(body[0], body[1:].rstrip(b"\0 ").decode("latin-1"))
+    if message == TRACE:
+        signed = [int.from_bytes(body[at:at + 2], "little", signed=True) for at in (14, 16, 18)]
+        return Trace(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:5], "little"),
+                     int.from_bytes(body[5:8], "little") / 1000.0, int.from_bytes(body[8:11], "little") / 1000.0,
+                     int.from_bytes(body[11:14], "little", signed=True) / 1000.0, signed[0] / 10.0, signed[1],
+                     signed[2], body[20], int.from_bytes(body[21:23], "little"))
     raise BadDatagram("unknown_message")
 
 
@@ -161,7 +200,7 @@ def decode_told(data: bytes) -> Target | Relays:
         return Target(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
                       int.from_bytes(body[4:7], "little") / 1000.0, CONTROL_TYPES[kind], bool(command & MASTER_ON),
                       bool(command & AUTO), bool(command & RESET_QUANTITY),
-                      int.from_bytes(body[8:10], "little", signed=True))
+                      int.from_bytes(body[8:10], "little", signed=True), bool(command & LOG_PID))
     if message == RELAYS:
         relays, power, inverted = (int.from_bytes(body[at:at + 2], "little") for at in (1, 3, 5))
         return Relays(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from control.calibration.bench_table import KINDS, KNOWN, BenchTable, missing, recognise, usable
+from drivers.files.header_names import our_names
 from drivers.files.table import TableError, read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
@@ -25,7 +26,7 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     path = Path(path)
     if kind is not None and kind not in KINDS:
         raise TableError(f"{path}: kind {kind!r}: allowed {', '.join(KINDS)}")
-    raw = read_table(path, numbers=KNOWN)
+    raw = read_table(path, numbers=KNOWN, rename=lambda names: our_names(names, KNOWN, {}))
     if raw.rows == 0:
         raise TableError(f"{path}: no rows below the header")
     kind = kind or _kind(path, raw.names)

@@ -3,13 +3,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from drivers.files.archives import Folder
+
+OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json")
+
 
 def files_of(path: Path) -> tuple[Path, ...]:
     """All files that reading what lies at `path` may open: those of its task, the companions of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":
-        return tuple(file for file in (*folder.glob("*"), *folder.glob("*/*"))
-                     if file.suffix.lower() in (".xml", ".bin") and file.is_file())
+        names = Folder(folder, deep=path.is_dir()).names()
+        return tuple(folder / name for name in names if Path(name).suffix.lower() in OF_MAPS)
     if path.suffix.lower() == ".shp":
-        return tuple(file for file in folder.glob("*") if file.stem.casefold() == path.stem.casefold())
+        return tuple(file for file in folder.glob("*") if file.name.casefold().startswith(path.stem.casefold()))
     return (path,)

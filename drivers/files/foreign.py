@@ -6,8 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from control.calibration.bench_table import recognise
 from control.log_row import COLUMNS
 from drivers.files.findings import Finding
+from drivers.files.header_names import Renamed
+from drivers.files.header_names import our_names as renamed
 from drivers.files.log_times import UnusableLog, with_good_times
 from drivers.files.log_values import SPEEDS, with_good_values
 from drivers.files.table import Columns
@@ -21,9 +24,12 @@ _OTHER_NAMES = {
     "lon": "lon_deg", "lng": "lon_deg", "long": "lon_deg", "longitude": "lon_deg", "longitude_deg": "lon_deg",
     "heading": "heading_deg", "course": "heading_deg", "course_deg": "heading_deg",
     "gps_speed_mps": "speed_mps", "ground_speed_mps": "speed_mps", "speed_ms": "speed_mps", "speed_m_s": "speed_mps",
-    "speed": "speed_mps", "speed_km_h": "speed_kmh", "speed_kph": "speed_kmh", "time_utc": "utc", "hopper": "hopper_kg",
+    "speed": "speed_mps", "speed_km_h": "speed_kmh", "speed_kph": "speed_kmh",
+    "speed_kmh": "speed_kmh", "time_utc": "utc", "hopper": "hopper_kg",
 }
+_LOGGED = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEEDS})
 _KMH_COLUMN = "speed_kmh"
+_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")    # seconds, dates or texts of them
 
 
 class _Use(NamedTuple):
@@ -48,19 +54,23 @@ _USES = (
 )
 
 
-def our_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], list[Finding]]:
-    """The header with the published names, where a column goes by a well-known other name or other letter case."""
-    taken = set(names)
-    ours, findings = [], []
-    for name in names:
-        lower = name.lower()
-        other = lower if lower in COLUMNS else _OTHER_NAMES.get(lower.replace(" ", "_"), name)
-        if other != name and other not in taken:
-            taken.add(other)
-            findings.append(Finding("other_name", f"column {name} taken for {other}", other))
-            name = other
-        ours.append(name)
-    return tuple(ours), findings
+def our_names(names: tuple[str, ...]) -> Renamed:
+    """The header with the published names, where a column goes by another well-known name, in other letters or with its
+    unit. Of several columns that tell the time one becomes `time_s`, seconds before dates."""
+    plain = [name.strip().lower() for name in names]
+    times = {} if {"time_s", "t_s"} & set(plain) else {
+        name: "time_s" for name in (next((name for name in _DATES if name in plain), ""),) if name}
+    if times and {"time", "t", "seconds", "elapsed_s"} & set(plain):
+        times = {}
+    return renamed(names, COLUMNS, _OTHER_NAMES | times)
+
+
+def is_run_log(names: tuple[str, ...]) -> bool:
+    """Whether a header is a log's, not a bench table's: it tells the time of each row."""
+    ours = our_names(names).names
+    if "time_s" in [name.strip().lower() for name in names]:
+        return True
+    return bool({"time_s", "utc"} & set(ours)) and (recognise(ours) is None or bool(_LOGGED & set(ours)))
 
 
 def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:

@@ -1,6 +1,7 @@
 """The times of a log: seconds since its beginning, strictly increasing; what was otherwise is put right and said."""
 from __future__ import annotations
 
+import datetime as dt
 import difflib
 from collections.abc import Collection
 from typing import Any
@@ -15,6 +16,10 @@ Times = NDArray[np.float64]
 
 _EPOCH_S = 1e6               # a log does not last eleven days: larger times count from some epoch
 _EPOCH_MS = 1e11             # and these are milliseconds
+_EXCEL_DAYS = (30_000.0, 80_000.0)      # since 1899-12-30: 1982 to 2119
+_EXCEL_EPOCH = 25_569.0      # 1970-01-01
+_EXCEL_STEP = 0.005          # days: no log has a row only every seven minutes
+_DAY_S = 86_400.0
 _UNEVEN = 0.5                # a step further than this share from the median step is a gap or a short step
 _MIXED_SHARE = 0.05          # more uneven steps than this are a mixed sample time, not gaps
 _MOST = 0.5                  # where more rows than this share would go, the log is refused
@@ -50,8 +55,8 @@ def with_good_times(columns: Columns, names: Collection[str]) -> tuple[Columns, 
 
 
 def _time_column(columns: Columns, names: Collection[str], findings: list[Finding]) -> Times:
-    if "time_s" in columns and columns["time_s"].dtype != object:
-        return columns["time_s"]
+    if "time_s" in columns:
+        return _dates_or_seconds(columns["time_s"], findings)
     if "utc" in columns:
         from_utc = _seconds(columns["utc"])
         if np.isfinite(from_utc).any() or from_utc.size == 0:
@@ -64,18 +69,53 @@ def _time_column(columns: Columns, names: Collection[str], findings: list[Findin
                       f"columns found: {listed}{hint}")
 
 
-def _seconds(utc: NDArray[Any]) -> Times:
-    """Seconds since 1970 of ISO 8601 texts, NaN where there is none."""
-    def one(text: str) -> np.datetime64:
-        try:
-            return np.datetime64(str(text).strip().removesuffix("Z").replace(" ", "T"), "ms")
-        except ValueError:
-            return np.datetime64("NaT")
+def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
+    """Seconds of a column of numbers, of days as spreadsheets count them, or of dates; NaN where it holds none."""
+    if values.dtype == object:
+        numbers = np.array([_float(text) for text in values.tolist()])
+        if np.isfinite(numbers).sum() <= _MOST * max(1, np.sum(values != "")):
+            dates = _seconds(values)
+            known = np.isfinite(dates)
+            if not known.any():
+                return dates
+            findings.append(Finding("dates", "times are dates: taken as seconds since the first row", "time_s"))
+            return np.asarray(dates - dates[known][0], dtype=np.float64)
+        bad = int((np.isnan(numbers) & (values != "")).sum())
+        if bad:
+            example = str(values[np.isnan(numbers) & (values != "")][0])[:20]
+            findings.append(Finding("not_a_number", f"column time_s: {many(bad, 'cell')} such as {example!r} emptied: "
+                                    "not a number", "time_s", bad))
+        values = numbers
+    known = values[np.isfinite(values)]
+    steps = np.diff(known)
+    steps = steps[steps > 0.0]
+    if known.size > 1 and _EXCEL_DAYS[0] < known[0] < _EXCEL_DAYS[1] and steps.size and np.median(steps) < _EXCEL_STEP:
+        findings.append(Finding("excel_days", "times are days as spreadsheets count them: taken as seconds since the "
+                                "first row", "time_s"))
+        return np.asarray(np.round((values - known[0]) * _DAY_S, 4), dtype=np.float64)
+    return np.asarray(values, dtype=np.float64)
 
-    times = np.array([one(text) for text in utc.tolist()], "datetime64[ms]")
-    seconds = times.astype(np.float64) / 1000.0
-    seconds[np.isnat(times)] = np.nan
-    return seconds
+
+def _float(text: Any) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _seconds(utc: NDArray[Any]) -> Times:
+    """Seconds since 1970 of ISO 8601 texts, of any zone that they name (else UTC), or of days as spreadsheets count
+    them; NaN where there is none."""
+    return np.array([_second(str(text).strip()) for text in utc.tolist()])
+
+
+def _second(text: str) -> float:
+    try:
+        moment = dt.datetime.fromisoformat(text)
+    except ValueError:
+        days = _float(text)
+        return (days - _EXCEL_EPOCH) * _DAY_S if _EXCEL_DAYS[0] < days < _EXCEL_DAYS[1] else float("nan")
+    return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp()
 
 
 def _from_zero(time_s: Times, keep: NDArray[np.bool_], columns: Columns, findings: list[Finding]) -> Times:

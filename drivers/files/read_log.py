@@ -18,7 +18,7 @@ from drivers.files.log_text import HEADER
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, TableError, read_table
 
-_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS
+_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}        # times may be dates
 
 
 class LogError(ValueError):

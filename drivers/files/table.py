@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,15 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.files.findings import Finding, many
+from drivers.files.header_names import Renamed
+from drivers.files.imports.header import is_unit_row, is_value
 from drivers.files.limits import BeyondLimits, check_file, check_text
+from drivers.files.quotes import unclosed_quote
+from drivers.files.sheet_text import SUFFIXES, SheetError, sheet_text
+from drivers.files.unknown import NOTHING
 
 if TYPE_CHECKING:
     import polars as pl
 
 Columns = dict[str, NDArray[Any]]
-Rename = Callable[[tuple[str, ...]], tuple[tuple[str, ...], list[Finding]]]
+Rename = Callable[[tuple[str, ...]], Renamed]
 
-NOTHING = frozenset({"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"})   # in lower case
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _CHUNK_ROWS = 50_000
@@ -60,7 +64,8 @@ class _Layout(NamedTuple):
 def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str] = (), *,
                rename: Rename | None = None, choose: Callable[[tuple[str, ...]], Collection[str]] | None = None,
                own_header: tuple[str, ...] = ()) -> Table:
-    """Reads a table with one header row.
+    """Reads a table with one header row: text, or the one sheet of a workbook. Title rows above the header and a row of
+    units below it are passed over, and said.
 
     `numbers`, `texts`: columns whose type is known; any other is numeric if all its cells are. `rename`: the names by
     which the header's columns go from here on. `choose`: of these names those to be read (None: all). `own_header`: the
@@ -70,10 +75,13 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
     data, findings = _utf8(path)
     layout = _layout(path, data, findings)
     data = _without_cut_row(data, layout, layout.names == own_header, findings)
+    factors: Mapping[str, float] = {}
     if rename is not None:
-        names, said = rename(layout.names)
-        layout = layout._replace(names=names)
-        findings += said
+        renamed = rename(layout.names)
+        if renamed.trouble:
+            raise TableError(f"{path}: {renamed.trouble}")
+        layout, factors = layout._replace(names=renamed.names), renamed.factors
+        findings += renamed.findings
     _refuse_twins(path, layout.names)
     chosen = layout.names if choose is None else choose(layout.names)
     wanted = [name for name in layout.names if name in chosen]
@@ -81,20 +89,33 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
         columns = {name: np.array([], object if name in texts else np.float64) for name in wanted}
     elif (frame := _regular(data, layout, wanted, numbers)) is not None:
         del data
-        columns = _columns_of(frame, numbers, texts)
+        columns = _columns_of(frame, numbers, texts, layout.decimal_comma)
     else:
         columns = _carefully(path, data, layout, wanted, numbers, texts, findings)
+    for name, factor in factors.items():
+        if name in columns and columns[name].dtype != object:
+            columns[name] = columns[name] * factor
     return Table(path, layout.names, columns, tuple(findings))
+
+
+def header_of(path: Path) -> tuple[str, ...]:
+    """The names in a table's header, as they stand. Raises TableError."""
+    data, findings = _utf8(path)
+    return _layout(path, data, findings).names
 
 
 def _bytes(path: Path) -> bytes:
     """Raises TableError."""
     try:
         check_file(path)
+        if path.suffix.lower() in SUFFIXES:
+            return sheet_text(path)
         data = path.read_bytes()
         check_text(data.replace(b"\0", b""), str(path))
     except BeyondLimits as error:
         raise TableError(str(error)) from None
+    except SheetError as error:
+        raise TableError(f"{path}: {error}") from None
     except FileNotFoundError:
         raise TableError(f"{path}: no such file") from None
     except OSError as error:
@@ -125,6 +146,9 @@ def _utf8(path: Path) -> tuple[bytes, list[Finding]]:
             encoding = "gb18030" if _decodes(whole, "gb18030") else "latin-1"
             data = data.decode(encoding, errors="ignore").encode()
             findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
+    line = unclosed_quote(data)
+    if line is not None:
+        raise TableError(f"{path}: line {line}: a quote is opened and not closed: allowed are pairs of quotes")
     return data, findings
 
 
@@ -145,6 +169,10 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:
     if separator in _SEPARATOR_NAMES:
         findings.append(Finding("separator", f"columns are separated by {_SEPARATOR_NAMES[separator]}, read as such"))
     body = min(start, len(data))
+    below = _below_units(data, body, separator)
+    if below is not None:
+        findings.append(Finding("unit_row", "a row of units below the header was passed over", rows=1))
+        body, lines = below, lines + 1
     comma = separator != "," and _has_decimal_comma(data[body:body + 20_000], separator)
     if comma:
         findings.append(Finding("decimal_comma", "numbers are written with a decimal comma, read as such"))
@@ -165,10 +193,34 @@ def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
         before, start = start, end + 1
         if line.lower().startswith("sep=") and len(line) == 5 and line[4] in _SEPARATORS:
             separator = line[4]
-        elif line.strip() and not line.startswith("#"):
+        elif line.strip(" ,;\t|") and not line.startswith("#") and not _is_title(line, data, start):
             return line, separator, lines, start
         elif before >= len(data):
             raise TableError(f"{path}: no header row: the file holds comments only")
+
+
+def _is_title(line: str, data: bytes, start: int) -> bool:
+    """A line of words above a header: one cell above rows of several, or words above words above numbers."""
+    if any(is_value(cell) for cell in _cells(line)):
+        return False
+    below = [row for row in data[start:start + 8000].decode(errors="replace").splitlines()[:8] if row.strip(" ,;\t|")]
+    rows = [cells for row in below if not is_unit_row(cells := _cells(row))]
+    if len(rows) < 2 or len(rows[0]) < 2 or any(is_value(cell) for cell in rows[0]):
+        return len(_cells(line)) == 1 and len(rows) > 2 and _is_title(below[0], data, start + len(below[0]))
+    return any(is_value(cell) for cell in rows[1])
+
+
+def _cells(line: str) -> list[str]:
+    """Filled cells by the sign that parts most."""
+    sign = max(_SEPARATORS, key=line.count)
+    return [cell.strip() for cell in line.split(sign) if cell.strip()]
+
+
+def _below_units(data: bytes, body: int, separator: str) -> int | None:
+    """The byte behind a row of units that stands at `body`; None: there is none."""
+    end = data.find(b"\n", body)
+    cells = data[body:end].decode(errors="replace").strip("\r").split(separator)
+    return end + 1 if end > body and len(cells) > 1 and is_unit_row(cells) else None
 
 
 def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
@@ -228,7 +280,8 @@ def _regular(data: bytes, layout: _Layout, wanted: list[str], numbers: Collectio
     return frame if frame.height == rows or quoted else None
 
 
-def _columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[str]) -> Columns:
+def _columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[str],
+                decimal_comma: bool) -> Columns:
     """Takes the columns out of the frame one by one, so that they are not in memory twice."""
     import polars as pl
 
@@ -236,7 +289,9 @@ def _columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection
     for name in frame.columns:
         series = frame.drop_in_place(name)
         if name not in numbers and name not in texts:
-            as_numbers = series.cast(pl.Float64, strict=False)
+            comma = decimal_comma and series.dtype == pl.String
+            plain = series.str.replace(",", ".", literal=True) if comma else series
+            as_numbers = plain.cast(pl.Float64, strict=False)
             if as_numbers.null_count() == series.null_count():
                 series = as_numbers
         columns[name] = _texts(series.to_list()) if series.dtype == pl.String else _finite(series.to_numpy())

@@ -1,7 +1,6 @@
 """What else a virtual machine may be plugged into: programs and modules beside receiver, heads and board."""
 from __future__ import annotations
 
-import json
 import struct
 from typing import Protocol
 
@@ -11,17 +10,22 @@ from drivers.devices.agopengps import DRIVE, HEAD, POSITION
 from drivers.devices.rate_module_frames import (
     BadDatagram,
     Board,
+    Label,
     Relays,
     Status,
     Target,
+    Trace,
     decode_told,
     encode_board,
+    encode_label,
     encode_status,
+    encode_trace,
 )
-from drivers.ports import Port
 from drivers.virtual.encoders import Sensed
 
 STATUS_EVERY_S = 0.2
+LABEL_EVERY_S = 2.0
+FIRMWARE = 1
 SILENT_CONSOLE_S = 4.0
 
 
@@ -33,37 +37,6 @@ class Extra(Protocol):
         ...
 
     def after(self, sensed: Sensed, begin_s: float) -> None: ...
-
-
-class VirtualGpsd:
-    """gpsd on one connection: greets, and reports once it is asked to."""
-
-    def __init__(self, port: Port) -> None:
-        self._port = port
-        self._connects = 0
-        self._watched = False
-
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
-        state = self._port.state()
-        if state.connected and state.connects != self._connects:
-            self._connects, self._watched = state.connects, False
-            self._say({"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15})
-        if b"?WATCH" in self._port.read():
-            self._watched = True
-            self._say({"class": "WATCH", "enable": True, "json": True})
-        return command, enabled
-
-    def after(self, sensed: Sensed, begin_s: float) -> None:
-        fix = sensed.gnss
-        if fix is None or not self._watched:
-            return
-        self._say({"class": "SKY", "device": "/dev/virtual", "uSat": fix.satellites, "hdop": fix.hdop})
-        self._say({"class": "TPV", "device": "/dev/virtual", "mode": 3 if fix.fix_quality else 1,
-                   "status": {2: 2, 4: 3, 5: 4}.get(fix.fix_quality, 1), "time": fix.utc, "lat": fix.lat_deg,
-                   "lon": fix.lon_deg, "track": fix.heading_deg, "speed": fix.speed_mps})
-
-    def _say(self, said: dict[str, object]) -> None:
-        self._port.write(json.dumps({key: value for key, value in said.items() if value is not None}).encode() + b"\n")
 
 
 class VirtualAgOpenGps:
@@ -98,9 +71,11 @@ class VirtualRateModule:
 
     pulses_per_turn : of its true encoder; a console that tells another number gets another speed.
     listens : False is a module set to another comm mode: it reports, and ignores what UDP tells it.
+    label : what its board calls itself.
     """
 
-    def __init__(self, port: Datagrams, pulses_per_turn: float, module: int = 0, sensor: int = 0) -> None:
+    def __init__(self, port: Datagrams, pulses_per_turn: float, module: int = 0, sensor: int = 0,
+                 label: str = "topdress virtual") -> None:
         self.listens = True
         self.told = 0                   # datagrams obeyed
         self.refused = 0
@@ -112,7 +87,8 @@ class VirtualRateModule:
         self._relays = 0
         self._quantity = 0.0
         self._last_s = 0.0
-        self._next_status_s = 0.0
+        self._next_status_s = self._next_label_s = 0.0
+        self._label = Label(module, label)
 
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         for data in self._port.read_each():
@@ -133,14 +109,26 @@ class VirtualRateModule:
         units_per_min = pulse_hz * 60.0 / told if told else 0.0
         self._quantity += units_per_min / 60.0 * max(0.0, sensed.time_s - self._last_s)
         self._last_s = sensed.time_s
+        if self._target is not None and self._target.log_pid:
+            self._port.write(encode_trace(self._traced(self._target, units_per_min, begin_s)))
         if begin_s < self._next_status_s:
             return
         self._next_status_s = begin_s + STATUS_EVERY_S - 1e-6
+        if begin_s >= self._next_label_s:
+            self._next_label_s = begin_s + LABEL_EVERY_S - 1e-6
+            self._port.write(encode_label(self._label))
         self._port.write(encode_status(Status(
             self._module, self._sensor, min(units_per_min, 16777.0), self._quantity,
             min(255, round(2.5 * self.shaft_rpm(begin_s))), self._hears(begin_s), False, min(pulse_hz, 6553.0))))
-        self._port.write(encode_board(Board(self._module, 0, 0.0, sensed.wheel_pulses, 1, 1,
+        self._port.write(encode_board(Board(self._module, 0, 0.0, sensed.wheel_pulses, 1, FIRMWARE,
                                             bool(sensed.work_switch), True, True, False)))
+
+    def _traced(self, target: Target, units_per_min: float, now_s: float) -> Trace:
+        wanted = target.units_per_min if target.master_on else 0.0
+        applied = min(units_per_min, 16777.0)
+        error = min(8388.0, max(-8388.0, wanted - applied))
+        return Trace(self._module, self._sensor, round(1000.0 * now_s), wanted, applied, error, 0.0, 0,
+                     min(255, round(2.5 * self.shaft_rpm(now_s))), 1, FIRMWARE)
 
     def _hears(self, now_s: float) -> bool:
         return self._target is not None and now_s - self._target_s < SILENT_CONSOLE_S

@@ -10,8 +10,9 @@ from drivers.datagrams import Datagrams, UdpPort
 from drivers.devices.canopy_heads import PROTOCOLS
 from drivers.ports import Clock, Port, PortState
 from drivers.virtual.encoders import Plant
-from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualGpsd, VirtualRateModule
+from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
 from drivers.virtual.faults import PortFaults, Spoiler
+from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
@@ -156,7 +157,7 @@ class ServedMachine:
         self._serve = serve
         self._clock = clock
         self._start_s = clock()
-        self._lines: dict[str, ServedLine | ServedDatagrams] = {}
+        self._lines: dict[str, ServedLine | ServedDatagrams | GpsdServer] = {}
         self._in_force: dict[str, PortFaults] = {}
         try:
             self._machine = self._built(plant, serve)
@@ -172,7 +173,7 @@ class ServedMachine:
         return tuple(
             Address(device, protocols.get(device, self._serve.protocol), url)
             for device, line in self._lines.items()
-            for url in (line.names if isinstance(line, ServedLine) else (line.name,)))
+            for url in ((line.name,) if isinstance(line, ServedDatagrams) else line.names))
 
     def advance(self) -> list[str]:
         """Bring the plant up to the clock; what changed on the time line of faults, in words."""
@@ -193,10 +194,16 @@ class ServedMachine:
 
     def _built(self, plant: Plant, serve: Serve) -> VirtualMachine:
         heads = [f"head_{n}" for n in range(1, serve.heads + 1)]
+        lines: dict[str, ServedLine] = {}
         for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):
-            self._lines[device] = self._line(device, serve, place)
-        extras: list[Extra] = [VirtualGpsd(self._lines["gpsd"]),
-                               VirtualLagRig(self._lines["lag_rig"], lambda: getattr(plant, "truth", None))]
+            if device == "gpsd":
+                number = serve.first_port + place if serve.first_port else 0
+                terminal = TerminalPort(serve.terminals / device, self._clock) if serve.terminals is not None else None
+                gpsd = self._lines[device] = GpsdServer(serve.host, number, self._clock, place, terminal)
+            else:
+                lines[device] = self._lines[device] = self._line(device, serve, place)
+        extras: list[Extra] = [VirtualGpsd(gpsd),
+                               VirtualLagRig(lines["lag_rig"], lambda: getattr(plant, "truth", None))]
         if serve.rate_module is not None:
             host, number = serve.rate_module
             module = self._datagrams("rate_module", f"udp://{host}:{number}?to={serve.console[0]}:{serve.console[1]}")
@@ -204,7 +211,7 @@ class ServedMachine:
         if serve.agopengps is not None:
             host, number = serve.agopengps
             extras.append(VirtualAgOpenGps(self._datagrams("agopengps", f"udp://{host}:0?to={host}:{number}")))
-        return VirtualMachine(plant, self._lines["gnss"], [self._lines[name] for name in heads], self._lines["board"],
+        return VirtualMachine(plant, lines["gnss"], [lines[name] for name in heads], lines["board"],
                               self._start_s, PROTOCOLS[serve.protocol], opening_mm=serve.opening_mm, extras=extras)
 
     def _line(self, device: str, serve: Serve, place: int) -> ServedLine:

@@ -1,4 +1,4 @@
-"""What logs of real drives and loggers have, and simulated ones do not: rows far apart, loud readings, empty stretches."""
+"""What logs of real drives have, and simulated ones do not: rows far apart, loud readings, a clock that jitters."""
 from __future__ import annotations
 
 import numpy as np

@@ -181,7 +181,7 @@ def test_a_second_constellation_in_the_same_epoch_is_no_error(send, settled):
     assert settled.counts.ignored == {"other_talker": 1}
 
 
-@pytest.mark.parametrize("talker", ["GP", "GN", "GL", "GA", "GB", "BD"])
+@pytest.mark.parametrize("talker", ["GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ", "IN", "EC", "II", "U3"])
 def test_talkers(send, talker):
     decoder = GnssDecoder(live=False)
     send(decoder, 0.0, gga("060000.000", talker=talker))
@@ -215,3 +215,94 @@ def test_a_flood_without_line_ends_is_dropped(nmea, settled):
     settled.feed(b"yyy\r\n" + nmea(gga("060002.000")), 2.0)
     assert settled.counts.rejected == {"overlong": 1}
     assert settled.counts.accepted == 7
+
+
+# -- receivers that send neither GGA nor RMC, and who stands before whom -----------------------------------------
+
+PLACE = "3416.800000,N,11952.800000,E"
+
+
+def gns(clock: str, modes: str = "RRAN", place: str = PLACE) -> str:
+    return f"GNGNS,{clock},{place},{modes},14,0.80,30.0,0.0,,"
+
+
+def gll(clock: str, status: str = "A", mode: str = ",D", place: str = PLACE) -> str:
+    return f"GPGLL,{place},{clock},{status}{mode}"
+
+
+def zda(clock: str, day: str = "01,04,2026") -> str:
+    return f"GPZDA,{clock},{day},00,00"
+
+
+@pytest.mark.parametrize(("modes", "quality"), [("RRAN", 4), ("NNNA", 1), ("AF", 5), ("DA", 2), ("E", 6), ("PN", 3)])
+def test_gns_alone_is_a_fix_of_its_best_constellation(send, modes, quality):
+    decoder = GnssDecoder(live=False)
+    send(decoder, 0.0, gns("060000.000", modes), vtg())
+    fix, = decoder.flush(0.0)
+    assert (fix.lat_deg, fix.lon_deg) == (pytest.approx(34.28), pytest.approx(119.88))
+    assert (fix.fix_quality, fix.satellites, fix.hdop) == (quality, 14, 0.8)
+    assert fix.speed_mps == pytest.approx(2.43 * 1852 / 3600)
+
+
+def test_gll_alone_is_a_place_with_a_quality_and_no_more(send):
+    decoder = GnssDecoder()
+    fixes = [fix for k in range(4) for fix in send(decoder, float(k), gll(f"06000{k}.000"), vtg())]
+    assert [fix.time_s for fix in fixes][-2:] == [2.0, 3.0], "handed over at once"
+    assert (fixes[-1].fix_quality, fixes[-1].satellites, fixes[-1].hdop) == (2, None, None)
+    old = GnssDecoder(live=False)
+    send(old, 0.0, gll("060000.00", mode=""))
+    assert old.flush(0.0)[0].fix_quality == 1, "before NMEA 2.3 it had no mode"
+
+
+@pytest.mark.parametrize("order", [("gga", "zda"), ("zda", "gga")])
+def test_zda_gives_the_date_to_a_receiver_without_rmc(send, order):
+    decoder, said = GnssDecoder(), []
+    for second, day in ((58, "31,12,2025"), (59, "31,12,2025"), (60, "01,01,2026"), (61, "01,01,2026")):
+        clock = f"2359{second}.000" if second < 60 else f"0000{second - 60:02d}.000"
+        sentences = {"gga": gga(clock), "zda": zda(clock, day)}
+        said += send(decoder, float(second), *(sentences[name] for name in order))
+    said += decoder.flush(62.0)
+    times = [fix.utc for fix in said if fix.utc]
+    assert times[-4:] == ["2025-12-31T23:59:58.000Z", "2025-12-31T23:59:59.000Z", "2026-01-01T00:00:00.000Z",
+                          "2026-01-01T00:00:01.000Z"][-len(times):]
+    assert times[-1] == "2026-01-01T00:00:01.000Z"
+    assert decoder.counts.ignored["ZDA"] == 4
+
+
+@pytest.mark.parametrize(("payload", "kind"), [
+    (gns("060000.00", "RXA"), "malformed"), (gns("060000.00", ""), "malformed"),
+    (gns("060000.00", place="9116.800000,N,11952.800000,E"), "impossible_value"),
+    (gll("060000.00", status="Q"), "malformed"), (gll("250000.00"), "impossible_value"),
+    (gll("060000.00", mode=",X"), "malformed"), (zda("060000.00", "32,01,2026"), "impossible_value"),
+    (zda("060000.00", "01,01,1926"), "impossible_value"), (zda("060000.00", "01,xx,2026"), "malformed"),
+    ("GPZDA,060000.00", "malformed")])
+def test_what_cannot_be_in_these_is_rejected_too(send, payload, kind):
+    decoder = GnssDecoder()
+    assert send(decoder, 0.0, payload) == []
+    assert dict(decoder.counts.rejected) == {kind: 1}
+
+
+@pytest.mark.parametrize("payload", [gns("060000.00", "NN"), gll("060000.00", status="V"), gll("060000.00", mode=",N"),
+                                     "GPZDA,,,,,00,00"])
+def test_what_these_do_not_know_is_no_error(send, payload):
+    decoder = GnssDecoder(live=False)
+    send(decoder, 0.0, payload)
+    assert decoder.flush(0.0) == [] and not decoder.counts.rejected
+
+
+def test_gns_and_gll_stand_behind_gga_until_it_is_silent(send, settled):
+    elsewhere = "3516.800000,N,11952.800000,E"
+    send(settled, 2.0, gns("060002.000", place=elsewhere), gll("060002.000", place=elsewhere))
+    assert settled.counts.ignored == {"GNS": 1, "GLL": 1}
+    send(settled, 2.5, "GNGGA,060002.500,,,,,0,00,99.99,,,,,,", gll("060002.500", place=elsewhere))
+    assert settled.counts.ignored["GLL"] == 2, "a GGA without a fix speaks too"
+    fixes = [fix for k in range(8, 12)
+             for fix in send(settled, float(k), gll(f"0600{k:02d}.000", place=elsewhere), vtg())]
+    assert fixes[-1].lat_deg == pytest.approx(35.28)
+
+
+def test_programs_stand_behind_receivers_until_these_are_silent(send, settled):
+    send(settled, 2.0, gga("060002.000", talker="IN"), rmc("060002.000", talker="EC"))
+    assert settled.counts.ignored == {"INGGA": 1, "ECRMC": 1}
+    fixes = [fix for k in range(8, 12) for fix in send(settled, float(k), rmc(f"0600{k:02d}.000", talker="EC"))]
+    assert fixes and fixes[-1].utc == "2026-04-01T06:00:11.000Z"

@@ -13,7 +13,8 @@ from drivers.datagrams import datagram_pair
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.gpsd import WATCH, GpsdDecoder
 from drivers.ports import memory_pair
-from drivers.virtual.extras import VirtualGpsd, agopengps_frames
+from drivers.virtual.extras import agopengps_frames
+from drivers.virtual.gpsd import VirtualGpsd
 
 TPV = {"class": "TPV", "device": "/dev/ttyS0", "mode": 3, "status": 3, "time": "2026-04-01T06:00:00.200Z",
        "lat": 34.28, "lon": 119.88, "track": 12.5, "speed": 1.25}

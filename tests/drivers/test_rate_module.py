@@ -11,6 +11,7 @@ import pytest
 from control.readings import DriveCommand
 from drivers.cab import Cab, CabConfig
 from drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
+from drivers.devices.probe import recognise_modules
 from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.rate_module_frames import Relays, Target, decode_told, encode_target
 from drivers.ports import memory_pair
@@ -287,3 +288,55 @@ def test_a_stranger_is_not_heard(clock):
     assert len(port.read_each()) == MOST_WAITING, "of a flood the newest are given"
     for one in (port, module, stranger):
         one.close()
+
+
+def trace(module_id: int = 0, sensor: int = 0) -> bytes:
+    """32402 by hand: 70 000 ms, target 60, applied 58.5, error 1.5 (s24), integral -12.3, change -4, PWM 120."""
+    return sealed(struct.pack("<HBI", 32402, module_id << 4 | sensor, 70_000) + (60_000).to_bytes(3, "little")
+                  + (58_500).to_bytes(3, "little") + (1_500).to_bytes(3, "little", signed=True)
+                  + struct.pack("<hhhBH", -123, -4, 120, 7, 2_410))
+
+
+def test_the_label_and_the_trace_of_a_module_are_read():
+    driver = module()
+    label = sealed(struct.pack("<HB", 32403, 0) + b"Left spreader\0\0\0")
+    assert driver.feed([label, trace()], 0.0) == []
+    assert driver.label == "Left spreader"
+    t = driver.trace
+    assert (t.millis, t.target, t.applied, t.error, t.integral, t.change, t.pwm, t.samples, t.firmware) == (
+        70_000, 60.0, 58.5, 1.5, -12.3, -4, 120, 7, 2_410)
+    assert driver.counts.accepted == 2 and not driver.counts.rejected and not driver.counts.ignored
+    driver.feed([trace(sensor=1), trace(module_id=3), trace()[:-1], trace()[:-1] + b"\0"], 0.0)
+    assert driver.counts.ignored == {"other_module": 2}
+    assert driver.counts.rejected == {"wrong_length": 1, "bad_checksum": 1}
+
+
+def test_probing_names_a_module_by_its_label_and_its_trace():
+    label = sealed(struct.pack("<HB", 32403, 2) + b"Boom".ljust(16, b"\0"))
+    assert recognise_modules([trace(module_id=2), label]) == {2: "Boom"}
+    assert recognise_modules([trace(module_id=5)]) == {5: ""}
+
+
+def test_the_virtual_module_says_who_it_is_and_traces_when_told(clock, fake_plant):
+    host, device = datagram_pair("module", clock)
+    virtual = VirtualRateModule(device, 360.0, label="Rechts 右")
+    heard = []
+
+    def steps(count: int) -> None:
+        for _ in range(count):
+            virtual.before(clock.now_s, DriveCommand(0.0, 25.0), False)
+            virtual.after(fake_plant.step(DriveCommand(0.0, 25.0), False), clock.now_s)
+            clock.now_s += 0.05
+            heard.extend(host.read_each())
+    steps(100)
+    kinds = [int.from_bytes(data[:2], "little") for data in heard]
+    assert 2 <= kinds.count(32403) <= 3 and 32402 not in kinds
+    driver = module()
+    driver.feed(heard, 0.0)
+    assert driver.label == "Rechts ?" and not driver.counts.rejected
+    host.write(encode_target(Target(0, 0, 60.0, 360.0, log_pid=True)))
+    heard.clear()
+    steps(10)
+    driver.feed(heard, 1.0)
+    assert driver.trace is not None and driver.trace.pwm == 0
+    assert not driver.counts.rejected

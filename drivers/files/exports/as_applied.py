@@ -59,6 +59,15 @@ class Stretches(NamedTuple):
     hdop: Floats
 
 
+class Cut(NamedTuple):
+    """Ground on which more was wanted than the crop's limit, which was applied there."""
+
+    limit_kg_ha: float
+    area_ha: float
+    highest_kg_ha: float        # that was wanted
+    less_kg: float              # than was wanted
+
+
 @dataclass(frozen=True, eq=False)
 class AsApplied:
     """A job as it was done. Sums of the stretches are the log's own to rounding."""
@@ -70,6 +79,7 @@ class AsApplied:
     totals: Totals
     begin_utc: dt.datetime | None       # of time_s = 0
     field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
+    cut: Cut | None                     # None: nothing was, or the limit is not known
 
     @property
     def width_m(self) -> float:
@@ -102,7 +112,7 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
                                                      doses=doses, doses_missed=missed)
     return AsApplied(log.path.stem, machine, product, _gathered(rows, machine, every_s), totals, _begin_utc(log),
-                     _field(log))
+                     _field(log), _cut(log, rows, machine.geometry.working_width_m))
 
 
 class _Rows(NamedTuple):
@@ -245,6 +255,18 @@ def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
         totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
                       None if target != target else target)
     return totaliser.snapshot()
+
+
+def _cut(log: RunLog, rows: _Rows, width_m: float) -> Cut | None:
+    limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
+    if not isinstance(limit, int | float):
+        return None
+    above = rows.target_kg_ha > limit
+    if not above.any():
+        return None
+    ha = (rows.speed_mps * rows.step_s)[above] * width_m / 10_000.0
+    wanted = rows.target_kg_ha[above]
+    return Cut(float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum()))
 
 
 def _covered(rows: _Rows, width_m: float) -> Covered:

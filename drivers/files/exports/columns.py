@@ -54,4 +54,5 @@ def summary(applied: AsApplied) -> dict[str, object]:
     """The sums, in words and units for a machine to read; they are the log's own, row by row."""
     return {"format": "topdress-as-applied/1", "machine": applied.machine.id, "product": applied.product.name,
             "product_n_fraction": applied.product.n_fraction, "working_width_m": applied.width_m,
+            "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
             **applied.totals._asdict()}

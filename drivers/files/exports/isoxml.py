@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.files.exports.as_applied import AsApplied, ExportError
 from drivers.files.exports.time_log import NO_STATUS, Logged, Moment, layout, records
-from drivers.files.prescriptions.task_folder import degrees, task_root, write_task
+from drivers.files.prescriptions.task_folder import degrees, name_of, task_root, write_task
 
 # ISO 11783-11: what is logged, with the steps of its numbers
 SETPOINT_RATE, ACTUAL_RATE = 6, 7               # mg/m2
@@ -41,11 +41,11 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
                           "started_utc beside it")
     root = task_root(from_terminal=True)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
-    SubElement(root, "PDT", A="PDT1", B=applied.product.name)
+    SubElement(root, "PDT", A="PDT1", B=name_of(applied.product.name))
     if applied.field_deg is not None:
         _field(root, applied)
     _device(root, applied)
-    task = SubElement(root, "TSK", A="TSK1", B=applied.title[:32], G="4")
+    task = SubElement(root, "TSK", A="TSK1", B=name_of(applied.title), G="4")
     if applied.field_deg is not None:
         task.set("E", "PFD1")
     worked = SubElement(task, "TIM", A=_stamp(begin), B=_stamp(end), C=str(round((end - begin).total_seconds())),
@@ -93,8 +93,9 @@ def _final_totals(applied: AsApplied) -> tuple[int, ...]:
 
 
 def _device(root: Element, applied: AsApplied) -> None:
-    device = SubElement(root, "DVC", A="DVC1", B=applied.machine.id[:32], C=root.get("ManagementSoftwareVersion", ""),
-                        D=CLIENT_NAME, F="00000000000001", G="FF000000406E65")
+    device = SubElement(root, "DVC", A="DVC1", B=name_of(applied.machine.id),
+                        C=root.get("ManagementSoftwareVersion", ""), D=CLIENT_NAME,
+                        F="00000000000001", G="FF000000406E65")
     element = SubElement(device, "DET", A=ELEMENT, B="1", C="1", D="applicator", E="0", F="0")
     described = sorted({*LOGGED, *TOTALS})
     for number, _ in enumerate(described, start=2):
@@ -105,11 +106,11 @@ def _device(root: Element, applied: AsApplied) -> None:
 
 def _field(root: Element, applied: AsApplied) -> None:
     assert applied.field_deg is not None
-    field = SubElement(root, "PFD", A="PFD1", C=applied.title[:32], D="0")
+    field = SubElement(root, "PFD", A="PFD1", C=name_of(applied.title), D="0")
     line = SubElement(SubElement(field, "PLN", A="1"), "LSG", A="1")
     corners = applied.field_deg.tolist()
     for lat, lon in [*corners, corners[0]]:
-        SubElement(line, "PNT", A="2", C=degrees(round(lat, 9)), D=degrees(round(lon, 9)))
+        SubElement(line, "PNT", A="2", C=degrees(lat), D=degrees(lon))
 
 
 def _span_s(applied: AsApplied) -> tuple[float, float]:

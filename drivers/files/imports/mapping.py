@@ -40,6 +40,7 @@ class Source(Part):
     unit_row: Annotated[bool | None, Field(description="whether the row below the header holds units")] = None
     names: Annotated[tuple[Name, ...] | None, Field(description="the columns of a file without a header")] = None
     sheet: Name | None = None
+    inside: Annotated[Name | None, Field(description="of a zip or folder with several task sets or shapefiles")] = None
     task_log: Annotated[Name | None, Field(description="of a task file with several, e.g. TLG00001")] = None
 
 

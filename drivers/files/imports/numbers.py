@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import polars as pl
 
-from drivers.files.table import NOTHING
+from drivers.files.unknown import NOTHING
 
 
 class Numbers(NamedTuple):

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import struct
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,15 @@ import numpy as np
 import polars as pl
 import shapefile
 
+from drivers.files.archives import ArchiveError, chosen
 from drivers.files.findings import Finding, many
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.limits import read_json
-from drivers.files.prescriptions.projected import projection_of
+from drivers.files.prescriptions.projected import TransverseMercator, projection_of
+from drivers.files.shape_sets import ShapeSet, column_names, shape_sets
 
 LAT, LON = "lat_deg", "lon_deg"     # what places are called here
 POINTS = (shapefile.POINT, shapefile.POINTZ, shapefile.POINTM)
@@ -53,44 +54,73 @@ def read_geojson(path: Path, said: Source) -> RawTable:
 
 
 def read_shapefile(path: Path, said: Source) -> RawTable:
-    """A shapefile of points, or a zip that holds one. Raises ImportTrouble, OSError."""
-    findings: list[Finding] = []
+    """A shapefile of points; of a zip or folder the one that is, or the one that `said` names. Raises ImportTrouble,
+    OSError."""
     try:
-        with shapefile.Reader(str(path), encoding=said.encoding or "utf-8", encodingErrors="replace") as reader:
-            if reader.shapeType not in POINTS:
-                raise ImportTrouble(f"{path}: shapes of type {reader.shapeTypeName}: allowed POINT (a map of areas is "
-                                    "read by topdress map)")
-            names = [field[0] for field in reader.fields if field[0] != "DeletionFlag"]
-            shapes, records = reader.shapes(), reader.records()
-    except (shapefile.ShapefileException, zipfile.BadZipFile, struct.error, UnicodeDecodeError) as error:
+        return _of_points(path, _one_of(path, said), said)
+    except ImportTrouble:
+        raise
+    except ArchiveError as error:
+        raise ImportTrouble(str(error)) from None
+    except (shapefile.ShapefileException, struct.error, UnicodeDecodeError) as error:
         raise ImportTrouble(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
-    there = [k for k, shape in enumerate(shapes) if shape.points]
+    except (ValueError, KeyError, IndexError, OverflowError, MemoryError) as error:
+        raise ImportTrouble(f"{path}: damaged shapefile ({type(error).__name__})") from None
+
+
+def _one_of(path: Path, said: Source) -> ShapeSet:
+    """Of several the one that holds points. Raises ImportTrouble, ArchiveError, OSError."""
+    found = shape_sets(path)
+    if said.inside is not None:
+        named = chosen([one.name for one in found], said.inside)
+        found = [one for one in found if one.name in named]
+    if len(found) > 1:
+        found = [one for one in found if _kind_of(one) in POINTS] or found
+    if len(found) != 1:
+        several = f"{len(found)} shapefiles of points: say source.inside in the import file; allowed " \
+            f"{listed(one.name for one in found)}"
+        raise ImportTrouble(f"{path}: {several if found else 'no shapefile in it'}")
+    return found[0]
+
+
+def _kind_of(shapes: ShapeSet) -> int:
+    head = shapes.part(".shp") or b""
+    return int.from_bytes(head[32:36], "little") if len(head) >= 36 else 0
+
+
+def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
+    findings: list[Finding] = []
+    with shapes.reader(said.encoding) as reader:
+        if reader.shapeType not in POINTS:
+            raise ImportTrouble(f"{path}: shapes of type {reader.shapeTypeName}: allowed POINT (a map of areas is "
+                                "read by topdress map)")
+        names = column_names(reader)
+        found, records = reader.shapes(), reader.records()
+    there = [k for k, shape in enumerate(found) if shape.points]
     if not there:
         raise ImportTrouble(f"{path}: no point in it")
-    if len(there) < len(shapes):
-        lost = len(shapes) - len(there)
+    if len(there) < len(found):
+        lost = len(found) - len(there)
         findings.append(Finding("empty_shapes", f"{many(lost)} without a place left out", rows=lost))
-    lon, lat = np.array([shapes[k].points[0][:2] for k in there], np.float64).T
-    if (projection := _projection(path)) is not None:
+    lon, lat = np.array([found[k].points[0][:2] for k in there], np.float64).T
+    if (projection := _projection(shapes)) is not None:
         lat, lon = projection.to_deg(lon, lat)
         findings.append(Finding("projected", f"places in {projection.name} taken to degrees"))
     by_column = zip(*(records[k] for k in there), strict=True)
     columns = [_column(name, list(values)) for name, values in zip(names, by_column, strict=True)]
-    return _with_places(path, columns, lat, lon, said.model_copy(update={"kind": "shapefile"}), tuple(findings))
+    source = said.model_copy(update={"kind": "shapefile"})
+    beside = shapes.units()
+    units = {name: beside[name.casefold()].text for name in names if name.casefold() in beside}
+    return _with_places(path, columns, lat, lon, source, tuple(findings), units)
 
 
-def _projection(path: Path) -> Any:
-    if path.suffix.lower() == ".zip":
-        with zipfile.ZipFile(path) as archive:
-            texts = [archive.read(name) for name in archive.namelist() if name.lower().endswith(".prj")]
-    else:
-        places = (path.with_suffix(".prj"), path.with_suffix(".PRJ"))
-        texts = [place.read_bytes() for place in places if place.is_file()]
+def _projection(shapes: ShapeSet) -> TransverseMercator | None:
+    text = shapes.part(".prj")
     try:
-        return projection_of(texts[0].decode("utf-8", "replace")) if texts else None
+        return None if text is None else projection_of(text.decode("utf-8", "replace"))
     except ValueError as error:
-        raise ImportTrouble(f"{path}: places in {error}: allowed are degrees on WGS84, or UTM and other transverse "
-                            "Mercator on it") from None
+        raise ImportTrouble(f"{shapes.label}: places in {error}: allowed are degrees on WGS84, or UTM and other "
+                            "transverse Mercator on it") from None
 
 
 def _column(name: str, values: list[Any]) -> pl.Series:
@@ -101,8 +131,8 @@ def _column(name: str, values: list[Any]) -> pl.Series:
 
 
 def _with_places(path: Path, columns: list[pl.Series], lat: np.ndarray, lon: np.ndarray, source: Source,
-                 findings: tuple[Finding, ...]) -> RawTable:
+                 findings: tuple[Finding, ...], beside: dict[str, str] | None = None) -> RawTable:
     frame = pl.DataFrame([column for column in columns if column.name not in (LAT, LON)])
     frame = frame.with_columns(pl.Series(LAT, lat), pl.Series(LON, lon))
     units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
-    return RawTable(path, frame, source, units, 1, findings)
+    return RawTable(path, frame, source, units | (beside or {}), 1, findings)

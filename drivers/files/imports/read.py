@@ -1,9 +1,9 @@
 """A file of any kind as a raw table."""
 from __future__ import annotations
 
-import zipfile
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
+from drivers.files.archives import ArchiveError, files_at
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable
@@ -25,7 +25,7 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
     except BeyondLimits as error:
         raise ImportTrouble(str(error)) from None
     kind = said.kind or _kind(path)
-    if path.is_dir() and kind != "isoxml":
+    if path.is_dir() and kind not in ("isoxml", "shapefile"):
         raise ImportTrouble(f"{path}: a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")
     if kind == "excel":
         from drivers.files.imports.excel import read_excel
@@ -46,15 +46,14 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
 
 
 def _kind(path: Path) -> SourceKind:
-    if path.is_dir():
-        return "isoxml"
-    if path.suffix.lower() == ".zip":
+    """Of a folder or a zip: a task that was worked before points, points before a task that was not."""
+    if path.is_dir() or path.suffix.lower() == ".zip":
         try:
-            with zipfile.ZipFile(path) as archive:
-                shapes = any(name.lower().endswith(".shp") for name in archive.namelist())
-        except zipfile.BadZipFile as error:
-            raise ImportTrouble(f"{path}: {error}") from None
-        return "shapefile" if shapes else "isoxml"
+            names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
+        except ArchiveError as error:
+            raise ImportTrouble(str(error)) from None
+        worked = any(name.startswith("tlg") and name.endswith(".bin") for name in names)
+        return "shapefile" if not worked and any(name.endswith(".shp") for name in names) else "isoxml"
     return _SUFFIXES.get(path.suffix.lower(), "text")
 
 

@@ -52,7 +52,7 @@ def read_task_log(path: Path, said: Source) -> RawTable:
     A number that a record does not hold is the one last told, as logging on change means it.
     """
     try:
-        files = find_task_files(path)
+        files = find_task_files(path, said.inside)
         if files is None:
             raise ImportTrouble(f"{path}: no TASKDATA.XML there")
         root = task_tree(files)

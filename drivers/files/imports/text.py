@@ -14,6 +14,7 @@ from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.limits import BeyondLimits, check_text
+from drivers.files.quotes import unclosed_quote
 
 
 def read_text(path: Path, said: Source) -> RawTable:
@@ -27,6 +28,9 @@ def read_text(path: Path, said: Source) -> RawTable:
         check_text(data, str(path))
     except BeyondLimits as error:
         raise ImportTrouble(str(error)) from None
+    line = unclosed_quote(data)
+    if line is not None:
+        raise ImportTrouble(f"{path}: line {line}: a quote is opened and not closed: allowed are pairs of quotes")
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
         sample = sample[:sample.rfind("\n")]
@@ -92,7 +96,10 @@ def _frame(path: Path, data: bytes, dialect: Dialect, names: list[str], findings
             raise ImportTrouble(f"{path}: no row has the header's {len(names)} cells: allowed is one cell for each "
                                 f"column (is the decimal sign a comma, as the delimiter {sign!r} is?)") from None
         findings += left_out
-        frame = _read(body, sign, len(names), ragged=True)
+        try:
+            frame = _read(body, sign, len(names), ragged=True)
+        except pl.exceptions.PolarsError as error:
+            raise ImportTrouble(f"{path}: not readable as a table: {str(error).splitlines()[0]}") from None
     frame = frame.rename(dict(zip(frame.columns, names, strict=True)))
     texts = frame.select(pl.all().str.strip_chars())
     kept = texts.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all() == "")))

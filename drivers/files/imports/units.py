@@ -51,9 +51,9 @@ UNITS = (
     Unit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
     *(Unit(name, "rate", factor, {
         "kg/ha": ("kg_ha", "kgha", "kg ha-1", "kg/hm2", "kg·ha-1", "公斤/公顷"), "t/ha": ("t_ha",),
-        "g/m2": ("g_m2", "克/平方米"), "mg/m2": (), "lb/ac": ("lbs/ac", "lb/acre", "lbs/acre", "lb_ac")}[name])
+        "g/m2": ("g_m2", "克/平方米"), "mg/m2": (), "lb/ac": ("lbs/ac", "lb/acre", "lbs/acre", "lb_ac"),
+        "kg/mu": ("kg_mu", "公斤/亩", "千克/亩", "kg/亩")}[name])
       for name, factor in MASS_UNITS.items()),
-    Unit("kg/mu", "rate", 15.0, ("公斤/亩", "千克/亩", "kg/亩")),
     Unit("kg/s", "flow", 1.0, ("kg_s",)),
     Unit("kg/min", "flow", 1.0 / 60.0, ("kg_min", "公斤/分")),
     Unit("kg/h", "flow", 1.0 / 3600.0, ("kg/hr", "kg_h")),

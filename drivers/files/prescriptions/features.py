@@ -11,6 +11,8 @@ import numpy as np
 from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
+from drivers.files.imports.trouble import listed
+from drivers.files.prescriptions.rate_column import rate_column
 from drivers.files.prescriptions.words import (
     Choice,
     Imported,
@@ -19,9 +21,10 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
+from drivers.files.shape_sets import Unit
 
-RATE_NAMES = ("rate_kg_ha", "rate", "target_rate", "targetrate", "tgt_rate", "tgtrate", "rx", "dose", "appl_rate",
-              "app_rate", "kg_ha", "n_rate")
+NO_UNITS: Mapping[str, Unit] = {}
+KNOWN_EXTRA = ("title",)        # of our own files
 
 
 class Feature(NamedTuple):
@@ -34,32 +37,35 @@ class Feature(NamedTuple):
 
 def imported(path: Path, format_name: str, features: Sequence[Feature], choice: Choice, findings: list[Finding],
              fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
-             product: str = "") -> Imported:
-    """Zones of the features, by the operator's choice. Raises PrescriptionError."""
+             product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
+    """Zones of the features, by the operator's choice. units: what files beside say. Raises PrescriptionError."""
     if not features:
         raise PrescriptionError(f"{path}: no polygons: allowed is at least one")
-    column = _column(path, features, choice)
-    unit = choice.unit or "kg/ha"
+    chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice,
+                         units)
+    column, unit = chosen.name, chosen.unit
     factor = factor_kg_ha(choice, unit, f"{path}: column {column}")
     zones: list[Zone] = []
     empty = 0
-    for feature in features:
-        value = _number(feature.attributes.get(column))
-        if value is None:
-            raise PrescriptionError(f"{path}: row {feature.number}: {column} {feature.attributes.get(column)!r}: "
-                                    "allowed is a number")
-        if math.isnan(value):
+    for feature, cell in zip(features, chosen.cells, strict=True):
+        if math.isnan(cell.value):
             empty += 1
             continue
-        rate = checked_rate(value * factor, lambda n=feature.number: f"{path}: row {n}: {column}")  # type: ignore[misc]
+        rate = checked_rate(cell.value * factor,
+                            lambda n=feature.number: f"{path}: row {n}: {column}")  # type: ignore[misc]
         zones += [Zone(rate, rings) for rings in feature.polygons_deg]
+    unused = [name for name in dict.fromkeys(name for feature in features for name in feature.attributes)
+              if name != column and name not in KNOWN_EXTRA]
+    if unused:
+        findings.append(Finding("unused_columns", f"{many(len(unused), 'column')} not used: {listed(unused)}"))
     if empty:
         findings.append(Finding("empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty))
     if not zones:
         raise PrescriptionError(f"{path}: column {column}: empty everywhere: allowed is a number")
     _check_degrees(path, zones)
     data = MapData(tuple(zones), None, with_choice(fallbacks, choice, str(path)), fields_deg, title, product)
-    return Imported(path, format_name, data, unit, factor, (column,), tuple(findings))
+    return Imported(path, format_name, data, unit, factor, (column,), tuple(findings),
+                    f"{column} ({chosen.why})", chosen.unit_from)
 
 
 def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
@@ -68,38 +74,6 @@ def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
     if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():
         lon_lat = lon_lat[:-1]
     return np.ascontiguousarray(lon_lat[:, ::-1])
-
-
-def _column(path: Path, features: Sequence[Feature], choice: Choice) -> str:
-    names = list(dict.fromkeys(name for feature in features[:1000] for name in feature.attributes))
-    if choice.column is not None:
-        for name in names:
-            if name == choice.column:
-                return name
-        raise PrescriptionError(f"{path}: column {choice.column}: allowed {', '.join(names) or 'none: there is none'}")
-    numeric = [name for name in names
-               if all(_number(feature.attributes.get(name)) is not None for feature in features[:1000])
-               and any(not math.isnan(_number(feature.attributes.get(name)) or 0.0) for feature in features[:1000])]
-    for wanted in RATE_NAMES:
-        for name in numeric:
-            if name.lower() == wanted:
-                return name
-    if len(numeric) == 1:
-        return numeric[0]
-    raise PrescriptionError(f"{path}: rate column not chosen: allowed {', '.join(numeric) or 'a column of numbers'}")
-
-
-def _number(value: Any) -> float | None:
-    """The number, NaN for nothing, None for what is no number."""
-    if value is None or value == "":
-        return math.nan
-    if isinstance(value, bool):
-        return None
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        return None
-    return None if math.isinf(number) else number
 
 
 def _check_degrees(path: Path, zones: Sequence[Zone]) -> None:

@@ -4,15 +4,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TypedDict
 
+from control.field.boundary import Boundary
 from control.field.job import Job
 from control.geodesy import TangentPlane
+from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.prescription import MapData, on_plane
 from drivers.files.file_set import files_of
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import PrescriptionError
+from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
 
 
 def map_of_job(job: Job, folder: Path) -> MapProfile | None:
@@ -23,12 +25,35 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
     """
     if job.target.map is None:
         return None
-    read = read_prescription(folder / job.target.map)
+    read = _read(folder / job.target.map)
     plane = _plane(job, read.data)
     try:
         return MapProfile(on_plane(read.data, plane), plane)
     except ValueError as error:
         raise PrescriptionError(f"{read.path}: {error}") from None
+
+
+def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
+    """What of the job's map will not be applied as it stands; None where the job names no map.
+
+    limit_kg_ha: the crop's. Raises PrescriptionError in one line, OSError.
+    """
+    if job.target.map is None:
+        return None
+    read = _read(folder / job.target.map)
+    field = Boundary(job.field.boundary_m) if job.field.boundary_m else None
+    try:
+        return map_check(read.data, limit_kg_ha, field, _plane(job, read.data))
+    except ValueError as error:
+        raise PrescriptionError(f"{read.path}: {error}") from None
+
+
+def _read(path: Path) -> Imported:
+    """As the file alone says it. Raises PrescriptionError, OSError."""
+    try:
+        return read_prescription(path)
+    except RateQuestion as question:
+        raise RateQuestion(f"{question}; a job takes what topdress map IN ... --out NEW.geojson writes") from None
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:

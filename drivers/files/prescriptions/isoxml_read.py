@@ -17,6 +17,7 @@ from drivers.files.prescriptions.words import (
     Choice,
     Imported,
     PrescriptionError,
+    RateQuestion,
     checked_rate,
     factor_kg_ha,
     with_choice,
@@ -47,8 +48,8 @@ def read_isoxml(files: TaskFiles, path: Path, choice: Choice) -> Imported:
     layer, ids = _picked(root, files.label, choice)
     where = f"{files.label}: task {layer.id}"
     values = {_code(zone, where): _value(zone, layer, where) for zone in layer.task.findall("TZN")}
-    unit, factor, findings = _meaning(root, layer, where, choice)
-    rates = {code: None if value is None else value * factor for code, value in values.items()}
+    unit, factor, offset, findings = _meaning(root, layer, where, choice)
+    rates = {code: None if value is None else (value + offset) * factor for code, value in values.items()}
     for code, rate in rates.items():
         if rate is not None:
             checked_rate(rate, lambda code=code: f"{where}: zone {code}")  # type: ignore[misc]
@@ -58,8 +59,9 @@ def read_isoxml(files: TaskFiles, path: Path, choice: Choice) -> Imported:
     grid_element = layer.task.find("GRD")
     grid = None
     zones: tuple[Zone, ...] = ()
+    findings += _unused(layer, ids, grid_element is not None)
     if grid_element is not None:
-        grid = _grid(files, grid_element, layer, rates, factor, where, findings)
+        grid = _grid(files, grid_element, layer, rates, factor, offset, where, findings)
     else:
         zones = _zones(layer.task, rates, where)
     data = MapData(zones, grid, fallbacks, fields, layer.task.get("B", ""), product)
@@ -87,11 +89,12 @@ def _picked(root: Element, label: str, choice: Choice) -> tuple[_Layer, tuple[st
     for layer in layers:
         if choice.layer == layer.id:
             return layer, ids
-    raise PrescriptionError(f"{label}: layer {choice.layer or 'not chosen'}: allowed {', '.join(ids)}")
+    raise (PrescriptionError if choice.layer else RateQuestion)(
+        f"{label}: layer {choice.layer or 'not chosen'}: allowed {', '.join(ids)}")
 
 
-def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[str, float, list[Finding]]:
-    """Unit of the numbers, kg/ha for one of them, and what had to be said about it.
+def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[str, float, float, list[Finding]]:
+    """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to be said about it.
 
     The data dictionary tells what a number is worth; the file's own presentation (VPN) should agree. Where it does
     not, a wrong guess is a wrong dose: the operator says which holds.
@@ -103,18 +106,36 @@ def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[
         if shown_unit is None:
             continue
         scale = _float(presentation, "C", where)
+        offset = _float(presentation, "B", where) if presentation.get("B") else 0.0
         by_shown = factor_kg_ha(choice, shown_unit, where) * scale
-        if abs(by_shown - by_ddi) <= 0.01 * by_ddi:
+        if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
-        shown = (f"{where}: 100 is {100 * by_ddi / choice.scale:g} kg/ha by DDI {layer.ddi:04X} but "
-                 f"{100 * by_shown / choice.scale:g} kg/ha as presented ({presentation.get('A')})")
+        added = f", an offset of {offset:g} added," if offset else ""
+        shown = (f"{where}: 100 is {100 * by_ddi / choice.scale:g} kg/ha by DDI {layer.ddi:04X} but{added} "
+                 f"{(100 + offset) * by_shown / choice.scale:g} kg/ha as presented ({presentation.get('A')})")
         if choice.rate_from is None:
-            raise PrescriptionError(f"{shown}: rate source not chosen: allowed ddi, presentation")
+            raise RateQuestion(f"{shown}: rate source not chosen: allowed ddi, presentation")
         taken = Finding("presentation", f"{shown}: taken by {choice.rate_from}")
         if choice.rate_from == "presentation":
-            return shown_unit, by_shown, [taken]
-        return unit, by_ddi, [taken]
-    return unit, by_ddi, []
+            return shown_unit, by_shown, offset, [taken]
+        return unit, by_ddi, 0.0, [taken]
+    return unit, by_ddi, 0.0, []
+
+
+def _unused(layer: _Layer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
+    """What the task holds beside the layer and is not used."""
+    found = []
+    drawn = [zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None]
+    if has_grid and drawn:
+        text = f"{many(len(drawn), 'zone')} with a polygon beside the grid not used: the grid holds"
+        found.append(Finding("zones_beside_grid", f"{text} (zones {', '.join(drawn[:8])})", rows=len(drawn)))
+    others = sorted({variable.get("A", "") for variable in layer.task.findall("TZN/PDV")
+                     if int(variable.get("A", "0"), 16) not in SETPOINTS})
+    if others:
+        found.append(Finding("other_data", f"process data not used: DDI {', '.join(others)}"))
+    if len(ids) > 1:
+        found.append(Finding("other_layers", f"layers not used: {', '.join(one for one in ids if one != layer.id)}"))
+    return found
 
 
 def _presentations(root: Element, layer: _Layer) -> list[Element]:
@@ -203,8 +224,8 @@ def _ring(line: Element, where: str) -> Floats:
     return corners
 
 
-def _grid(files: TaskFiles, grid: Element, layer: _Layer, rates: dict[int, float | None], factor: float, where: str,
-          findings: list[Finding]) -> GridDeg:
+def _grid(files: TaskFiles, grid: Element, layer: _Layer, rates: dict[int, float | None], factor: float, offset: float,
+          where: str, findings: list[Finding]) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (_number(grid.get(key, ""), 10, f"{where}: grid {key}") for key in ("E", "F"))
     cell_lat, cell_lon = _float(grid, "C", f"{where}: grid"), _float(grid, "D", f"{where}: grid")
@@ -219,7 +240,7 @@ def _grid(files: TaskFiles, grid: Element, layer: _Layer, rates: dict[int, float
     elif kind == "2":
         order = _template(layer, grid, where)
         values = _cells(data, rows, columns, len(order), np.dtype("<i4"), name, where)
-        rate = values[:, :, order.index((layer.ddi, layer.product))] * factor
+        rate = (values[:, :, order.index((layer.ddi, layer.product))] + offset) * factor
         bad = np.argwhere(~((rate >= 0.0) & (rate <= HIGHEST_KG_HA)))
         if len(bad):
             row, column = bad[0].tolist()

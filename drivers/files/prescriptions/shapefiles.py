@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import struct
-import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -11,26 +10,31 @@ import numpy as np
 import shapefile
 
 from control.targets.rate_map import Floats
+from drivers.files.archives import ArchiveError
 from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.rings import sorted_rings
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.files.shape_sets import ShapeSet, column_names
+
+POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
 
 
-def read_shapefile(path: Path, choice: Choice) -> Imported:
-    """A prescription out of a shapefile or a zip that holds one. Raises PrescriptionError, OSError."""
-    projection = _projection(path)
-    findings: list[Finding] = []
+def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) -> Imported:
+    """A prescription out of a shapefile. Raises PrescriptionError, OSError."""
+    path = shapes.label
     try:
-        with (warnings.catch_warnings(action="ignore"),
-              shapefile.Reader(str(path), encoding="utf-8", encodingErrors="replace") as reader):
-            if reader.shapeType not in (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM):
+        projection = _projection(shapes)
+        with shapes.reader() as reader:
+            if reader.shapeType not in POLYGONS:
                 raise PrescriptionError(f"{path}: shapes of type {reader.shapeTypeName}: allowed POLYGON")
-            names = [field[0] for field in reader.fields if field[0] != "DeletionFlag"]
-            features, empty = _features(path, reader, names)
+            features, empty = _features(path, reader, column_names(reader))
+        units = shapes.units()
     except PrescriptionError:
         raise
+    except ArchiveError as error:
+        raise PrescriptionError(str(error)) from None
     except (shapefile.ShapefileException, UnicodeDecodeError, zipfile.BadZipFile) as error:
         raise PrescriptionError(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
     except KeyError as error:
@@ -44,10 +48,10 @@ def read_shapefile(path: Path, choice: Choice) -> Imported:
         findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
     if empty:
         findings.append(Finding("empty_shapes", f"{many(empty, 'row')} without a shape left out", rows=empty))
-    return imported(path, "shapefile", features, choice, findings, title=path.stem)
+    return imported(Path(path), "shapefile", features, choice, findings, title=shapes.stem, units=units)
 
 
-def _features(path: Path, reader: Any, names: list[str]) -> tuple[list[Feature], int]:
+def _features(path: str, reader: Any, names: list[str]) -> tuple[list[Feature], int]:
     features: list[Feature] = []
     empty = 0
     for number, (shape, record) in enumerate(zip(reader.iterShapes(), reader.iterRecords(), strict=True), start=1):
@@ -58,7 +62,7 @@ def _features(path: Path, reader: Any, names: list[str]) -> tuple[list[Feature],
     return features, empty
 
 
-def _polygons(path: Path, number: int, shape: Any) -> list[tuple[Floats, ...]]:
+def _polygons(path: str, number: int, shape: Any) -> list[tuple[Floats, ...]]:
     """Outlines run clockwise, holes the other way."""
     rings = [ring(shape.points[begin:end]) for begin, end in
              zip(shape.parts, [*shape.parts[1:], len(shape.points)], strict=True)]
@@ -77,21 +81,16 @@ def _clockwise(corners: Floats) -> bool:
     return bool(np.sum(lon * np.roll(lat, -1) - np.roll(lon, -1) * lat) < 0.0)
 
 
-def _projection(path: Path) -> TransverseMercator | None:
+def _projection(shapes: ShapeSet) -> TransverseMercator | None:
     """What the `.prj` beside the file says; None for degrees, or without one. Raises PrescriptionError."""
-    if path.suffix.lower() == ".zip":
-        with zipfile.ZipFile(path) as archive:
-            texts = [archive.read(name) for name in archive.namelist() if name.lower().endswith(".prj")]
-    else:
-        texts = [place.read_bytes() for place in (path.with_suffix(".prj"), path.with_suffix(".PRJ"))
-                 if place.is_file()]
-    if not texts:
+    text = shapes.part(".prj")
+    if text is None:
         return None
     try:
-        return projection_of(texts[0].decode("utf-8", "replace"))
+        return projection_of(text.decode("utf-8", "replace"))
     except ValueError as error:
-        raise PrescriptionError(f"{path}: coordinates in {error}: allowed are longitude and latitude on WGS84, or UTM "
-                                "and other transverse Mercator on it") from None
+        raise PrescriptionError(f"{shapes.label}: coordinates in {error}: allowed are longitude and latitude on WGS84, "
+                                "or UTM and other transverse Mercator on it") from None
 
 
 def _in_degrees(features: list[Feature], projection: TransverseMercator) -> list[Feature]:

@@ -1,16 +1,14 @@
 """The files of an ISO 11783-10 data transfer: in a folder or a zip, whatever the case of their names."""
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 from xml.etree import ElementTree
 
+from drivers.files.archives import ArchiveError, Files, Folder, chosen, files_at, parent
 from drivers.files.limits import REFERENCES, held_to
-from drivers.files.prescriptions.words import PrescriptionError
-
-LARGEST_BYTES = 512 << 20
+from drivers.files.prescriptions.words import PrescriptionError, RateQuestion
 
 
 class TaskFiles(Protocol):
@@ -25,66 +23,55 @@ class TaskFiles(Protocol):
 
 
 @dataclass(frozen=True)
-class FolderFiles:
-    """`label`: the task file's own path, for messages."""
+class TaskSet:
+    """`inside`: the folder of the task file within `files`, with its slash; empty: the top. `label`: for messages."""
 
-    folder: Path
+    files: Files
+    inside: str
     label: str
 
     def read(self, name: str) -> bytes | None:
-        for path in self.folder.iterdir():
-            if path.name.lower() == name.lower():
-                if path.stat().st_size > LARGEST_BYTES:
-                    raise PrescriptionError(f"{path}: {path.stat().st_size >> 20} MB: allowed up to "
-                                            f"{LARGEST_BYTES >> 20} MB")
-                return path.read_bytes()
+        wanted = (self.inside + name).casefold()
+        for there in self.files.names():
+            if there.casefold() == wanted:
+                try:
+                    return self.files.read(there)
+                except ArchiveError as error:
+                    raise PrescriptionError(str(error)) from None
         return None
 
 
-@dataclass(frozen=True)
-class ZipFiles:
-    path: Path
-    inside: str            # folder within the zip, with its slash; empty: none
-    label: str
-
-    def read(self, name: str) -> bytes | None:
-        with zipfile.ZipFile(self.path) as archive:
-            for info in archive.infolist():
-                if info.filename.lower() == (self.inside + name).lower():
-                    if info.file_size > LARGEST_BYTES:
-                        raise PrescriptionError(f"{self.path}: {info.filename}: {info.file_size >> 20} MB: allowed "
-                                                f"up to {LARGEST_BYTES >> 20} MB")
-                    try:
-                        return archive.read(info)
-                    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
-                        raise PrescriptionError(f"{self.path}: {info.filename}: {error}") from None
-        return None
-
-
-def find_task_files(path: Path) -> TaskFiles | None:
-    """The task files at a path (TASKDATA.XML, its folder, the folder above, or a zip); None: there are none.
+def task_sets(path: Path) -> list[TaskSet]:
+    """The task sets at a path: a TASKDATA.XML, a folder or a zip that holds some, however deep.
 
     Raises PrescriptionError for a zip that cannot be opened, OSError.
     """
-    if path.is_dir():
-        folders = (path, *(sub for sub in sorted(path.iterdir()) if sub.is_dir() and sub.name.lower() == "taskdata"))
-        for folder in folders:
-            for file in folder.iterdir():
-                if file.name.lower() == "taskdata.xml":
-                    return FolderFiles(folder, str(file))
-        return None
-    if path.suffix.lower() == ".xml":
-        return FolderFiles(path.parent, str(path)) if path.is_file() else None
-    if path.suffix.lower() == ".zip":
-        try:
-            with zipfile.ZipFile(path) as archive:
-                names = archive.namelist()
-        except zipfile.BadZipFile as error:
-            raise PrescriptionError(f"{path}: {error}") from None
-        for name in names:
-            if PurePosixPath(name).name.lower() == "taskdata.xml":
-                return ZipFiles(path, name[:-len("taskdata.xml")], f"{path}/{name}")
-    return None
+    if path.suffix.lower() == ".xml" and not path.is_dir():
+        return [TaskSet(Folder(path.parent, deep=False), "", str(path))] if path.is_file() else []
+    if not path.is_dir() and path.suffix.lower() != ".zip":
+        return []
+    files = files_at(path)
+    try:
+        return [TaskSet(files, parent(name), files.label(name)) for name in files.names()
+                if PurePosixPath(name).name.lower() == "taskdata.xml"]
+    except ArchiveError as error:
+        raise PrescriptionError(str(error)) from None
+
+
+def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
+    """The one task set at a path, or the one named by `inside`; None: there are none.
+
+    Raises RateQuestion where there are several, PrescriptionError, OSError.
+    """
+    found = task_sets(path)
+    if inside is not None:
+        names = chosen([one.inside + "TASKDATA.XML" for one in found], inside)
+        found = [one for one in found if one.inside + "TASKDATA.XML" in names]
+    if len(found) > 1:
+        names = [one.inside.rstrip("/") or "TASKDATA.XML" for one in found]
+        raise RateQuestion(f"{path}: {len(found)} task sets: allowed is one of {', '.join(names)} (--inside says "
+                           "which)")
+    return found[0] if found else None
 
 
 def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.Element:

@@ -13,6 +13,7 @@ import numpy as np
 from drivers.files.atomic import write_atomically
 from drivers.files.run_meta import software_version
 
+LONGEST_NAME = 32
 WGS84_PRJ = ('GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
              'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]')
 
@@ -29,8 +30,18 @@ def task_root(from_terminal: bool) -> Element:
 
 
 def degrees(value: float) -> str:
-    """The shortest decimal that reads back the same, never with an exponent."""
+    """A place's degrees: nine decimals at most, as the public schema has them (0.1 mm), never with an exponent."""
+    return np.format_float_positional(round(value, 9), trim="-")
+
+
+def cell_degrees(value: float) -> str:
+    """The size of a grid's cell: the shortest decimal that reads back the same, for it counts once a cell."""
     return np.format_float_positional(value, trim="-")
+
+
+def name_of(text: str) -> str:
+    """A name as the public schema allows it: at most 32 letters, none that XML has no place for."""
+    return "".join(letter for letter in text if letter.isprintable())[:LONGEST_NAME].strip()
 
 
 def write_task(path: Path, root: Element, files: Mapping[str, bytes]) -> None:

@@ -14,7 +14,8 @@ HIGHEST_KG_HA = 20_000.0
 LB_AC_KG_HA = 0.45359237 / 0.40468564224        # kg/ha
 GAL_AC_L_HA = 3.785411784 / 0.40468564224       # l/ha
 
-MASS_UNITS: dict[str, float] = {"kg/ha": 1.0, "t/ha": 1000.0, "g/m2": 10.0, "mg/m2": 0.01, "lb/ac": LB_AC_KG_HA}
+MASS_UNITS: dict[str, float] = {"kg/ha": 1.0, "t/ha": 1000.0, "g/m2": 10.0, "mg/m2": 0.01, "lb/ac": LB_AC_KG_HA,
+                                "kg/mu": 15.0}      # a mu is a fifteenth of a hectare
 VOLUME_UNITS: dict[str, float] = {"l/ha": 1.0, "mm3/m2": 0.01, "m3/ha": 1000.0, "gal/ac": GAL_AC_L_HA}
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
@@ -22,6 +23,10 @@ UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
 class PrescriptionError(ValueError):
     """The file cannot be used; one line that names file, place, value and what is allowed."""
+
+
+class RateQuestion(PrescriptionError):
+    """The file can be used once the operator has said which of several readings is meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +42,7 @@ class Choice:
     outside_kg_ha: float | None = None
     lost_kg_ha: float | None = None
     layer: str | None = None            # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
+    inside: str | None = None           # of a folder or zip with several: the task set or shapefile
     rate_from: Literal["ddi", "presentation"] | None = None    # where a task file contradicts itself
 
 
@@ -51,6 +57,8 @@ class Imported:
     factor: float
     layers: tuple[str, ...] = ()        # all that the file holds
     findings: tuple[Finding, ...] = ()
+    rate_from: str = "the task's process data"      # which column the rates are, and why that one
+    unit_from: str = "by the data dictionary"       # who says what they are in
 
 
 def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
@@ -61,15 +69,20 @@ def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
         return MASS_UNITS[unit] * choice.scale
     if unit in VOLUME_UNITS:
         if choice.density_kg_l is None or not 0.1 <= choice.density_kg_l <= 5.0:
-            raise PrescriptionError(f"{where}: rates in {unit}, density {choice.density_kg_l}: allowed with the "
-                                    "product's density, 0.1 to 5 kg/l")
+            raise _asked(choice.density_kg_l)(f"{where}: rates in {unit}, density {choice.density_kg_l}: allowed with "
+                                              "the product's density, 0.1 to 5 kg/l")
         return VOLUME_UNITS[unit] * choice.density_kg_l * choice.scale
     if unit in NITROGEN_UNITS:
         if choice.n_fraction is None or not 0.0 < choice.n_fraction <= 1.0:
-            raise PrescriptionError(f"{where}: rates in {unit}, nitrogen {choice.n_fraction}: allowed with the "
-                                    "product's share of N, above 0 to 1")
+            raise _asked(choice.n_fraction)(f"{where}: rates in {unit}, nitrogen {choice.n_fraction}: allowed with the "
+                                            "product's share of N, above 0 to 1")
         return NITROGEN_UNITS[unit] / choice.n_fraction * choice.scale
     raise PrescriptionError(f"{where}: unit {unit}: allowed {', '.join(UNITS)}")
+
+
+def _asked(given: float | None) -> type[PrescriptionError]:
+    """What was not given is a question, what was given wrongly is refused."""
+    return RateQuestion if given is None else PrescriptionError
 
 
 def checked_rate(rate_kg_ha: float, where: Callable[[], str]) -> float:

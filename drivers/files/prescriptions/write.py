@@ -8,22 +8,31 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import shapefile
 
-from control.targets.prescription import GridDeg, MapData, Zone, statistics
+from control.targets.prescription import GridDeg, MapData, Zone, apart, statistics
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.prescriptions.geojson import OURS
-from drivers.files.prescriptions.task_folder import WGS84_PRJ, degrees, task_root, write_task
+from drivers.files.prescriptions.task_folder import (
+    WGS84_PRJ,
+    cell_degrees,
+    degrees,
+    name_of,
+    task_root,
+    write_task,
+)
+from drivers.files.prescriptions.words import PrescriptionError
 
 MG_M2_PER_KG_HA = 100.0
 DEFAULT, LOST, OUTSIDE, GRID_CELL = "0", "1", "2", "3"
 FIRST_CODE = 3
-MOST_LEVELS = 252            # codes of one byte, less the three fallbacks and the one that says nothing
+MOST_LEVELS = 252            # codes 0 to 254 less the three fallbacks
 
 
 def write_prescription(data: MapData, path: Path) -> None:
     """By the ending: .geojson or .json, .shp, .zip (task), else a folder for a task. Raises ValueError, OSError.
 
     Task files hold whole mg/m2 (0.01 kg/ha). A shapefile has no place for fallbacks and field.
+    Raises PrescriptionError where a task file has no room for so many rates.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -32,19 +41,25 @@ def write_prescription(data: MapData, path: Path) -> None:
     elif suffix == ".shp":
         _write_shapefile(data, path)
     else:
-        root, files = prescription_task(data)
+        try:
+            root, files = prescription_task(data)
+        except PrescriptionError as error:
+            raise PrescriptionError(f"{path}: {error}") from None
         write_task(path, root, files)
 
 
 def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
-    """The task file's tree and the files beside it."""
+    """The task file's tree and the files beside it, valid against the public schema of version 4.3.
+
+    Zones of one rate share a code. Raises PrescriptionError for more than MOST_LEVELS rates of zones.
+    """
     root = task_root(from_terminal=False)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     if data.product:
-        SubElement(root, "PDT", A="PDT1", B=data.product)
-    task = Element("TSK", A="TSK1", B=data.title or "prescription", G="1", H=DEFAULT, I=LOST, J=OUTSIDE)
+        SubElement(root, "PDT", A="PDT1", B=name_of(data.product))
+    task = Element("TSK", A="TSK1", B=name_of(data.title) or "prescription", G="1", H=DEFAULT, I=LOST, J=OUTSIDE)
     if data.fields_deg:
-        field = SubElement(root, "PFD", A="PFD1", C=data.title or "field", D=str(round(_field_area_m2(data))))
+        field = SubElement(root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(_field_area_m2(data))))
         for rings in data.fields_deg:
             _polygon(field, rings, "1")
         task.set("E", "PFD1")
@@ -57,25 +72,40 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
     if data.grid is not None:
         files["GRD00001.bin"] = _grid(task, data.grid, data)
     else:
-        for number, zone in enumerate(data.zones, start=FIRST_CODE):
-            element = SubElement(task, "TZN", A=str(number), B=zone.title or f"{zone.rate_kg_ha:g} kg/ha")
-            _polygon(element, zone.rings_deg, "2")
-            _variable(element, zone.rate_kg_ha, data)
+        _zones(task, data)
     root.append(task)
     return root, files
+
+
+def _zones(task: Element, data: MapData) -> None:
+    """A zone for each rate, with the polygons of that rate; where zones overlap, only the ground where each holds."""
+    by_rate: dict[int, list[Zone]] = {}
+    for zone in apart(data.zones):
+        by_rate.setdefault(round(zone.rate_kg_ha * MG_M2_PER_KG_HA), []).append(zone)
+    if len(by_rate) > MOST_LEVELS:
+        raise PrescriptionError(f"{len(by_rate)} different rates: allowed {MOST_LEVELS} in a task file of zones; "
+                                ".geojson and .shp hold any number")
+    for code, (steps, zones) in enumerate(by_rate.items(), start=FIRST_CODE):
+        titles = {zone.title for zone in zones}
+        title = name_of(titles.pop()) if len(titles) == 1 else ""
+        element = SubElement(task, "TZN", A=str(code), B=title or f"{steps / MG_M2_PER_KG_HA:g} kg/ha")
+        for zone in zones:
+            _polygon(element, zone.rings_deg, "2")
+        _variable(element, steps / MG_M2_PER_KG_HA, data)
 
 
 def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     rows, columns = grid.rate_kg_ha.shape
     steps = np.round(grid.rate_kg_ha * MG_M2_PER_KG_HA)
     levels = np.unique(steps[np.isfinite(steps)])
-    few = len(levels) <= MOST_LEVELS
+    silent = not np.isfinite(steps).all()
+    few = len(levels) + silent <= MOST_LEVELS
     if few:
         for k, level in enumerate(levels.tolist()):
             zone = SubElement(task, "TZN", A=str(FIRST_CODE + k), B=f"{level / MG_M2_PER_KG_HA:g} kg/ha")
             _variable(zone, level / MG_M2_PER_KG_HA, data)
         nothing = FIRST_CODE + len(levels)
-        if not np.isfinite(steps).all():
+        if silent:
             SubElement(task, "TZN", A=str(nothing), B="no rate")
         codes = np.where(np.isfinite(steps), FIRST_CODE + np.searchsorted(levels, steps), nothing)
         cells = codes.astype("u1").tobytes()
@@ -84,8 +114,8 @@ def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
         _variable(SubElement(task, "TZN", A=GRID_CELL, B="cell"), 0.0, data)
         cells = np.where(np.isfinite(steps), steps, round(elsewhere * MG_M2_PER_KG_HA)).astype("<i4").tobytes()
     grid_element = SubElement(task, "GRD", A=degrees(grid.south_deg), B=degrees(grid.west_deg),
-                              C=degrees(grid.cell_lat_deg), D=degrees(grid.cell_lon_deg), E=str(columns), F=str(rows),
-                              G="GRD00001", H=str(len(cells)), I="1" if few else "2")
+                              C=cell_degrees(grid.cell_lat_deg), D=cell_degrees(grid.cell_lon_deg),
+                              E=str(columns), F=str(rows), G="GRD00001", H=str(len(cells)), I="1" if few else "2")
     if not few:
         grid_element.set("J", GRID_CELL)
     return cells

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from console.app import words
 from console.app.pages.job.desk import Facts
+from console.app.pages.job.map_words import is_doubtful, map_words
 from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
@@ -36,7 +37,8 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [_crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units), _machine(facts)]
+        found += [_crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units),
+                  *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -107,6 +109,20 @@ def _field(facts: Facts, units: Units) -> Check:
     if facts.field_ha is None:
         return Check(_("field"), LOOK, _("no boundary: nothing stops the flow at the field's edge"))
     return Check(_("field"), OK, f"{facts.field}  {units.area.full(facts.field_ha)}".strip())
+
+
+def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
+    """Of a job that names one."""
+    label, name = _("map"), file_name(facts.map_file)
+    if facts.map_trouble:
+        return (Check(label, STOP if facts.source == "map" else LOOK, facts.map_trouble),)
+    if facts.map_check is None:
+        return ()
+    said = map_words(facts.map_check, units)
+    doubtful = is_doubtful(facts.map_check) and bool(said)
+    if doubtful:
+        return (Check(label, LOOK, said[0], (facts.map_file, *said)),)
+    return (Check(label, OK, name, (facts.map_file, *said)),)
 
 
 def _machine(facts: Facts) -> Check:

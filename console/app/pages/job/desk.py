@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
+from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
 
@@ -36,6 +37,9 @@ class Facts:
     fallback_rate_kg_ha: float = 0.0
     field: str = ""
     field_ha: float | None = None       # None: no boundary known
+    map_file: str = ""                  # of the job; empty: it names none
+    map_check: MapCheck | None = None
+    map_trouble: str = ""               # why the map cannot be used; one line
     machine: str = ""
     machine_file: str = ""
     effects: tuple[str, ...] = ()       # adopted ones, with the data that they come from

@@ -1,0 +1,40 @@
+"""What is to be said of a job's map before it is worked: what of it will not be applied as it stands. Pure."""
+from __future__ import annotations
+
+from console.app.units import Units
+from console.locale import _
+from control.targets.map_check import MapCheck
+
+MUCH = 0.1              # of map or field: beyond it the map may be the wrong one
+LEAST_HA = 0.0001       # less is the rounding of corners
+
+
+def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
+    """A sentence for each thing that is not applied as the map has it; none: all of it is."""
+    area, rate = units.area._replace(decimals=4), units.rate
+    if check.away_m > 0.0:
+        return (_("the map lies {away} km away from the field: nothing of it is applied").format(
+            away=f"{check.away_m / 1000.0:.1f}"),)
+    said = []
+    if check.above_ha > LEAST_HA and check.limit_kg_ha is not None:
+        said.append(_("{area} of the map want up to {highest}, above the crop's limit: {limit} are applied there, "
+                      "{mass} less than the map wants").format(
+            area=area.full(check.above_ha), highest=rate.full(check.highest_kg_ha),
+            limit=rate.full(check.limit_kg_ha), mass=units.mass.full(check.above_kg)))
+    if check.outside_ha > LEAST_HA:
+        said.append(_("{area} of the map's {mapped} lie outside the field: not applied").format(
+            area=area.full(check.outside_ha), mapped=area.full(check.mapped_ha)))
+    if check.uncovered_ha > LEAST_HA:
+        said.append(_("{area} of the field's {field} have no rate in the map").format(
+            area=area.full(check.uncovered_ha), field=area.full(check.field_ha)))
+    if check.overlap_ha > LEAST_HA:
+        said.append(_("{area} lie in more than one zone: the first in the file holds, each place counts once").format(
+            area=area.full(check.overlap_ha)))
+    return tuple(said)
+
+
+def is_doubtful(check: MapCheck) -> bool:
+    """Whether the map may be the wrong one, or wants what will not be given."""
+    field_ha = check.field_ha or 0.0
+    return (check.away_m > 0.0 or check.above_ha > LEAST_HA or check.outside_ha > MUCH * check.mapped_ha
+            or check.uncovered_ha > MUCH * field_ha)

@@ -1,0 +1,17 @@
+"""What of a job's map will not be applied as it stands, a line each on the error stream."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from control.targets.map_check import MapCheck
+
+
+def told_map(check: MapCheck | None, label: str) -> None:
+    """Nothing where the job names no map."""
+    from console.app.pages.job.map_words import map_words
+    from console.app.units import METRIC
+    for line in () if check is None else map_words(check, METRIC):
+        typer.echo(f"{label}: note: {line}", err=True)

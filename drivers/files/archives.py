@@ -1,0 +1,107 @@
+"""The files of a folder or a zip, by their names, without what operating systems put beside them."""
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Protocol
+
+from drivers.files.limits import SHAPES
+
+DEEPEST = 4                     # folders in one another that are looked into
+HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
+
+
+class ArchiveError(ValueError):
+    """What lies there cannot be read; one line."""
+
+
+class Files(Protocol):
+    """Names are paths with slashes, from the top of the folder or the zip."""
+
+    def names(self) -> list[str]: ...
+
+    def read(self, name: str) -> bytes:
+        """Raises ArchiveError, OSError."""
+        ...
+
+    def label(self, name: str) -> str:
+        """For messages."""
+        ...
+
+
+@dataclass(frozen=True)
+class Folder:
+    path: Path
+    deep: bool = True           # False: the folder's own files only
+
+    def names(self) -> list[str]:
+        found = []
+        for folder, folders, files in os.walk(self.path):
+            place = Path(folder).relative_to(self.path)
+            if not self.deep or len(place.parts) >= DEEPEST:
+                folders.clear()
+            found += [(place / file).as_posix() for file in files]
+        return sorted(name for name in found if _counts(name))
+
+    def read(self, name: str) -> bytes:
+        file = self.path / name
+        _check_size(str(file), file.stat().st_size)
+        return file.read_bytes()
+
+    def label(self, name: str) -> str:
+        return str(self.path / name)
+
+
+@dataclass(frozen=True)
+class Zip:
+    path: Path
+
+    def names(self) -> list[str]:
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                found = [info.filename for info in archive.infolist() if not info.is_dir()]
+        except zipfile.BadZipFile as error:
+            raise ArchiveError(f"{self.path}: {error}") from None
+        return sorted(name for name in found if _counts(name))
+
+    def read(self, name: str) -> bytes:
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                _check_size(self.label(name), archive.getinfo(name).file_size)
+                return archive.read(name)
+        except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
+            raise ArchiveError(f"{self.label(name)}: {error}") from None
+
+    def label(self, name: str) -> str:
+        return f"{self.path}/{name}"
+
+
+def files_at(path: Path) -> Files:
+    """Of a zip, else of a folder."""
+    return Zip(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
+
+
+def parent(name: str) -> str:
+    """The folder of a name, with its slash; empty: the top."""
+    folder = PurePosixPath(name).parent.as_posix()
+    return "" if folder == "." else f"{folder}/"
+
+
+def chosen(found: list[str], inside: str) -> list[str]:
+    """Those names that are, or end in, or hold as a folder, what was asked for, letters of either case."""
+    wanted = inside.casefold().strip("/")
+    return [name for name in found if (plain := name.casefold()) == wanted or plain.endswith(f"/{wanted}")
+            or PurePosixPath(plain).stem == wanted or plain.startswith(f"{wanted}/") or f"/{wanted}/" in f"/{plain}"]
+
+
+def _counts(name: str) -> bool:
+    """Not what a Macintosh or Windows leaves in every folder."""
+    parts = name.replace("\\", "/").split("/")
+    return not any(part.lower() in HIDDEN or part.startswith("._") for part in parts)
+
+
+def _check_size(label: str, size: int) -> None:
+    if size > SHAPES.most:
+        raise ArchiveError(f"{label}: {size >> 20} MB: allowed up to {SHAPES.most >> 20} MB")

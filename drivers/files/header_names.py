@@ -1,0 +1,80 @@
+"""A header's names as this program has them: any letter case, units in brackets, other words for the same thing."""
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+from drivers.files.findings import Finding
+from drivers.files.imports.header import named
+from drivers.files.imports.units import Unit, unit_named
+
+# What a column holds by the ending of its name.
+ENDINGS = {"_kg_ha": "kg/ha", "_mps": "m/s", "_kmh": "km/h", "_rpm": "r/min", "_rpm_cmd": "r/min", "_mm": "mm",
+           "_mm_cmd": "mm", "_kg": "kg", "_deg": "deg", "_v": "V", "_percent": "%", "_s": "s", "_m": "m", "_min": "min"}
+
+
+class Renamed(NamedTuple):
+    """`factors`: by name, what one of the file's numbers is in the column's unit, where that is not 1."""
+
+    names: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    factors: Mapping[str, float] = {}
+    trouble: str = ""           # one line: a unit that cannot be the column's
+
+
+def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[str, str]) -> Renamed:
+    """`known`: the published names. `others`: further spellings, in small letters with underscores."""
+    taken, ours, findings, factors = set(names), [], [], {}
+    for name in names:
+        bare, unit = _split(name, known, others)
+        plain = "_".join(bare.lower().split())
+        other = plain if plain in known else others.get(plain) or _completed(name, known)
+        if unit is not None and other.endswith("_mps") and f"{other[:-4]}_kmh" in others and unit.name == "km/h":
+            other, unit = f"{other[:-4]}_kmh", None
+        if other == name or other in taken:
+            ours.append(name)
+            continue
+        factor = 1.0 if unit is None else _factor(unit, other)
+        if factor is None:
+            return Renamed(names, trouble=f"column {name}: unit {unit.name if unit else ''}: allowed "
+                           f"{_unit_of(other) or 'none'}")
+        if factor != 1.0:
+            factors[other] = factor
+        taken.add(other)
+        said = "" if factor == 1.0 else f", times {factor:.6g}"
+        findings.append(Finding("other_name", f"column {name} taken for {other}{said}", other))
+        ours.append(other)
+    return Renamed(tuple(ours), tuple(findings), factors)
+
+
+def _completed(name: str, known: Collection[str]) -> str:
+    """`shaft [r/min]` is shaft_rpm: the known name that the unit completes; else the name as it stands."""
+    bare, text = named(name)
+    unit = None if text is None else unit_named(text)
+    if unit is None or bare == name:
+        return name
+    plain = "_".join(bare.lower().split())
+    return next((plain + ending for ending, word in ENDINGS.items() if word == unit.name and plain + ending in known),
+                name)
+
+
+def _split(name: str, known: Collection[str], others: Mapping[str, str]) -> tuple[str, Unit | None]:
+    """Name and unit, where what is left without the unit is a name that is known."""
+    bare, text = named(name)
+    plain = "_".join(bare.lower().split())
+    if text is None or "_".join(name.lower().split()) in {*known, *others}:
+        return name, None
+    return (bare, unit_named(text)) if plain in known or plain in others else (name, None)
+
+
+def _unit_of(column: str) -> str:
+    return next((unit for ending, unit in sorted(ENDINGS.items(), key=lambda e: -len(e[0])) if column.endswith(ending)),
+                "")
+
+
+def _factor(unit: Unit, column: str) -> float | None:
+    """What one of `unit` is in the column's; None where it is another quantity."""
+    ours = unit_named(_unit_of(column))
+    if ours is None:
+        return 1.0 if unit.name == "%" else None
+    return unit.factor / ours.factor if ours.quantity == unit.quantity else None

@@ -1,0 +1,72 @@
+"""CSV with a polygon in a cell of each row (WKT, as QGIS and PostGIS write it) and its attributes beside it."""
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import shapely
+
+from control.targets.rate_map import Floats
+from drivers.files.findings import Finding, many
+from drivers.files.imports.dialect import encoding_of
+from drivers.files.prescriptions.features import Feature, imported, ring
+from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+
+LOOKED_BYTES = 65_536
+LONGEST_CELL = 1 << 24          # letters; a field's outline of 400 000 corners
+_POLYGON = re.compile(r"^\s*(SRID=(?P<srid>\d+)\s*;)?\s*(MULTI)?POLYGON\b", re.IGNORECASE)
+_IN_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
+
+
+def holds_polygons(path: Path) -> bool:
+    """Whether a text file begins as a table of polygons rather than as a log. Raises OSError."""
+    with path.open("rb") as file:
+        return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
+
+
+def read_csv_zones(path: Path, choice: Choice) -> Imported:
+    """A prescription out of a CSV of polygons. Raises PrescriptionError, OSError."""
+    data = path.read_bytes()
+    text = data.decode(encoding_of(data), errors="replace").lstrip("\ufeff")
+    header = text.partition("\n")[0]
+    sign = max(";\t|,", key=lambda one: header.count(one))
+    before = csv.field_size_limit(LONGEST_CELL)
+    try:
+        rows = list(csv.reader(text.splitlines(keepends=True), delimiter=sign, strict=True))
+    except csv.Error as error:
+        raise PrescriptionError(f"{path}: not readable as CSV: {error}") from None
+    finally:
+        csv.field_size_limit(before)
+    names = [name.strip() for name in rows[0]] if rows else []
+    numbered = [(number, row) for number, row in enumerate(rows[1:], start=2) if any(cell.strip() for cell in row)]
+    where = next((k for k in range(len(names)) for _, row in numbered[:50]
+                  if len(row) > k and _POLYGON.match(row[k])), None)
+    if where is None:
+        raise PrescriptionError(f"{path}: no column of polygons (WKT): allowed is one, e.g. POLYGON ((lon lat, ...))")
+    findings: list[Finding] = []
+    features, others = [], 0
+    for number, row in numbered:
+        if len(row) != len(names):
+            raise PrescriptionError(f"{path}: row {number}: {len(row)} cells: allowed {len(names)}, as in the header")
+        if not _POLYGON.match(row[where]):
+            others += 1
+            continue
+        attributes = {name: cell for k, (name, cell) in enumerate(zip(names, row, strict=True)) if k != where}
+        features.append(Feature(number, attributes, _polygons(path, number, row[where])))
+    if others:
+        text = f"{many(others, 'row')} without a polygon left out"
+        findings.append(Finding("not_polygons", text, names[where], others))
+    return imported(path, "csv", features, choice, findings, title=path.stem)
+
+
+def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
+    found = _POLYGON.match(text)
+    if found is not None and found["srid"] not in (None, "4326"):
+        raise PrescriptionError(f"{path}: row {number}: SRID {found['srid']}: allowed 4326 (WGS84 degrees)")
+    try:
+        shape = shapely.from_wkt(text.partition(";")[2] if found is not None and found["srid"] else text)
+    except shapely.errors.GEOSException as error:
+        raise PrescriptionError(f"{path}: row {number}: not readable as WKT: {str(error).splitlines()[0]}") from None
+    parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
+    return [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors)) for part in parts]

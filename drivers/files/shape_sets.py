@@ -1,0 +1,182 @@
+"""The files that make a shapefile, wherever they lie: which belong together, how texts are written, units."""
+from __future__ import annotations
+
+import io
+import json
+import re
+import struct
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import shapefile
+
+from drivers.files.archives import Files, Folder, files_at
+from drivers.files.imports.dialect import encoding_of
+
+# Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
+DRIVERS = {0x01: "cp437", 0x02: "cp850", 0x03: "cp1252", 0x57: "cp1252", 0x58: "cp1252", 0x59: "cp1252",
+           0x4D: "gb18030", 0x7A: "gb18030", 0x4E: "cp949", 0x79: "cp949", 0x4F: "cp950", 0x78: "cp950",
+           0x13: "cp932", 0x7B: "cp932", 0x64: "cp852", 0x65: "cp866", 0xC8: "cp1250", 0xC9: "cp1251", 0xCA: "cp1254",
+           0xCB: "cp1253"}
+SPELLED = {"utf8": "utf-8", "65001": "utf-8", "gbk": "gb18030", "gb2312": "gb18030", "936": "gb18030",
+           "54936": "gb18030", "big5": "cp950", "950": "cp950", "latin1": "cp1252", "88591": "cp1252",
+           "iso88591": "cp1252", "1252": "cp1252", "ansi1252": "cp1252", "1250": "cp1250", "1251": "cp1251",
+           "932": "cp932", "sjis": "cp932", "949": "cp949"}
+METADATA = ("-deere-metadata.json", "-metadata.json")
+
+
+class Unit(NamedTuple):
+    """`text`: as the maker writes it, with a slash. `source`: the file that says so."""
+
+    text: str
+    source: str
+
+
+@dataclass(frozen=True)
+class ShapeSet:
+    """`name`: of its .shp, from the top of `files`. `label`: for messages."""
+
+    files: Files
+    name: str
+    label: str
+
+    @property
+    def stem(self) -> str:
+        return PurePosixPath(self.name).stem
+
+    def part(self, ending: str) -> bytes | None:
+        """The file of this set with that ending, either case. Raises ArchiveError, OSError."""
+        wanted = self.name[:-len(".shp")].casefold() + ending
+        for name in self.files.names():
+            if name.casefold() == wanted:
+                return self.files.read(name)
+        return None
+
+    @contextmanager
+    def reader(self, encoding: str | None = None) -> Iterator[Any]:
+        """A pyshp reader. Raises what it raises, ArchiveError, OSError."""
+        parts = {key: io.BytesIO(data) for key in ("shp", "shx", "dbf")
+                 if (data := self.part(f".{key}")) is not None}
+        if "dbf" not in parts:
+            raise shapefile.ShapefileException("its .dbf is not there")
+        with (warnings.catch_warnings(action="ignore"),
+              shapefile.Reader(**parts, encoding=encoding or self.encoding(parts["dbf"].getvalue()),
+                               encodingErrors="replace") as reader):
+            yield reader
+
+    def encoding(self, dbf: bytes) -> str:
+        """By the bytes where they are UTF-8, else by the .cpg or the language driver unless the texts rule it out, else
+        by the bytes."""
+        told = self.part(".cpg") or self.part(".cst") or b""
+        spelled = re.sub(r"[^a-z0-9]", "", told.decode("ascii", "ignore").lower())
+        bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
+        names = (SPELLED.get(spelled) or SPELLED.get(bare),
+                 DRIVERS.get(dbf[29]) if len(dbf) > 29 else None)
+        texts = _texts_of(dbf)
+        for name in ("utf-8", *names):              # texts of other encodings hardly ever read as UTF-8
+            if name is not None and _reads(texts, name):
+                return name
+        return encoding_of(b" ".join(texts))
+
+    def units(self) -> dict[str, Unit]:
+        """Column in small letters -> its unit, as the files of a maker beside it say."""
+        found: dict[str, Unit] = {}
+        stem = self.name[:-len(".shp")].casefold()
+        for name in self.files.names():
+            plain = name.casefold()
+            if plain in [stem + ending for ending in METADATA]:
+                found |= _deere(self.files.read(name), PurePosixPath(name).name)
+            elif plain in (f"{stem}.shp.xml", f"{stem}.xml"):
+                found |= _esri(self.files.read(name), PurePosixPath(name).name)
+        return found
+
+
+def shape_sets(path: Path) -> list[ShapeSet]:
+    """The shapefiles at a .shp, in a zip, or in a folder. Raises ArchiveError, OSError."""
+    if path.suffix.lower() == ".shp" and not path.is_dir():
+        return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
+    files = files_at(path)
+    return [ShapeSet(files, name, files.label(name)) for name in files.names() if name.lower().endswith(".shp")]
+
+
+def column_names(reader: Any) -> list[str]:
+    """Of a reader's table, each once; a letter that the ten bytes of a name have cut is left out."""
+    names: list[str] = []
+    for field in reader.fields:
+        if field[0] == "DeletionFlag":
+            continue
+        name, number = str(field[0]).rstrip("\ufffd").strip(), 2
+        free = name
+        while free in names:
+            free, number = f"{name} ({number})", number + 1
+        names.append(free)
+    return names
+
+
+def _reads(texts: list[bytes], encoding: str) -> bool:
+    """Whether these are such texts; the last letter of one may be cut by its length, but not of each that has any."""
+    whole = cut = 0
+    for text in texts:
+        try:
+            text.decode(encoding)
+            whole += not text.isascii()
+        except UnicodeDecodeError as error:
+            if error.end < len(text) or error.start < len(text) - 3:
+                return False
+            whole += not text[:error.start].isascii()
+            cut += 1
+    return whole > 0 or cut == 0
+
+
+def _texts_of(dbf: bytes) -> list[bytes]:
+    """The bytes of names and text cells."""
+    if len(dbf) < 32:
+        return []
+    rows, header, width = struct.unpack("<IHH", dbf[4:12])
+    fields: list[tuple[int, int]] = []
+    texts, at = [], 1
+    for place in range(32, min(header, len(dbf)) - 31, 32):
+        descriptor = dbf[place:place + 32]
+        if descriptor[:1] == b"\r" or len(descriptor) < 32:
+            break
+        texts.append(descriptor[:11].partition(b"\0")[0])
+        if descriptor[11:12] == b"C":
+            fields.append((at, descriptor[16]))
+        at += descriptor[16]
+    for row in range(min(rows, 2000)):
+        begin = header + row * width
+        texts += [dbf[begin + start:begin + start + length].rstrip(b" \0") for start, length in fields]
+    return [text for text in texts if text]
+
+
+def _deere(data: bytes, source: str) -> dict[str, Unit]:
+    """`DataAttributes` of the metadata that John Deere puts beside a shapefile: units such as lb1ac-1."""
+    try:
+        root = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    rows = root.get("DataAttributes") if isinstance(root, Mapping) else None
+    found = [(str(row["Name"]).casefold(), row.get("Unit")) for row in rows or ()
+             if isinstance(row, Mapping) and row.get("Name")]
+    return {name: Unit(_with_slash(unit), source) for name, unit in found if isinstance(unit, str) and unit.strip()}
+
+
+def _with_slash(unit: str) -> str:
+    """`lb1ac-1` is lb/ac, `g1[m2]-1` is g/m2."""
+    found = re.fullmatch(r"([A-Za-z]+)1?\[?([A-Za-z]+\d?)\]?-1", unit.strip())
+    return f"{found[1]}/{found[2]}" if found else unit.strip()
+
+
+def _esri(data: bytes, source: str) -> dict[str, Unit]:
+    """`attrunit` of the metadata that Esri's programs put beside a shapefile (FGDC)."""
+    try:
+        root = ElementTree.fromstring(data)
+    except ElementTree.ParseError:
+        return {}
+    pairs = ((row.findtext("attrlabl"), row.findtext(".//attrunit")) for row in root.iter("attr"))
+    return {label.strip().casefold(): Unit(unit.strip(), source) for label, unit in pairs if label and unit}

@@ -1,0 +1,168 @@
+"""Logs and bench tables as people have them: other letters, units, titles, dates, sheets; half a file is refused."""
+from __future__ import annotations
+
+import csv
+import datetime as dt
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openpyxl
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from drivers.files.bench_table import read_bench_table
+from drivers.files.foreign import is_run_log
+from drivers.files.read_log import LogError, read_log
+from drivers.files.table import TableError
+
+T = np.arange(50) * 0.1
+SHAFT = 40.0 + np.sin(T)
+BEGIN = dt.datetime(2026, 3, 17, 6, 30, tzinfo=dt.UTC)
+MOMENTS = [BEGIN + dt.timedelta(seconds=float(s)) for s in T]
+EPOCH = dt.datetime(1899, 12, 30, tzinfo=dt.UTC)
+LAGS = [(rpm, 0.9 - 0.008 * rpm + more) for rpm in (10.0, 30.0, 50.0, 70.0) for more in (0.0, 0.01, -0.01)]
+Write = Callable[..., Path]
+
+
+def write_text(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]], titles: Sequence[str] = (),
+               units: Sequence[str] = (), delimiter: str = ",") -> Path:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"{title}\n" for title in titles)
+        writer = csv.writer(file, delimiter=delimiter, lineterminator="\n")
+        writer.writerow(names)
+        if units:
+            writer.writerow(units)
+        writer.writerows([[cell.isoformat() if isinstance(cell, dt.datetime) else cell for cell in row]
+                          for row in rows])
+    return path
+
+
+def write_sheet(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]], titles: Sequence[str] = (),
+                units: Sequence[str] = (), delimiter: str = "") -> Path:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    for row in [*([title] for title in titles), names, *([units] if units else []), *rows]:
+        sheet.append([cell.replace(tzinfo=None) if isinstance(cell, dt.datetime) else cell for cell in row])
+    path = path.with_suffix(".xlsx")
+    book.save(path)
+    return path
+
+
+@pytest.fixture(params=[write_text, write_sheet], ids=["csv", "xlsx"])
+def write(request: pytest.FixtureRequest, tmp_path: Path) -> Write:
+    return lambda *words, **more: request.param(tmp_path / "file.csv", *words, **more)
+
+
+def logged(times: Sequence[Any]) -> list[tuple[Any, float]]:
+    return list(zip(times, SHAFT.round(3).tolist(), strict=True))
+
+
+TIMES: list[tuple[str, Sequence[Any]]] = [
+    ("time_s", T.round(3).tolist()), ("Time_S", T.round(3).tolist()), ("TIME [s]", T.round(3).tolist()),
+    ("Time (ms)", (1000 * T).round().tolist()), ("timestamp", MOMENTS), ("Timestamp", [m.timestamp() for m in MOMENTS]),
+    ("time", [(m - EPOCH).total_seconds() / 86_400.0 for m in MOMENTS]), ("DateTime", MOMENTS), ("utc", MOMENTS),
+    ("utc", [(m - EPOCH).total_seconds() / 86_400.0 for m in MOMENTS]),
+    ("utc", [m.astimezone(dt.timezone(dt.timedelta(hours=8))).isoformat() for m in MOMENTS]),
+    ("time_utc", [m.isoformat().replace("+00:00", "Z") for m in MOMENTS])]
+
+
+@pytest.mark.parametrize(("name", "times"), TIMES, ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize("titles", [(), ("Log of 17 March", "Field: north")], ids=["", "titles"])
+def test_times_of_any_kind_come_out_as_seconds(write: Write, name: str, times: Sequence[Any],
+                                               titles: Sequence[str]) -> None:
+    path = write([name, "Shaft_RPM"], logged(times), titles=titles)
+    log = read_log(path)
+    assert log.time_s - log.time_s[0] == pytest.approx(T, abs=2e-3)
+    assert log.numbers("shaft_rpm") == pytest.approx(SHAFT, abs=1e-3)
+
+
+@pytest.mark.parametrize(("name", "column", "factor"), [
+    ("SHAFT_RPM", "shaft_rpm", 1.0), ("shaft_rpm [r/min]", "shaft_rpm", 1.0), ("shaft_rpm (rpm)", "shaft_rpm", 1.0),
+    ("Shaft [r/min]", "shaft_rpm", 1.0), ("shaft_rpm [r/s]", "shaft_rpm", 60.0), ("Speed [km/h]", "speed_mps", 1 / 3.6),
+    ("Speed [mph]", "speed_mps", 0.44704), ("Opening_MM [cm]", "opening_mm", 10.0), ("hopper [t]", "hopper_kg", 1000.0),
+    ("Supply_V [mV]", "supply_v", 0.001)])
+def test_a_unit_in_the_header_holds(write: Write, name: str, column: str, factor: float) -> None:
+    values = [2.0 + 0.01 * k for k in range(50)]
+    log = read_log(write(["time_s", name], list(zip(T.round(3).tolist(), values, strict=True))))
+    assert log.numbers(column) == pytest.approx(factor * np.array(values), rel=1e-9)
+
+
+def test_a_unit_that_cannot_be_the_columns_is_refused(write: Write) -> None:
+    path = write(["time_s", "shaft_rpm [kg]"], logged(T.tolist()))
+    with pytest.raises(LogError, match=r"column shaft_rpm \[kg\]: unit kg: allowed r/min"):
+        read_log(path)
+
+
+def test_a_row_of_units_is_passed_over(write: Write) -> None:
+    log = read_log(write(["time_s", "shaft_rpm"], logged(T.round(3).tolist()), units=["s", "r/min"]))
+    assert len(log) == 50 and "unit_row" in [finding.id for finding in log.findings]
+
+
+def test_a_comma_of_the_times_is_read(tmp_path: Path) -> None:
+    rows = [(f"{s:.1f}".replace(".", ","), f"{x:.3f}".replace(".", ",")) for s, x in zip(T, SHAFT, strict=True)]
+    log = read_log(write_text(tmp_path / "a.csv", ["Time", "extra"], rows, delimiter=";"))
+    assert log.time_s == pytest.approx(T) and log.numbers("extra") == pytest.approx(SHAFT, abs=1e-3)
+
+
+@pytest.mark.parametrize(("names", "titles", "units"), [
+    (["shaft_rpm", "lag_s"], (), ()), (["Shaft_RPM", "LAG_S"], (), ()), (["shaft [r/min]", "lag [s]"], (), ()),
+    (["shaft_rpm (r/min)", "Lag_s (s)"], (), ()), (["shaft_rpm", "lag_s"], ("Lag test, 17 March",), ()),
+    (["shaft_rpm", "lag_s"], (), ["r/min", "s"])])
+def test_bench_tables_alike(write: Write, names: list[str], titles: Sequence[str], units: Sequence[str]) -> None:
+    table = read_bench_table(write(names, LAGS, titles=titles, units=units))
+    assert table.kind == "lag"
+    assert table.columns["shaft_rpm"].tolist() == [rpm for rpm, _ in LAGS]
+    assert table.columns["lag_s"] == pytest.approx([lag for _, lag in LAGS])
+
+
+def test_milliseconds_of_a_bench_table_are_milliseconds(write: Write) -> None:
+    table = read_bench_table(write(["shaft_rpm", "lag_s [ms]"], [(rpm, 1000.0 * lag) for rpm, lag in LAGS]))
+    assert table.columns["lag_s"] == pytest.approx([lag for _, lag in LAGS])
+
+
+@pytest.mark.parametrize("command", [["diagnose", "--machine", "huanghai"], ["import", "--out", "out.csv"],
+                                     ["calibrate", "lag", "--out", "m.yaml"],
+                                     ["replay", "--headless", "--out", "n.csv"]],
+                         ids=lambda words: words[0])
+def test_an_unclosed_quote_is_refused_and_not_half_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                       command: list[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_text(tmp_path / "q.csv", ["time_s", "shaft_rpm"], logged(T.round(3).tolist()))
+    lines = path.read_text().splitlines()
+    lines[20] = lines[20].replace(",", ',"')
+    path.write_text("\n".join(lines) + "\n")
+    at = 2 if command[0] == "calibrate" else 1
+    told = CliRunner().invoke(app, [*command[:at], str(path), *command[at:]])
+    assert told.exit_code == 2
+    assert told.output.strip() == f"{path}: line 21: a quote is opened and not closed: allowed are pairs of quotes"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["q.csv"]
+
+
+def test_quotes_that_are_closed_are_no_trouble(tmp_path: Path) -> None:
+    path = tmp_path / "q.csv"
+    path.write_text('time_s,"Pipe 5""",events\n0,1,"a, b"\n0.1,2,"two\nlines"\n0.2,3,5" pipe\n')
+    assert len(read_log(path)) == 3
+
+
+def test_a_workbook_of_two_tables_is_a_question(tmp_path: Path) -> None:
+    path = write_sheet(tmp_path / "a", ["shaft_rpm", "lag_s"], LAGS)
+    book = openpyxl.load_workbook(path)
+    book.create_sheet("more").append(["x"])
+    book.save(path)
+    with pytest.raises(TableError, match=r"2 sheets hold something \(Sheet, more\): allowed is one"):
+        read_bench_table(path)
+    path.write_bytes(b"PK\3\4 not a workbook")
+    with pytest.raises(TableError, match="not readable as a workbook"):
+        read_bench_table(path)
+
+
+@pytest.mark.parametrize(("names", "run"), [
+    (("time_s", "shaft_rpm", "lag_s"), True), (("Timestamp", "shaft_rpm_cmd", "shaft_rpm"), True),
+    (("timestamp", "shaft_rpm", "lag_s"), False), (("shaft_rpm", "lag_s", "date"), False),
+    (("UTC", "lat", "lon"), True)])
+def test_a_log_is_told_from_a_bench_table(names: tuple[str, ...], run: bool) -> None:
+    assert is_run_log(names) is run

@@ -1,0 +1,232 @@
+"""What of a map is not applied as it stands is said: before work, while working, in log, summary, export and report."""
+from __future__ import annotations
+
+import csv
+import html
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from typer.testing import CliRunner
+
+from console.app.pages.job.day import LOOK, STOP, checks
+from console.app.pages.job.map_words import map_words
+from console.app.pages.job.sample import FACTS
+from console.app.units import METRIC
+from console.app.words import alarm_words
+from console.cli import app
+from console.locale import use
+from console.services.job import JobFiles, Launcher
+from control.field.boundary import Boundary
+from control.geodesy import TangentPlane
+from control.orders import Alarm, Severity
+from control.targets.map_check import map_check
+from control.targets.prescription import GridDeg, MapData, Zone, statistics
+from control.targets.rate_map import Floats
+from drivers.files.config import shipped
+from drivers.files.prescriptions.read import read_prescription
+from drivers.files.prescriptions.words import Choice, RateQuestion
+
+runner = CliRunner()
+LAT, LON, STEP = 34.28, 119.88, 0.0005
+LIMIT = 500.0                   # of the shipped crop
+
+
+def square(south: float, west: float, north: float, east: float) -> Floats:
+    return np.array([(south, west), (south, east), (north, east), (north, west)], dtype=np.float64)
+
+
+def strips(folder: Path, rates: tuple[float, ...], south: float = LAT) -> Path:
+    """Strips from south to north over the shipped job's field."""
+    features = [{"type": "Feature", "properties": {"rate": rate}, "geometry": {"type": "Polygon", "coordinates": [
+        [[LON, a], [LON + 0.001, a], [LON + 0.001, a + STEP], [LON, a + STEP], [LON, a]]]}}
+        for k, rate in enumerate(rates) for a in [south + k * STEP]]
+    (folder / "map.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    text = shipped("jobs")["map_demo"].read_text().replace("map_demo.geojson", "map.geojson")
+    (folder / "job.yaml").write_text(text)
+    return folder / "job.yaml"
+
+
+# -- above the crop's limit -------------------------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def cut(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Log and output of a run on a map with 1000 kg/ha."""
+    folder = tmp_path_factory.mktemp("cut")
+    log = folder / "run.csv"
+    result = runner.invoke(app, ["simulate", "--job", str(strips(folder, (1000.0, 300.0, 1000.0))), "--seconds", "120",
+                                 "--out", str(log), "--summary"])
+    assert result.exit_code == 0, result.output
+    return log, result.output
+
+
+def rows_of(log: Path) -> list[dict[str, str]]:
+    with log.open(newline="") as file:
+        return [row for row in csv.DictReader(file) if row["state"] == "working" and row["target_source"] == "map"]
+
+
+def test_the_log_tells_what_was_wanted_and_the_alarm_that_it_was_cut(cut: tuple[Path, str]) -> None:
+    rows = rows_of(cut[0])
+    assert {row["target_rate_kg_ha"] for row in rows} == {"1000.0", "300.0"}
+    assert all(("target_cut" in row["alarms"]) or row["target_rate_kg_ha"] == "300.0" for row in rows[50:])
+    settled = [float(row["applied_rate_kg_ha"]) for row in rows[100:] if row["target_rate_kg_ha"] == "1000.0"]
+    assert np.median(settled) == pytest.approx(LIMIT, rel=0.05), "what flows keeps to the limit"
+
+
+def test_the_summary_the_export_and_the_report_miss_the_plan_by_what_was_cut(cut: tuple[Path, str],
+                                                                            tmp_path: Path) -> None:
+    log, said = cut
+    assert "above the crop's limit: 500 kg/ha are applied there" in said and "target_cut" in said
+    told = json.loads(runner.invoke(app, ["map", str(log), "--json"]).stdout)
+    known = [row for row in rows_of(log) if row["target_rate_kg_ha"] == "1000.0"]
+    share = len(known) / len(rows_of(log))
+    assert told["error_percent"] == pytest.approx(100.0 * ((500 * share + 300 * (1 - share)) / (
+        1000 * share + 300 * (1 - share)) - 1.0), abs=2.0)
+    assert told["cut_at_crop_limit"]["limit_kg_ha"] == LIMIT
+    assert told["cut_at_crop_limit"]["less_kg"] == pytest.approx(500.0 * told["cut_at_crop_limit"]["area_ha"])
+    text = runner.invoke(app, ["map", str(log), "--out", str(tmp_path / "r.html")]).output
+    assert "wanted up to 1000 kg/ha: the crop's limit of 500 was applied there" in text
+    page = html.unescape((tmp_path / "r.html").read_text())
+    assert "above the crop's limit" in page and "kg less than wanted" in page
+
+
+@pytest.mark.parametrize(("language", "words"), [
+    ("en", "1000 kg/ha are wanted here; the crop's limit of 500 kg/ha is applied."),
+    ("zh", "按作物上限 500 kg/ha 施用")])
+def test_the_operator_reads_it(language: str, words: str) -> None:
+    use(language)
+    try:
+        alarm = Alarm("target_cut", Severity.AMBER, 0.0, False, (("planned_kg_ha", 1000), ("limit_kg_ha", 500)))
+        assert words in alarm_words(alarm).text
+    finally:
+        use("en")
+
+
+# -- before work ------------------------------------------------------------------------------------------------------
+
+def facts_check(job: Path) -> Any:
+    launcher = Launcher([str(job)], [], 1, 20.0, None, job.with_name("trouble"))
+    facts = JobFiles(launcher, job.parent).facts()
+    return next((check for check in checks(None, 0.0, facts, "", None, METRIC) if check.label == "map"), None)
+
+
+def test_the_check_list_says_rates_above_the_limit_and_a_map_elsewhere(tmp_path: Path) -> None:
+    above = facts_check(strips(tmp_path, (1000.0, 300.0, 1000.0)))
+    assert above.level == LOOK and "1000 kg/ha, above the crop's limit" in above.text
+    away = facts_check(strips(tmp_path, (300.0,), south=35.0))
+    assert away.level == LOOK and "79.7 km away from the field: nothing of it is applied" in away.text
+    (tmp_path / "map.geojson").unlink()
+    gone = facts_check(tmp_path / "job.yaml")
+    assert gone.level == STOP and "not there" in gone.text
+
+
+def test_a_job_without_a_map_has_no_such_line() -> None:
+    assert not [check for check in checks(None, 0.0, replace(FACTS), "", None, METRIC) if check.label == "map"]
+
+
+def test_check_reads_the_map_that_a_job_names(tmp_path: Path) -> None:
+    job = strips(tmp_path, (1000.0,))
+    fine = runner.invoke(app, ["check", str(job)])
+    assert fine.exit_code == 0 and "note:" in fine.output and "above the crop's limit" in fine.output
+    (tmp_path / "map.geojson").unlink()
+    gone = runner.invoke(app, ["check", str(job)])
+    assert gone.exit_code != 0 and "map.geojson: not there" in gone.output
+    (tmp_path / "map.geojson").write_text('{"type": "FeatureCollection", "features": [')
+    broken = runner.invoke(app, ["check", str(job)])
+    assert broken.exit_code != 0 and "not readable as JSON" in broken.output
+
+
+def test_ground_is_counted_as_it_lies() -> None:
+    """Against shapely on the same plane: outside, without a rate, in two zones, above the limit."""
+    zones = (Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
+             Zone(700.0, (square(40.0, 116.0005, 40.001, 116.0015),)),
+             Zone(900.0, (square(40.0, 116.0, 40.001, 116.001),)))
+    data, plane = MapData(zones), TangentPlane(40.0, 116.0)
+    first, second, _ = (shapely.Polygon(plane.many_to_m(z.rings_deg[0][:, 0], z.rings_deg[0][:, 1])) for z in zones)
+    field = shapely.Polygon([(-10.0, -10.0), (100.0, -10.0), (100.0, 50.0), (-10.0, 50.0)])
+    found = map_check(data, LIMIT, Boundary([(float(e), float(n)) for e, n in field.exterior.coords[:-1]]), plane)
+    own = second.difference(first)
+    assert found.mapped_ha == pytest.approx(first.union(second).area / 1e4)
+    assert found.overlap_ha == pytest.approx(first.area / 1e4)
+    assert found.outside_ha == pytest.approx(first.union(second).difference(field).area / 1e4)
+    assert found.uncovered_ha == pytest.approx(field.difference(first.union(second)).area / 1e4)
+    assert found.above_ha == pytest.approx(own.intersection(field).area / 1e4)
+    assert found.above_kg == pytest.approx(200.0 * own.intersection(field).area / 1e4)
+    assert found.highest_kg_ha == 700.0, "the third zone lies wholly under the first"
+    shares = statistics(data)
+    assert [share.rate_kg_ha for share in shares] == [100.0, 700.0]
+    assert sum(share.area_ha for share in shares) == pytest.approx(first.union(second).area / 1e4, rel=1e-4)
+
+
+def test_a_map_that_fits_has_nothing_to_be_said() -> None:
+    grid = GridDeg(40.0, 116.0, 1e-4, 1e-4, np.full((5, 5), 200.0))
+    assert map_words(map_check(MapData(grid=grid), LIMIT), METRIC) == ()
+    zones = (Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
+             Zone(200.0, (square(40.0, 116.001, 40.001, 116.002),)))
+    assert map_words(map_check(MapData(zones), LIMIT), METRIC) == ()
+
+
+def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
+    zones = (Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
+             Zone(700.0, (square(40.0, 116.0005, 40.001, 116.0015),)))
+    field = Boundary([(-10.0, -10.0), (100.0, -10.0), (100.0, 50.0), (-10.0, 50.0)])
+    far = Boundary([(1e4, 0.0), (2e4, 0.0), (2e4, 1e4)])
+    use("zh")
+    try:
+        said = [text for where in (field, far) for text in map_words(
+            map_check(MapData(zones), LIMIT, where, TangentPlane(40.0, 116.0)), METRIC)]
+    finally:
+        use("en")
+    assert len(said) == 5
+    assert all(any("一" <= letter <= "鿿" for letter in text) for text in said)
+
+
+# -- what a file holds beside --------------------------------------------------------------------------------------
+
+HEAD = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3" DataTransferOrigin="1">'
+GRID = ('<TSK A="TSK1" G="1" H="0" I="0" J="0"><TZN A="0"><PDV A="0006" B="0" E="VPN1"/></TZN>'
+        '<TZN A="1"><PDV A="0006" B="12000" E="VPN1"/>{polygon}</TZN>'
+        '<GRD A="40.0" B="116.0" C="0.0001" D="0.0001" E="1" F="2" G="GRD00001" I="1"/></TSK>')
+POLYGON = ('<PLN A="2"><LSG A="1"><PNT A="2" C="40.0" D="116.0"/><PNT A="2" C="40.0" D="116.001"/>'
+           '<PNT A="2" C="40.001" D="116.0"/></LSG></PLN>')
+
+
+def task(folder: Path, body: str, offset: int = 0, cells: bytes = b"\x00\x01") -> Path:
+    vpn = f'<VPN A="VPN1" B="{offset}" C="0.01" D="2" E="kg/ha"/>'
+    (folder / "TASKDATA.XML").write_text(f"{HEAD}{vpn}{body}</ISO11783_TaskData>")
+    (folder / "GRD00001.bin").write_bytes(cells)
+    return folder
+
+
+def test_polygons_beside_a_grid_are_said(tmp_path: Path) -> None:
+    found = [f.text for f in read_prescription(task(tmp_path, GRID.format(polygon=POLYGON))).findings]
+    assert found == ["1 zone with a polygon beside the grid not used: the grid holds (zones 1)"]
+    assert read_prescription(task(tmp_path, GRID.format(polygon=""))).findings == ()
+
+
+def test_process_data_that_is_no_rate_is_said(tmp_path: Path) -> None:
+    body = GRID.format(polygon='<PDV A="0043" B="3000"/>')
+    assert [f.id for f in read_prescription(task(tmp_path, body)).findings] == ["other_data"]
+
+
+def test_an_offset_of_the_presentation_is_a_question(tmp_path: Path) -> None:
+    folder = task(tmp_path, GRID.format(polygon=""), offset=500)
+    with pytest.raises(RateQuestion, match="an offset of 500 added, 6 kg/ha as presented"):
+        read_prescription(folder)
+    by_ddi, shown = (read_prescription(folder, Choice(rate_from=which)).data.grid          # type: ignore[arg-type]
+                     for which in ("ddi", "presentation"))
+    assert by_ddi is not None and by_ddi.rate_kg_ha.max() == 120.0
+    assert shown is not None and shown.rate_kg_ha.max() == 125.0
+
+
+def test_columns_that_are_not_used_are_said(tmp_path: Path) -> None:
+    file = tmp_path / "m.geojson"
+    ring = [[116.0, 40.0], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"rate": 100, "ID": 7, "offset_m": 3.0},
+         "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
+    assert [f.text for f in read_prescription(file).findings] == ["2 columns not used: ID, offset_m"]
