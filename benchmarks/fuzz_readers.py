@@ -1,4 +1,4 @@
-"""Every reader and link fed with what nobody would send: `python benchmarks/fuzz_readers.py --inputs 10000000 --state FOLDER`
+"""Every reader and link fed with what nobody would send: `python benchmarks/fuzz_readers.py --state FOLDER`
 
 Coverage-guided by atheris (libFuzzer for Python; `pip install atheris`), a process for each target and turn: the corpus
 of each target is kept in FOLDER and grows, and a further call goes on until every target has had its share of the
@@ -8,6 +8,7 @@ A target may refuse its input by a ValueError or an OSError in one line; anythin
 its bytes, and makes the exit code 1. So does a target that accepted none of its seeds. Printed by target: inputs,
 accepted, inputs a second, edges covered (atheris), findings.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -43,15 +44,18 @@ def of_file(read: Callable[[Path], object], suffix: str) -> Target:
     def run(data: bytes) -> object:
         path.write_bytes(data)
         return read(path)
+
     return run
 
 
 def of_decoder(make: Callable[[], Any]) -> Target:
     """A decoder: the input in two pieces, then a good line is no business of this."""
+
     def run(data: bytes) -> object:
         decoder = make()
         half = len(data) // 2
         return [*decoder.feed(data[:half], 1.0), *decoder.feed(data[half:], 1.05)]
+
     return run
 
 
@@ -93,24 +97,46 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
 
     def request(data: bytes) -> object:
         return parse(data, "key")
-    geo = b'{"type":"FeatureCollection","features":[{"type":"Feature","geometry":{"type":"Polygon","coordinates":' \
-          b'[[[119,34],[119.001,34],[119.001,34.001],[119,34]]]},"properties":{"rate":300}}]}'
-    points = b'{"type":"FeatureCollection","features":[{"type":"Feature","geometry":{"type":"Point","coordinates":' \
-             b'[119,34]},"properties":{"rate":300}}]}'
-    task = b'<?xml version="1.0"?><ISO11783_TaskData VersionMajor="4"><TSK A="TSK1" G="1"><TZN A="1"><PDV A="0006" ' \
-           b'B="30000"/><PLN A="1"><LSG A="1"><PNT A="2" C="34" D="119"/><PNT A="2" C="34.1" D="119"/><PNT A="2" ' \
-           b'C="34" D="119.1"/></LSG></PLN></TZN></TSK></ISO11783_TaskData>'
+
+    geo = (
+        b'{"type":"FeatureCollection","features":[{"type":"Feature","geometry":{"type":"Polygon","coordinates":'
+        b'[[[119,34],[119.001,34],[119.001,34.001],[119,34]]]},"properties":{"rate":300}}]}'
+    )
+    points = (
+        b'{"type":"FeatureCollection","features":[{"type":"Feature","geometry":{"type":"Point","coordinates":'
+        b'[119,34]},"properties":{"rate":300}}]}'
+    )
+    task = (
+        b'<?xml version="1.0"?><ISO11783_TaskData VersionMajor="4"><TSK A="TSK1" G="1"><TZN A="1"><PDV A="0006" '
+        b'B="30000"/><PLN A="1"><LSG A="1"><PNT A="2" C="34" D="119"/><PNT A="2" C="34.1" D="119"/><PNT A="2" '
+        b'C="34" D="119.1"/></LSG></PLN></TZN></TSK></ISO11783_TaskData>'
+    )
     table = b"time_s,shaft_rpm,opening_mm,lat_deg,lon_deg,heading_deg,state\n" + b"".join(
-        b"%.2f,%d,25,34.%04d,119,0,working\n" % (0.05 * k, 60 + k % 7, k) for k in range(60))
+        b"%.2f,%d,25,34.%04d,119,0,working\n" % (0.05 * k, 60 + k % 7, k) for k in range(60)
+    )
     sentence = b"$GPGGA,080012.30,3416.80000,N,11952.80000,E,4,14,0.8,31.0,M,,M,,*6F\r\n"
     return {
-        "request": (request, [b'{"id":1,"token":"key","do":"refill","value":3}',
-                              b'{"id":1,"token":"key","device":"gnss","act":"test"}', b'{"id":1,"ask":"look"}']),
+        "request": (
+            request,
+            [
+                b'{"id":1,"token":"key","do":"refill","value":3}',
+                b'{"id":1,"token":"key","device":"gnss","act":"test"}',
+                b'{"id":1,"ask":"look"}',
+            ],
+        ),
         "gnss": (of_decoder(GnssDecoder), [sentence * 2, b"$GPRMC,1,A\n", b"#x\n"]),
-        "gpsd": (of_decoder(GpsdDecoder), [b'{"class":"TPV","mode":3,"lat":34.1,"lon":119,"speed":1.2,"track":3,'
-                                           b'"time":"2026-01-01T00:00:00.1Z"}\n', b'{"class":"SKY","hdop":1}\n']),
-        "agopengps": (of_decoder(AgOpenGpsDecoder), [b"\x80\x81\x7f\xfe\x08" + bytes(8) + b"\x85",
-                                                     b"\x80\x81\x7f\x64\x18" + bytes(24) + b"\xfb"]),
+        "gpsd": (
+            of_decoder(GpsdDecoder),
+            [
+                b'{"class":"TPV","mode":3,"lat":34.1,"lon":119,"speed":1.2,"track":3,'
+                b'"time":"2026-01-01T00:00:00.1Z"}\n',
+                b'{"class":"SKY","hdop":1}\n',
+            ],
+        ),
+        "agopengps": (
+            of_decoder(AgOpenGpsDecoder),
+            [b"\x80\x81\x7f\xfe\x08" + bytes(8) + b"\x85", b"\x80\x81\x7f\x64\x18" + bytes(24) + b"\xfb"],
+        ),
         "heads": (of_decoder(lambda: HeadDecoder(PROTOCOLS["greenseeker"], head=None)), [b"H1,1,2,0.5,3,4\r\n" * 3]),
         "board": (of_decoder(SlaveBoard), [b"$S1,0,0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1*ABCD\r\n"]),
         "lag rig": (of_decoder(LagRig), [b"$L1,1,1,0,100,0.0,0,,,0*ABCD\r\n"]),
@@ -118,8 +144,10 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
         "yaml": (yaml, [b"format: topdress-job/1\nid: a\nx: [1, {b: 2.5}]\n", b"a: &x [1]\nb: *x\n"]),
         "config": (of_file(config, ".yaml"), [(ROOT / "configs/jobs/demo.yaml").read_bytes()[:LONGEST]]),
         "run log": (of_file(log, ".csv"), [table, table.replace(b",", b";").replace(b".", b",")]),
-        "bench table": (of_file(lambda path: read_bench_table(path, None), ".csv"),
-                        [b"shaft_rpm,lag_s\n10,2.1\n20,2.0\n30,1.9\n", b"shaft_rpm,opening_mm,duration_s,mass_kg\n1,2,3,4\n"]),
+        "bench table": (
+            of_file(lambda path: read_bench_table(path, None), ".csv"),
+            [b"shaft_rpm,lag_s\n10,2.1\n20,2.0\n30,1.9\n", b"shaft_rpm,opening_mm,duration_s,mass_kg\n1,2,3,4\n"],
+        ),
         "weather": (of_file(read_weather, ".csv"), [b"date,mean_temp_c\n2013-11-01,10\n2013-11-02,11\n"]),
         "plants": (of_file(read_plants, ".csv"), [b"lat_deg,lon_deg\n34,119\n34.1,119\n"]),
         "plants json": (of_file(read_plants, ".geojson"), [points]),
@@ -135,6 +163,7 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
 def _zipped(task: bytes) -> bytes:
     import io
     import zipfile
+
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w") as archive:
         archive.writestr("TASKDATA/TASKDATA.XML", task)
@@ -180,8 +209,12 @@ class Fed:
         (place / f"{stem}.txt").write_text(said)
 
     def told(self) -> dict[str, Any]:
-        return {"inputs": self.inputs, "accepted": self.accepted, "findings": sorted(self._kinds),
-                "slowest_ms": self.slowest_ms}
+        return {
+            "inputs": self.inputs,
+            "accepted": self.accepted,
+            "findings": sorted(self._kinds),
+            "slowest_ms": self.slowest_ms,
+        }
 
 
 def mutated(seed: bytes, other: bytes, chance: random.Random) -> bytes:
@@ -193,14 +226,30 @@ def mutated(seed: bytes, other: bytes, chance: random.Random) -> bytes:
         if kind == 0 and data:
             data[at % len(data)] = chance.randrange(256)
         elif kind == 1:
-            data[at:at] = data[at:at + chance.randint(1, 40)]
+            data[at:at] = data[at : at + chance.randint(1, 40)]
         elif kind == 2:
-            del data[at:at + chance.randint(1, 20)]
+            del data[at : at + chance.randint(1, 20)]
         elif kind == 3:
-            data[at:] = other[chance.randrange(len(other) + 1):]
+            data[at:] = other[chance.randrange(len(other) + 1) :]
         elif kind == 4:
-            data[at:at + chance.randint(0, 3)] = chance.choice(
-                (b"1e308", b"-1", b"NaN", b"9" * 50, b"[", b"{", b'"', b"\0", b"\r", b"\xff\xfe", b"<", b"&", b"null", b",,,"))
+            data[at : at + chance.randint(0, 3)] = chance.choice(
+                (
+                    b"1e308",
+                    b"-1",
+                    b"NaN",
+                    b"9" * 50,
+                    b"[",
+                    b"{",
+                    b'"',
+                    b"\0",
+                    b"\r",
+                    b"\xff\xfe",
+                    b"<",
+                    b"&",
+                    b"null",
+                    b",,,",
+                )
+            )
         else:
             data[at:at] = chance.randbytes(chance.randint(1, 8))
     return bytes(data[:LONGEST])
@@ -226,6 +275,7 @@ def child(given: argparse.Namespace) -> None:
         out.write_text(json.dumps(fed.told()))
         return
     import atheris
+
     with atheris.instrument_imports(include=["drivers", "console.worker", "control"]):
         fed = Fed(given.child, given.state)
     corpus = given.state / "corpus" / given.child.replace(" ", "-")
@@ -242,8 +292,20 @@ def child(given: argparse.Namespace) -> None:
         if fed.inputs >= given.inputs:
             out.write_text(json.dumps(fed.told()))
             os._exit(0)
-    atheris.Setup([sys.argv[0], str(corpus), f"-max_len={LONGEST}", f"-max_total_time={SECONDS_A_TURN}", "-rss_limit_mb=0",
-                   f"-seed={given.seed}", "-print_final_stats=1", f"-artifact_prefix={given.state}/"], one)
+
+    atheris.Setup(
+        [
+            sys.argv[0],
+            str(corpus),
+            f"-max_len={LONGEST}",
+            f"-max_total_time={SECONDS_A_TURN}",
+            "-rss_limit_mb=0",
+            f"-seed={given.seed}",
+            "-print_final_stats=1",
+            f"-artifact_prefix={given.state}/",
+        ],
+        one,
+    )
     atheris.Fuzz()
 
 
@@ -251,12 +313,32 @@ def turn(name: str, given: argparse.Namespace, inputs: int, seed: int) -> dict[s
     """One process; its figures, and the edges that it says to have covered."""
     out = given.state / f"{name.replace(' ', '-')}.turn.json"
     out.unlink(missing_ok=True)
-    command = [sys.executable, str(Path(__file__).resolve()), "--child", name, "--inputs", str(inputs), "--seed", str(seed),
-               "--state", str(given.state), *(["--plain"] if given.plain else [])]
+    command = [
+        sys.executable,
+        str(Path(__file__).resolve()),
+        "--child",
+        name,
+        "--inputs",
+        str(inputs),
+        "--seed",
+        str(seed),
+        "--state",
+        str(given.state),
+        *(["--plain"] if given.plain else []),
+    ]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, errors="replace", check=False,
-                          timeout=SECONDS_A_TURN * 5)
-    found: dict[str, Any] = json.loads(out.read_text()) if out.exists() else {"inputs": 0, "accepted": 0, "findings": []}
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        env=environment,
+        errors="replace",
+        check=False,
+        timeout=SECONDS_A_TURN * 5,
+    )
+    found: dict[str, Any] = (
+        json.loads(out.read_text()) if out.exists() else {"inputs": 0, "accepted": 0, "findings": []}
+    )
     covered = re.findall(r"\bcov: (\d+)", done.stderr)
     if not out.exists() or (done.returncode not in (0, 77) and given.plain):
         found["findings"] = [*found["findings"], f"process ended with {done.returncode}: {done.stderr.strip()[-120:]}"]
@@ -270,7 +352,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", help="targets whose name contains this")
     parser.add_argument("--plain", action="store_true", help="mutate seeds, without atheris")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long; a further call goes on")
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="stop after so long; a further call goes on"
+    )
     parser.add_argument("--child", help=argparse.SUPPRESS)
     given = parser.parse_args()
     given.state.mkdir(parents=True, exist_ok=True)
@@ -281,7 +365,9 @@ def main() -> None:
     done: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {}
     names = [name for name in targets() if given.only is None or given.only in name]
     share, until_s, turns = -(-given.inputs // len(names)), time.monotonic() + given.seconds, 0
-    while (left := [name for name in names if done.get(name, {}).get("inputs", 0) < share]) and time.monotonic() < until_s:
+    while (
+        left := [name for name in names if done.get(name, {}).get("inputs", 0) < share]
+    ) and time.monotonic() < until_s:
         for name in left:
             if time.monotonic() > until_s:
                 break
@@ -294,13 +380,15 @@ def main() -> None:
             before["findings"] = sorted({*before["findings"], *found["findings"]})
             before["seconds"] += time.monotonic() - began_s
             if found["inputs"] == 0:
-                before["inputs"] = share                    # it does not run at all: told, and not tried for ever
+                before["inputs"] = share  # it does not run at all: told, and not tried for ever
             kept.write_text(json.dumps(done, indent=1))
     print("| target | inputs | accepted | a second | edges | findings |\n|---|---|---|---|---|---|")
     for name in names:
         one = done.get(name, {"inputs": 0, "accepted": 0, "findings": [], "covered": 0, "seconds": 1.0})
-        print(f"| {name} | {one['inputs']} | {one['accepted']} | {one['inputs'] / max(1e-9, one['seconds']):.0f} | "
-              f"{one['covered']} | {'; '.join(one['findings']) or '-'} |")
+        print(
+            f"| {name} | {one['inputs']} | {one['accepted']} | {one['inputs'] / max(1e-9, one['seconds']):.0f} | "
+            f"{one['covered']} | {'; '.join(one['findings']) or '-'} |"
+        )
     print(f"inputs altogether: {sum(done[name]['inputs'] for name in names if name in done)}")
     sys.exit(any(done.get(name, {}).get("findings") for name in names))
 
