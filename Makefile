@@ -3,12 +3,13 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check benchmark-diagnosis benchmark-diagnosis-peers clean
+.PHONY: run test check lock licences release benchmark-diagnosis benchmark-diagnosis-peers clean
 
-$(VENV)/.installed: pyproject.toml
+# Exactly the packages of the lock file, by their hashes; nothing else is fetched, not even to build.
+$(VENV)/.installed: pyproject.toml requirements/dev.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
 run: $(VENV)/.installed
@@ -23,6 +24,28 @@ check: $(VENV)/.installed
 	$(BIN)/lint-imports
 	$(MAKE) test
 
+# The tools of the three below have an environment of their own.
+TOOLS := .venv-tools/bin
+.venv-tools/.installed: requirements/tools.in
+	$(PYTHON) -m venv .venv-tools
+	$(TOOLS)/python -m pip install --quiet --requirement requirements/tools.in
+	touch $@
+
+# Newest versions that the lower bounds allow, for every system and Python from 3.11 on.
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-annotate --upgrade \
+	--index-strategy unsafe-best-match --custom-compile-command "make lock"
+lock: .venv-tools/.installed
+	$(TOOLS)/$(LOCK) pyproject.toml requirements/build.in --extra dev --output-file requirements/dev.txt
+	$(TOOLS)/$(LOCK) pyproject.toml --extra report --extra serve --output-file requirements/run.txt
+
+# Who wrote what the program needs, under which licence (docs/licences.md is made by this).
+licences: .venv-tools/.installed
+	.ci/licences
+
+# `make release TAG=v0.1.0`: wheel, bill of materials and licences in dist/, tried in a fresh environment.
+release: .venv-tools/.installed
+	.ci/release $(TAG)
+
 benchmark-diagnosis: $(VENV)/.installed
 	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md $(PEERS)
 
@@ -33,4 +56,4 @@ benchmark-diagnosis-peers: $(VENV)/.installed
 	$(MAKE) benchmark-diagnosis PEERS="--peers $(if $(SYSIDENT),--sysident $(SYSIDENT))"
 
 clean:
-	rm -rf $(VENV)
+	rm -rf $(VENV) .venv-tools .venv-release dist

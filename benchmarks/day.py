@@ -23,6 +23,8 @@ from drivers.files.read_log import read_log
 from drivers.files.setup import load_setup
 
 TICK_S = 0.05
+WIDTH_M = 2.4               # of the demo machine, about: only whether anything was spread is asked of it
+LEAST_WORKED = 0.5          # of the rows; a day has refills and turns
 STEADY_MPS = 0.6            # the operator starts again once the machine moves
 
 
@@ -66,7 +68,7 @@ def through_bytes(seconds: float, strategy: str, folder: Path) -> Path:
                 order(Do.REFILL, row.hopper_kg - hopper_kg)
             hopper_kg = row.hopper_kg
         moves = (row.speed_used_mps or 0.0) > STEADY_MPS
-        if row.state in ("ready", "held") and moves and now_s > asked_s + 1.0:
+        if row.state in ("ready", "held") and (moves or row.state == "ready") and now_s > asked_s + 1.0:
             order(Do.START)
             asked_s = now_s
     host.close("done")
@@ -75,6 +77,13 @@ def through_bytes(seconds: float, strategy: str, folder: Path) -> Path:
           f"orders refused")
     print(f"alarms: {dict(alarms) or 'none'}; {seconds / took_s:.0f} simulated seconds a second")
     return parts.writer.path                                       # type: ignore[attr-defined, no-any-return]
+
+
+def too_little(states: Counter[str], rows: int, kg: float) -> list[str]:
+    """Why this was no day of work, whatever the alarms: nothing spread, or the machine hardly worked."""
+    worked = states["working"] / max(1, rows)
+    return [f"{worked:.0%} of the rows at work: at least {LEAST_WORKED:.0%}"] * (worked < LEAST_WORKED) + [
+        f"{kg:.2f} kg spread: above 0 where anything was worked"] * (not kg > 0.0)
 
 
 def run() -> None:
@@ -92,11 +101,14 @@ def run() -> None:
         took_s = time.perf_counter() - begun
         states: Counter[str] = Counter()
         events: Counter[str] = Counter()
-        rows, alarmed = 0, 0
+        rows, alarmed, read_kg, before_s = 0, 0, 0.0, 0.0
         for row in read_log(log).rows():
             rows += 1
             states[row.state or "?"] += 1
             alarmed += bool(row.alarms)
+            read_kg += WIDTH_M * (row.speed_used_mps or 0.0) * (row.applied_rate_kg_ha or 0.0) * (
+                row.time_s - before_s) / 10_000.0
+            before_s = row.time_s
             for event in (row.events or "").split(";"):
                 if event:
                     events[event.split(" ")[0]] += 1
@@ -105,7 +117,9 @@ def run() -> None:
               f"rows with an alarm: {alarmed}")
         print("states: " + ", ".join(f"{name} {100.0 * n / rows:.2f} %" for name, n in states.most_common())
               + "; events: " + (", ".join(f"{name} {n}" for name, n in events.most_common()) or "none"))
-    sys.exit(1 if alarmed else 0)
+    short = too_little(states, rows, read_kg)
+    print("\n".join(f"FAILED: {why}" for why in short), end="\n" if short else "")
+    sys.exit(1 if alarmed or short else 0)
 
 
 if __name__ == "__main__":

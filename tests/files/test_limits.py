@@ -184,3 +184,13 @@ def test_ground_is_unpacked_no_further_than_it_says(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(ValueError, match="not a job that can go on"):
             resume.read(path)
+
+
+@pytest.mark.parametrize("data", [b"Zeit;Men\\e\n1,5;2\r;2,5\n2,5;3\n", b"time_s,x\n1,2\n1e308,3\n-1e308,4\n"])
+def test_what_a_fuzzer_found_is_one_line_or_read(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "x.csv"
+    path.write_bytes(data)
+    try:
+        read_raw(path)
+    except ValueError as said:
+        assert "\n" not in str(said)

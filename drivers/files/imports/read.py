@@ -24,6 +24,15 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
         check_file(path)
     except BeyondLimits as error:
         raise ImportTrouble(str(error)) from None
+    import polars as pl
+    try:
+        return _read(path, said)
+    except pl.exceptions.PolarsError as error:
+        raise ImportTrouble(f"{path}: not readable as a table: {str(error).splitlines()[0]}") from None
+
+
+def _read(path: Path, said: Source) -> RawTable:
+    """Raises PolarsError too, where a table's cells are odder than its reader foresaw."""
     kind = said.kind or _kind(path)
     if path.is_dir() and kind not in ("isoxml", "shapefile"):
         raise ImportTrouble(f"{path}: a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")
