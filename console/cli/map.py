@@ -164,7 +164,8 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
     given = None
     if product is not None or nitrogen is not None:
         given = Product(product or "product", nitrogen or 0.0)
-    log, loaded = open_log(source) if is_foreign(source) else read_log(source), load(machine, MACHINE).model if machine else None
+    log = open_log(source) if is_foreign(source) else read_log(source)
+    loaded = load(machine, MACHINE).model if machine else None
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from console.reports.job_page import MOST_STRETCHES

@@ -40,7 +40,8 @@ _OTHER_DRIVES = _words("engine =eng =pto zapfwelle =fan geblase turbin ^motordre
 SUBJECTS = (
     Subject("wheel speed", (_words("wheel =rad ^rad 轮速 radar roue odometer"),
                             _words("speed =spd ^spd velocity geschw 速 vitesse")), "wheel_speed_mps"),
-    Subject("working width", (_words("width breite 幅宽 largeur wdth swath"), _words("work arbeit implement 工作 作业 swath swth width breite"))),
+    Subject("working width", (_words("width breite 幅宽 largeur wdth swath"),
+                              _words("work arbeit implement 工作 作业 swath swth"))),
     Subject("altitude", (_words("altitude =alt elevation hohe 海拔 高程"),)),
     Subject("latitude", (_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),), "lat_deg"),
     Subject("longitude", (_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),), "lon_deg"),
@@ -55,8 +56,8 @@ SUBJECTS = (
     Subject("supply", (_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),), "supply_v",
             quantities=("voltage",)),
     Subject("hopper", (_words("hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 waage fullstand poids "
-                              "tremie"),), "hopper_kg", never=_words("temp pressure druck applied target yield ertrag crop total =n"),
-            quantities=("mass",)),
+                              "tremie"),), "hopper_kg", never=_words(
+        "temp pressure druck applied target yield ertrag crop total =n"), quantities=("mass",)),
     Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
             "opening_mm", "opening_mm_cmd", never=_words("time zeit")),
     Subject("rate", (_words("=rate ^rate ausbring =dose dosis aufwand 施肥量 施用量 亩用量 =dosage ^istmenge "
