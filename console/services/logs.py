@@ -3,9 +3,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from console.app.pages.diagnosis.data import IMPORT
 from console.app.pages.replay.log_files import LogFile
 from console.app.replay_job import ReplayJob
-from console.services.diagnosis import IMPORT, DiagnosisFiles
+from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML
 
 SHOWN = 9                     # as many as one digit chooses

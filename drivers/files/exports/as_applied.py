@@ -103,8 +103,8 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     for column in NEEDED:
         if not log.has(column):
             raise ExportError(f"{log.path}: column {column}: empty: allowed is a log that has it")
-    if not any(log.has(column) for column in SPEEDS):
-        raise ExportError(f"{log.path}: columns {', '.join(SPEEDS)}: empty: allowed is a log that has one of them")
+    if _speed_column(log) is None:
+        raise ExportError(f"{log.path}: column {SPEEDS[0]}: empty: allowed is a log that has it")
     if not every_s > 0.0:
         raise ExportError(f"{log.path}: every {every_s:g} s: allowed is above 0")
     rows = _worked(log, machine)
@@ -157,8 +157,15 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
 
 
 def _speed_mps(log: RunLog) -> Floats:
-    """The one that control used, where the log tells it."""
-    return log.numbers(next(column for column in SPEEDS if log.has(column)))
+    column = _speed_column(log)
+    assert column is not None
+    return log.numbers(column)
+
+
+def _speed_column(log: RunLog) -> str | None:
+    """The speed that control used; of another machine's log, which was imported, the one that it tells."""
+    told = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
+    return next((column for column in told if log.has(column)), None)
 
 
 def _most_step_s(log: RunLog) -> float:
