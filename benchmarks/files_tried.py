@@ -3,7 +3,7 @@
     python benchmarks/files_tried.py [FOLDER ...] [--lines]
 
 Maps in FOLDER (searched through) are read by `read_prescription`, what is no map by the import of logs. Areas and
-kilograms of shapefiles and GeoJSON are held against geopandas on the map's UTM zone, every map is written as a task
+kilograms of shapefiles and GeoJSON are held against geopandas in an equal-area projection, every map is written as a task
 and held against the public schema by xmlschema (both of the dev extra). Without FOLDER: the neighbouring shared data.
 """
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 
 from control.targets.prescription import statistics
 from drivers.files.any_log import open_log
+from drivers.files.prescriptions.csv_zones import holds_polygons
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
 from drivers.files.prescriptions.write import write_prescription
@@ -34,7 +35,7 @@ def files_in(folder: Path) -> list[Path]:
 
 def tried(path: Path) -> tuple[str, str, str, Imported | None]:
     """Kind, what became of it, the line that was said, the map."""
-    if path.suffix.lower() in LOGS:
+    if path.suffix.lower() in LOGS and not (path.suffix.lower() == ".csv" and holds_polygons(path)):
         try:
             log = open_log(path)
         except (ValueError, OSError) as error:
@@ -59,14 +60,19 @@ def by_geopandas(read: Imported, path: Path) -> str:
         import geopandas
     except ImportError:
         return ""
-    if path.is_dir() or path.suffix.lower() == ".zip":
+    if path.is_dir() or path.suffix.lower() not in (".shp", ".geojson", ".json"):
         return ""
-    frame = geopandas.read_file(path)
+    try:
+        frame = geopandas.read_file(path)
+    except (ValueError, RuntimeError) as error:
+        return f"geopandas cannot read it ({type(error).__name__})"
     column = read.layers[0]
     if column not in frame.columns:
         return ""
     frame = frame.set_crs(4326) if frame.crs is None else frame
-    frame = frame[frame.geometry.notna()].to_crs(frame.to_crs(4326).estimate_utm_crs())
+    west, south, east, north = frame.to_crs(4326).total_bounds
+    equal_area = f"+proj=laea +lat_0={(south + north) / 2} +lon_0={(west + east) / 2} +datum=WGS84"
+    frame = frame[frame.geometry.notna()].to_crs(equal_area)
     ha = frame.geometry.area / 1e4
     rates = frame[column].astype(str).str.extract(r"([-+\d.,]+)")[0].str.replace(",", ".").astype(float)
     return f"geopandas {ha[rates.notna()].sum():.4f} ha, {(ha * rates * read.factor).sum():.2f} kg"
