@@ -3,8 +3,8 @@
     python benchmarks/files_tried.py [FOLDER ...] [--lines]
 
 Maps in FOLDER (searched through) are read by `read_prescription`, what is no map by the import of logs. Areas and
-kilograms of shapefiles and GeoJSON are held against geopandas in an equal-area projection, every map is written as a task
-and held against the public schema by xmlschema (both of the dev extra). Without FOLDER: the neighbouring shared data.
+kilograms of shapefiles and GeoJSON are held against geopandas in an equal-area projection; every map is written as a
+task and held against the public schema by xmlschema (both of the dev extra). Without FOLDER: the shared data.
 """
 from __future__ import annotations
 
