@@ -1,4 +1,4 @@
-"""As-applied files of other programs open where a run log does: replay, diagnosis, map; else the questions are shown."""
+"""As-applied files of other programs open where a run log does: replay, diagnosis, map; else they are asked about."""
 from __future__ import annotations
 
 import json
