@@ -79,17 +79,28 @@ def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> l
 
 
 def _is_run(data: list[Path]) -> bool:
+    """A run log of any program; else a bench table."""
+    from control.calibration.bench_table import KNOWN, recognise
+    from drivers.files.any_log import FOREIGN
     from drivers.files.foreign import is_run_log
+    from drivers.files.header_names import our_names
+    from drivers.files.imports.words import NO_TIME, TIME, folded, says
     from drivers.files.table import header_of
-    return is_run_log(header_of(data[0]))
+    if data[0].is_dir() or data[0].suffix.lower() in FOREIGN:
+        return True
+    names = header_of(data[0])
+    if is_run_log(names):
+        return True
+    tells_time = any(says(folded(name), TIME) and not says(folded(name), NO_TIME) for name in names)
+    return tells_time and recognise(our_names(names, KNOWN, {}).names) is None
 
 
 def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.runs.diagnose import diagnose_run
-    from drivers.files.read_log import read_rows
+    from drivers.files.any_log import open_log
     if len(data) > 1:
         raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
-    log = read_rows(data[0])
+    log = open_log(data[0])
     for finding in log.findings:
         typer.echo(f"note: {finding}", err=True)
     columns = dict(log.columns)

@@ -52,7 +52,7 @@ def map_files(
     from drivers.files.prescriptions.words import Choice
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    is_log = _is_log(source)
+    is_log = source.exists() and _is_log(source)
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
     if is_log:
@@ -63,15 +63,20 @@ def map_files(
 
 
 def _is_log(source: Path) -> bool:
+    """What was applied, not what is to be: a run log, or another program's points or task that was worked."""
+    from drivers.files.any_log import TABLES, holds_points
     from drivers.files.prescriptions.csv_zones import holds_polygons
-    return source.suffix.lower() == ".csv" and not (source.is_file() and holds_polygons(source))
+    if source.suffix.lower() in TABLES:
+        return not holds_polygons(source)
+    return holds_points(source)
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
+    from drivers.files.any_log import TABLES
     from drivers.files.file_set import files_of
     from drivers.files.kinds import MACHINE
-    if not is_log:
-        return files_of(source)
+    if not is_log or source.suffix.lower() not in TABLES:
+        return (*files_of(source), *(() if machine is None else (named(machine, MACHINE.folder),)))
     return (*log_files(source), *(() if machine is None else (named(machine, MACHINE.folder),)))
 
 
@@ -149,6 +154,7 @@ def _tell(read: Imported, as_json: bool) -> None:
 
 def _export(source: Path, out: Path | None, machine: str | None, product: str | None, nitrogen: float | None,
             every_s: float, polygons: bool, as_json: bool) -> None:
+    from drivers.files.any_log import is_foreign, open_log
     from drivers.files.config import load
     from drivers.files.exports.as_applied import Product, as_applied
     from drivers.files.exports.columns import summary
@@ -158,7 +164,8 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
     given = None
     if product is not None or nitrogen is not None:
         given = Product(product or "product", nitrogen or 0.0)
-    log, loaded = read_log(source), load(machine, MACHINE).model if machine else None
+    log = open_log(source) if is_foreign(source) else read_log(source)
+    loaded = load(machine, MACHINE).model if machine else None
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from console.reports.job_page import MOST_STRETCHES

@@ -30,8 +30,8 @@ def replay(
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
     from console.services.rerun import setup_of
-    from drivers.files.read_log import read_rows
-    recorded = read_rows(log)
+    from drivers.files.any_log import open_log
+    recorded = open_log(log)
     if not headless:
         if out is not None:
             raise CommandError("--out goes with --headless")

@@ -3,9 +3,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from console.app.pages.diagnosis.data import IMPORT
 from console.app.pages.replay.log_files import LogFile
 from console.app.replay_job import ReplayJob
 from console.services.diagnosis import DiagnosisFiles
+from console.services.foreign_files import YAML
 
 SHOWN = 9                     # as many as one digit chooses
 
@@ -17,10 +19,10 @@ class RunLogs:
         self._files = files or DiagnosisFiles()
 
     def logs(self) -> tuple[LogFile, ...]:
-        runs = [one for one in self._files.sources("") if one.kind == "run"]
+        runs = [one for one in self._files.sources("") if one.kind in ("run", IMPORT) and not one.name.endswith(YAML)]
         return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in runs[:SHOWN])
 
     def open(self, path: str) -> ReplayJob:
         from console.services.replay_frames import replay_job
-        from drivers.files.read_log import read_rows
-        return replay_job(read_rows(Path(path)))
+        from drivers.files.any_log import open_log
+        return replay_job(open_log(Path(path)))

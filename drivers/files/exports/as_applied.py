@@ -21,10 +21,12 @@ Floats = npt.NDArray[np.float64]
 
 TURNING_RPM = 2.0           # the lag paper's threshold of a shaft that turns
 MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
+GAP_STEPS = 2.5             # of a log with fewer rows than one a second
 DEFAULT_EVERY_S = 1.0
 CELL_M = 0.2                # of the bitmap of covered ground
 COVER_STEP_M = 0.5
-NEEDED = ("lat_deg", "lon_deg", "speed_used_mps", "applied_rate_kg_ha")
+NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
+SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")     # the first that a log has
 
 
 class ExportError(ValueError):
@@ -101,6 +103,8 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     for column in NEEDED:
         if not log.has(column):
             raise ExportError(f"{log.path}: column {column}: empty: allowed is a log that has it")
+    if _speed_column(log) is None:
+        raise ExportError(f"{log.path}: column {SPEEDS[0]}: empty: allowed is a log that has it")
     if not every_s > 0.0:
         raise ExportError(f"{log.path}: every {every_s:g} s: allowed is above 0")
     rows = _worked(log, machine)
@@ -137,8 +141,8 @@ class _Rows(NamedTuple):
 def _worked(log: RunLog, machine: Machine) -> _Rows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
-    applied, speed = applied_rate_kg_ha(log), log.numbers("speed_used_mps")
-    counts = is_worked(log) & (step > 0.0) & (step <= MOST_STEP_S)
+    applied, speed = applied_rate_kg_ha(log), _speed_mps(log)
+    counts = is_worked(log) & (step > 0.0) & (step <= _most_step_s(log))
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
     drop = np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()])
@@ -150,6 +154,23 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     columns = [time, step, speed, applied, log.numbers("target_rate_kg_ha"), begin, end, at, shaft,
                log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
     return _Rows(plane, *(column[counts] for column in columns))
+
+
+def _speed_mps(log: RunLog) -> Floats:
+    column = _speed_column(log)
+    assert column is not None
+    return log.numbers(column)
+
+
+def _speed_column(log: RunLog) -> str | None:
+    """The speed that control used; of another machine's log, which was imported, the one that it tells."""
+    told = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
+    return next((column for column in told if log.has(column)), None)
+
+
+def _most_step_s(log: RunLog) -> float:
+    """Logs of other programs may have a row every few seconds."""
+    return max(MOST_STEP_S, GAP_STEPS * log.step_s) if log.step_s > 0.5 * MOST_STEP_S else MOST_STEP_S
 
 
 def applied_rate_kg_ha(log: RunLog) -> Floats:
@@ -249,8 +270,8 @@ def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
     totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
-    counts = is_worked(log) & (step <= MOST_STEP_S)
-    columns = (step, log.numbers("speed_used_mps"), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"))
+    counts = is_worked(log) & (step <= _most_step_s(log))
+    columns = (step, _speed_mps(log), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"))
     for seconds, speed, applied, target in zip(*(column[counts].tolist() for column in columns), strict=True):
         totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
                       None if target != target else target)

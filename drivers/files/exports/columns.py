@@ -20,6 +20,8 @@ class Column(NamedTuple):
     of: Callable[[AsApplied], Array]
 
 
+TIME_SHORT = "ISOTIME"       # of a shapefile: the column that is utc elsewhere
+
 COLUMNS = (
     Column("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
     Column("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),

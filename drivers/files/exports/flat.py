@@ -11,7 +11,7 @@ import shapefile
 
 from drivers.files.atomic import write_atomically
 from drivers.files.exports.as_applied import AsApplied
-from drivers.files.exports.columns import COLUMNS, records, summary
+from drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
 from drivers.files.prescriptions.task_folder import WGS84_PRJ
 
 
@@ -47,7 +47,7 @@ def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> N
     corners = applied.stretches.corners_deg.tolist()
     kind = shapefile.POLYGON if polygons else shapefile.POINT
     with shapefile.Writer(str(path), shapeType=kind, encoding="utf-8") as writer:
-        writer.field("ISOTIME", "C", 24)
+        writer.field(TIME_SHORT, "C", 24)
         for column in COLUMNS:
             writer.field(column.short, "N", column.width, column.decimals)
         writer.field("PRODUCT", "C", 30)

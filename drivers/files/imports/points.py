@@ -94,7 +94,7 @@ def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
         if reader.shapeType not in POINTS:
             raise ImportTrouble(f"{path}: shapes of type {reader.shapeTypeName}: allowed POINT (a map of areas is "
                                 "read by topdress map)")
-        names = column_names(reader)
+        names = _own_names(column_names(reader))
         found, records = reader.shapes(), reader.records()
     there = [k for k, shape in enumerate(found) if shape.points]
     if not there:
@@ -112,6 +112,13 @@ def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
     beside = shapes.units()
     units = {name: beside[name.casefold()].text for name in names if name.casefold() in beside}
     return _with_places(path, columns, lat, lon, source, tuple(findings), units)
+
+
+def _own_names(names: list[str]) -> list[str]:
+    """Of our own as-applied shapefiles the names that ten letters have cut, with their units; else as they stand."""
+    from drivers.files.exports.columns import COLUMNS, TIME_SHORT
+    long = {column.short: column.name for column in COLUMNS} | {TIME_SHORT: "utc"}
+    return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
 
 def _projection(shapes: ShapeSet) -> TransverseMercator | None:

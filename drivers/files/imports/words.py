@@ -40,7 +40,8 @@ _OTHER_DRIVES = _words("engine =eng =pto zapfwelle =fan geblase turbin ^motordre
 SUBJECTS = (
     Subject("wheel speed", (_words("wheel =rad ^rad 轮速 radar roue odometer"),
                             _words("speed =spd ^spd velocity geschw 速 vitesse")), "wheel_speed_mps"),
-    Subject("working width", (_words("width breite 幅宽 largeur"), _words("work arbeit implement 工作 作业"))),
+    Subject("working width", (_words("width breite 幅宽 largeur wdth swath"),
+                              _words("work arbeit implement 工作 作业 swath swth"))),
     Subject("altitude", (_words("altitude =alt elevation hohe 海拔 高程"),)),
     Subject("latitude", (_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),), "lat_deg"),
     Subject("longitude", (_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),), "lon_deg"),
@@ -55,17 +56,19 @@ SUBJECTS = (
     Subject("supply", (_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),), "supply_v",
             quantities=("voltage",)),
     Subject("hopper", (_words("hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 waage fullstand poids "
-                              "tremie"),), "hopper_kg", never=_words("temp pressure druck"), quantities=("mass",)),
+                              "tremie"),), "hopper_kg", never=_words(
+        "temp pressure druck applied target yield ertrag crop total =n"), quantities=("mass",)),
     Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
             "opening_mm", "opening_mm_cmd", never=_words("time zeit")),
     Subject("rate", (_words("=rate ^rate ausbring =dose dosis aufwand 施肥量 施用量 亩用量 =dosage ^istmenge "
                             "^sollmenge applied =appl 目标量 =debit"),), "applied_rate_kg_ha", "target_rate_kg_ha",
-            never=_words("sample baud yaw turn update frame area total fuel"), quantities=("rate",)),
+            never=_words("sample baud yaw turn update frame area total fuel crop grain yield ertrag 产量 =kg =n"),
+            quantities=("rate",)),
     Subject("shaft", (_words("shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke drehzahl 转速 =rpm motor "
                              "=drive antrieb 电机 roller spindle revolution"),), "shaft_rpm", "shaft_rpm_cmd",
             never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom wheel")), quantities=("rotation",)),
     Subject("flow", (_words("=flow massflow durchfluss massenstrom 流量"),), "applied_rate_kg_ha", "target_rate_kg_ha",
-            quantities=("flow",)),
+            never=_words("crop grain yield ertrag korn 产量 fuel oil hydraul"), quantities=("flow",)),
     Subject("speed", (_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),), "speed_mps",
             never=(*_OTHER_DRIVES, *_words("limit angular")), quantities=("speed",)),
     Subject("work", (_words("=work working arbeit 作业 工作 =lift hubwerk =switch schalter implement section spreading "
