@@ -14,6 +14,7 @@ from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses
 from control.loop.expected import ExpectedDrives
+from control.loop.known_terms import KnownTerms
 from control.loop.moment import Decision, Metered, Moment
 from control.loop.ordered import Operator
 from control.loop.reach import Reach
@@ -23,7 +24,6 @@ from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
 from control.metering.inverse import Conditions, flow_kg_s
-from control.metering.known_terms import KnownTerms
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits

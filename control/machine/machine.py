@@ -14,7 +14,7 @@ from .heads import Heads
 from .scale import Scale
 from .shaft import Shaft
 from .speed import Speed
-from .terms import OLD_NOTE, Term, without_old_tables
+from .terms import OLD_NOTE, Term
 
 STAGES: dict[str, Any] = {"shaft": Shaft, "gate": Gate, "flow": Flow, "scale": Scale, "speed": Speed,
                           "heads": Heads, "fall": Fall}
@@ -120,11 +120,6 @@ class Machine(Part):
     tolerance: Tolerance = Tolerance()
     terms: tuple[Term, ...] = ()
     adopted: tuple[Adopted, ...] = ()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _of_before_terms(cls, data: Any) -> Any:
-        return without_old_tables(data) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _agree(self) -> Machine:

@@ -113,8 +113,8 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     dead_s = p.dead_time_s + p.extra_dead_time_s
     sag = p.sag_percent_per_v * max(0.0, p.nominal_supply_v - u.supply_v)
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
-    turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0) * (1.0 + u.more_percent / 100.0)
-    turns = max(0.0, turns) * (1.0 - p.stalled)
+    turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
+    turns = max(0.0, turns * (1.0 + u.more_percent / 100.0)) * (1.0 - p.stalled)
     line = line_put(s.line, s.time_s, u.command_rpm)
     rpm, at_s, end_s = s.rpm, s.time_s - dead_s, s.time_s - dead_s + dt_s
     while at_s < end_s:

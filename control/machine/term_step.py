@@ -64,43 +64,52 @@ def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
     return TermState(s.last + (s.slow - s.last) * keep, x, 1.0)
 
 
+def straight(p: TermParams, x: float, y: float) -> float:
+    """Forms of straight lines and their bends: 0 where `x` is `at`."""
+    away = x - p.at
+    if p.form == HINGE:
+        return (p.above if x > p.at else p.below) * away
+    if p.form == THRESHOLD:
+        return p.above if x > p.at else p.below
+    if p.form == PRODUCT:
+        return p.slope * away * (y - p.second_at)
+    return p.slope * away + p.bend * away * away
+
+
+def between(p: TermParams, x: float) -> float:
+    """Forms with a lower and an upper end."""
+    if p.form == SATURATION:
+        return p.slope * (clipped(x, p.low_end, p.high_end) - p.low_end)
+    if p.form == DEAD_ZONE:
+        return p.slope * (x - clipped(x, p.low_end, p.high_end))
+    if not p.low_end <= x < p.high_end:
+        return 0.0
+    return p.above * ((x - p.low_end) / (p.high_end - p.low_end) if p.grows > 0.0 else 1.0)
+
+
+def sided(p: TermParams, away: float) -> float:
+    """`above` on one side, `below` on the other, evenly from one to the other over `high_end` on both."""
+    return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clipped(away / p.high_end, -1.0, 1.0)
+
+
 def term_step(p: TermParams, s: TermState, x: float, y: float, dt_s: float) -> tuple[TermState, float]:
     """Value of a term where its variables have come to `x` and `y`, `dt_s` after the step before."""
     x = clipped(x, p.low, p.high)
     y = clipped(y, p.second_low, p.second_high)
     if p.tau_s > 0.0:
         s = remembered(p, s, x, dt_s)
-    value = p.level
-    if p.form == SLOPE:
-        value += p.slope * (x - p.at)
-    elif p.form == BEND:
-        value += p.slope * (x - p.at) + p.bend * (x - p.at) * (x - p.at)
-    elif p.form == HINGE:
-        value += (p.above if x > p.at else p.below) * (x - p.at)
-    elif p.form == SATURATION:
-        value += p.slope * (clipped(x, p.low_end, p.high_end) - p.low_end)
-    elif p.form == DEAD_ZONE:
-        value += p.slope * (x - clipped(x, p.low_end, p.high_end))
-    elif p.form == THRESHOLD:
-        value += p.above if x > p.at else p.below
-    elif p.form == PRODUCT:
-        value += p.slope * (x - p.at) * (y - p.second_at)
-    elif p.form == MEMORY:
-        value += p.slope * (x - p.at) + p.bend * (s.slow - p.at)
-    elif p.form == PERIODIC:
+    if p.form == MEMORY:
+        return s, p.level + p.slope * (x - p.at) + p.bend * (s.slow - p.at)
+    if p.form == SIDE:
+        return s, p.level + sided(p, x - (s.slow if p.tau_s > 0.0 else p.at))
+    if p.form == PERIODIC:
         angle = p.cycles * x * pi / 180.0
-        value += p.sine * sin(angle) + p.cosine * cos(angle)
-    elif p.form == SIDE:
-        away = x - (s.slow if p.tau_s > 0.0 else p.at)
-        side = clipped(away / p.high_end, -1.0, 1.0)
-        value += 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * side
-    elif p.form == SPAN:
-        if p.low_end <= x < p.high_end:
-            share = (x - p.low_end) / (p.high_end - p.low_end) if p.grows > 0.0 else 1.0
-            value += p.above * share
-    elif p.form == TABLE:
-        value += table_at(p.nodes, p.values, x)
-    return s, value
+        return s, p.level + p.sine * sin(angle) + p.cosine * cos(angle)
+    if p.form == TABLE:
+        return s, p.level + table_at(p.nodes, p.values, x)
+    if p.form == SATURATION or p.form == DEAD_ZONE or p.form == SPAN:
+        return s, p.level + between(p, x)
+    return s, p.level + straight(p, x, y)
 
 
 def over_rows(step: Any) -> Any:

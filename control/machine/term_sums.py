@@ -65,7 +65,8 @@ class StandingTerms(NamedTuple):
 
     def at(self, only: Sequence[Acts], **set_points: float) -> More:
         """The sums of some quantities with some of the values replaced."""
-        values, more = {**self.values, **set_points}, {}
+        values = {**self.values, **set_points}
+        more: dict[str, float] = {}
         for (acts_on, params, names), state in zip(self.terms, self.states, strict=True):
             if acts_on in only and all(name in values for name in names):
                 _, value = term_step(params, state, values[names[0]], values[names[-1]], 0.0)

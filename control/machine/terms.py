@@ -160,6 +160,13 @@ class Term(BaseModel):
 
     @model_validator(mode="after")
     def _agree(self) -> Term:
+        self._numbers()
+        self._ends()
+        self._variables()
+        self._table()
+        return self
+
+    def _numbers(self) -> None:
         use = COEFFICIENTS[self.form]
         allowed = (*use.needs, *use.may)
         for name in self.coefficients:
@@ -171,7 +178,8 @@ class Term(BaseModel):
         for name in POSITIVE & self.coefficients.keys():
             if not self.coefficients[name] > 0.0:
                 _wrong(("coefficients", name), "allowed more than 0")
-        self._ends()
+
+    def _variables(self) -> None:
         wanted = 2 if self.form is Form.PRODUCT else 1
         if len(self.over) != wanted:
             _wrong(("over",), f"form {self.form.value} has {wanted} variable{'s' if wanted > 1 else ''}")
@@ -181,8 +189,6 @@ class Term(BaseModel):
             _wrong(("over", 0, "name"), f"{SHAFT_ANGLE} has form periodic")
         if self.form is Form.SPAN and self.over[0].name != "time_s":
             _wrong(("over", 0, "name"), "form span is over time_s")
-        self._table()
-        return self
 
     def _ends(self) -> None:
         c = self.coefficients
@@ -232,8 +238,9 @@ def params_of(term: Term) -> TermParams:
     """A term as the numbers that its evaluator takes."""
     low, high = term.over[0].valid or (-1e300, 1e300)
     second_low, second_high = (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
-    found = TermParams(list(Form).index(term.form), float(low), float(high), float(second_low), float(second_high))
-    found = found._replace(**{name: float(value) for name, value in term.coefficients.items()})
+    numbers: dict[str, Any] = {name: float(value) for name, value in term.coefficients.items()}
+    found = TermParams(list(Form).index(term.form), float(low), float(high), float(second_low),
+                       float(second_high))._replace(**numbers)
     if term.form is Form.TABLE:
         found = found._replace(nodes=_filled(term.nodes, 1.0), values=_filled(term.values, 0.0))
     return found
@@ -242,8 +249,8 @@ def params_of(term: Term) -> TermParams:
 def _filled(numbers: tuple[float, ...], step: float) -> Table:
     """Eight numbers: beyond the last node the table is held."""
     more = NODES - len(numbers)
-    found: Any = (*map(float, numbers), *(float(numbers[-1] + step * (k + 1)) for k in range(more)))
-    return found
+    a, b, c, d, e, f, g, h = (*map(float, numbers), *(float(numbers[-1] + step * (k + 1)) for k in range(more)))
+    return a, b, c, d, e, f, g, h
 
 
 def needed(term: Term) -> tuple[str, ...]:
@@ -258,7 +265,8 @@ TOLD_RPM, TOLD_MM = "told_rpm", "told_mm"
 
 _OLD_TABLES = {"shaft": ("table_percent", Acts.SHAFT_PERCENT), "gate": ("table_mm", Acts.GATE_MM),
                "flow": ("table_percent", Acts.FLOW_PERCENT), "scale": ("table_kg", Acts.SCALE_KG),
-               "speed": ("table_percent", Acts.WHEEL_PERCENT), "heads": ("table_percent", None), "fall": ("table_s", None)}
+               "speed": ("table_percent", Acts.WHEEL_PERCENT), "heads": ("table_percent", None),
+               "fall": ("table_s", None)}
 OLD_NOTE = "was a table in an older machine file (tables_over)"
 
 

@@ -9,7 +9,6 @@ from control.machine.machine import Machine
 from control.machine.term_sums import StandingTerms
 from control.machine.terms import Acts
 
-
 OF_FLOW = (Acts.FLOW_PERCENT, Acts.FLOW_KG_MIN)
 OF_SHAFT = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM)
 OF_GATE = (Acts.GATE_MM,)
@@ -71,7 +70,8 @@ def _opening_with_terms(machine: Machine, wanted_kg_s: float, shaft_rpm: float, 
         at = min(limits.opening_high_mm, max(limits.opening_low_mm, opening))
         more = terms.at(OF_FLOW, shaft_rpm=shaft_rpm, opening_mm=at)
         left = wanted_kg_s - more.flow_kg_min / 60.0 * c.flow_trim
-        found = opening_for(machine, max(0.0, left) / max(LEAST_SHARE, 1.0 + more.flow_percent / 100.0), shaft_rpm, bare)
+        share = max(LEAST_SHARE, 1.0 + more.flow_percent / 100.0)
+        found = opening_for(machine, max(0.0, left) / share, shaft_rpm, bare)
         if abs(found - opening) < SETTLED_MM:
             return found
         opening = found

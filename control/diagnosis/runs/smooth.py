@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis import effects
-from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.compiled import table_run
+from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.elements import Table
 from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_filter
 
-from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.compiled import term_run
+from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
 from control.machine.term_sums import angle_over_log, dead_times_s, over_log, told_over_log
 from control.machine.terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM
@@ -206,7 +206,7 @@ def term_inputs(log: Clean, every: _Rows, machine: Machine) -> dict[str, Array]:
 
     What a log lacks is left out, and so are the terms over it.
     """
-    c, time, found = log.columns, every.time_s, {"time_s": every.time_s}
+    time, found = every.time_s, {"time_s": every.time_s}
     for name, told, command, dead_s in zip(("shaft_rpm", "opening_mm"), (TOLD_RPM, TOLD_MM),
                                            (every.command_rpm, every.command_mm), dead_times_s(machine), strict=True):
         if np.isfinite(command).all():
@@ -217,35 +217,30 @@ def term_inputs(log: Clean, every: _Rows, machine: Machine) -> dict[str, Array]:
                 found[told] = found[name]
     if log.has("shaft_rpm"):
         found[SHAFT_ANGLE] = angle_over_log(every.shaft_rpm, time)
-    for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg)):
-        if log.has(name):
-            found[name] = series
+    further = {name: _bridged(time, series, series) for name, series in log.further.items()}
+    return found | _read_slowly(log, every) | further
+
+
+def _read_slowly(log: Clean, every: _Rows) -> dict[str, Array]:
+    """What is read beside the drives, smoothed, (n,) by name: sensors' noise is no motion of the machine."""
+    found = {name: series for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
+             if log.has(name)}
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
         if log.has(name):
-            found[name] = _smooth(_bridged(time, c[name], np.zeros(len(time))), log.step_s)
+            found[name] = _smooth(_bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s)
     if log.has("heading_deg"):
-        found["heading_deg"] = _held(c["heading_deg"])
-    for name, series in log.further.items():
-        found[name] = _bridged(time, series, series)
+        found["heading_deg"] = _held(log.columns["heading_deg"])
     return found
 
 
 def _variables(log: Clean, every: _Rows) -> dict[str, Array]:
     """The recorded variables that something may depend on, (n,) by name; commands in place of the drives' readings."""
-    c, found = log.columns, {"time_s": every.time_s}
+    found = {"time_s": every.time_s}
     if "shaft" in log.stages or "flow" in log.stages:
         found["shaft_rpm"] = np.where(np.isfinite(every.command_rpm), every.command_rpm, every.shaft_rpm)
     if "gate" in log.stages or "flow" in log.stages:
         found["opening_mm"] = np.where(np.isfinite(every.command_mm), every.command_mm, every.opening_mm)
-    for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg)):
-        if log.has(name):
-            found[name] = series
-    for name in ("roll_deg", "hopper_kg", "speed_mps"):
-        if log.has(name):
-            found[name] = _smooth(_bridged(every.time_s, c[name], np.zeros(len(every.time_s))), log.step_s)
-    if log.has("heading_deg"):
-        found["heading_deg"] = _held(c["heading_deg"])
-    return found
+    return found | _read_slowly(log, every)
 
 
 def _held(series: Array) -> Array:
@@ -391,13 +386,13 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], ma
         if close:
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
-    more_percent, more_kg_s, more_kg = _of_terms(every, edges, width)
     return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
                   tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
-                  *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM), more_percent, more_kg_s, more_kg)
+                  *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
+                  *_of_terms(every, edges))
 
 
-def _of_terms(every: _Rows, edges: Array, width: float) -> tuple[Array | float, Array | float, Array | float]:
+def _of_terms(every: _Rows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
     """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg of the reading (m,)."""
     more, time = every.more, every.time_s
     percent: Array | float = 0.0
