@@ -253,10 +253,14 @@ def _filled(numbers: tuple[float, ...], step: float) -> Table:
     return a, b, c, d, e, f, g, h
 
 
+def own_command(stage: str, variable: str) -> str:
+    """Name of the value that a term of a stage is asked with: of its own drive, the command that it follows by now."""
+    return {("shaft", "shaft_rpm"): TOLD_RPM, ("gate", "opening_mm"): TOLD_MM}.get((stage, variable), variable)
+
+
 def needed(term: Term) -> tuple[str, ...]:
-    """Names of the values that a term is asked with: of its own drive, the command that the drive follows by now."""
-    own = {("shaft", "shaft_rpm"): TOLD_RPM, ("gate", "opening_mm"): TOLD_MM}
-    return tuple(own.get((term.stage, name), name) for name in term.variables)
+    """Names of the values that a term is asked with."""
+    return tuple(own_command(term.stage, name) for name in term.variables)
 
 
 TOLD_RPM, TOLD_MM = "told_rpm", "told_mm"
