@@ -143,8 +143,8 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
 
 def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],
                 noise: dict[str, Noise]) -> list[_Candidate]:
-    """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under which
-    drift looks like one: of each quantity and variables one form."""
+    """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
+    which drift looks like one: of each quantity and variables one form."""
     chosen: dict[tuple[Acts, tuple[str, ...]], _Candidate] = {}
     for start in _starts(search, noise):
         ground = Ground(search.columns, now.parts, base, start)
