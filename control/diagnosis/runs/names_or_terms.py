@@ -41,6 +41,8 @@ def _worth(now: Refit, terms: Sequence[Found]) -> float:
 
 def _may_replace(search: Search, parts: Parts, terms: Sequence[Found]) -> bool:
     """Whether terms say something else than the names: not a name's own dependence in another form, nor a constant."""
+    if any(ROWS[part.id].threshold or not ROWS[part.id].has_slope for part in parts):
+        return False
     data = search.model.data
     for one in terms:
         values = series_of_term(one.term, data)

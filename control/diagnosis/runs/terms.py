@@ -39,8 +39,10 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
 
 # Gains are of twice the log-likelihood, prices of forms taken off (`term_forms`).
-TERM_THRESHOLD = 30.0       # largest over all quantities, variables and forms
+TERM_THRESHOLD = 22.0       # over all quantities, variables and forms; largest of 40 healthy logs that held: below 10
 SPAN_THRESHOLD = 45.0       # a drift can follow a box
+MAX_IN_A_BLOCK = 0.6        # of a box's energy: less than three blocks are a moment
+SLOW_MEMORY_S = 30.0        # what is remembered for longer is as smooth as drift
 MIN_SCORE = 6.0             # of a scan, for a refit
 MAX_TERMS = 2               # of one group of channels
 VERIFIED = 4                # best of a scan that are refitted, their noise too
@@ -397,7 +399,8 @@ def _field_percent(term: Term, data: RunData) -> float:
 def _threshold(one: Found, explained: float) -> float:
     if one.tried.form is Form.SPAN:
         return max(SPAN_THRESHOLD, OPEN_SHARE * explained)
-    factor = TIME_FACTOR if TIME_LIKE & set(one.tried.over) else 1.0
+    slow = one.tried.form is Form.MEMORY and one.tried.knobs["tau_s"] > SLOW_MEMORY_S
+    factor = TIME_FACTOR if slow or TIME_LIKE & set(one.tried.over) else 1.0
     return factor * max(TERM_THRESHOLD, OPEN_SHARE * explained)
 
 
@@ -413,11 +416,12 @@ def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: F
     own = series_of(one.trace.coefficients[name], channel.cut)
     seen = ground.blocks(channel, own)
     slow, slow_noise = as_drift(channel, one.trace.coefficients[name], now.noise[name], one.noise[name])
-    if one.tried.form is Form.SPAN:
-        return True
+    whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
+    if one.tried.form is Form.SPAN:         # not one moment of it
+        return without_best_block(seen, 0) > MIN_WITHOUT_BLOCK * whole and float(
+            seen.energy.max()) < MAX_IN_A_BLOCK * float(seen.energy.sum())
     if slow_noise:
         return False
-    whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
     blocks = coarser(seen)
     if without_best_block(blocks, 0) < MIN_WITHOUT_BLOCK * whole or one.gain < TERM_THRESHOLD * spread_over(seen, 0):
         return False
