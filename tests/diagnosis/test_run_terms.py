@@ -20,6 +20,7 @@ from control.machine.term_sums import over_log, told_over_log
 from control.machine.terms import Term, parse_term
 
 ROWS, STEP_S = 6000, 0.1
+NOMINAL = Machine()
 
 
 def slow(rng: np.random.Generator, tau_s: float) -> Any:
@@ -34,7 +35,7 @@ def slow(rng: np.random.Generator, tau_s: float) -> Any:
     return found
 
 
-def shaft_log(*texts: str, seed: int = 1, machine: Machine = Machine()) -> dict[str, Any]:
+def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL) -> dict[str, Any]:
     """A log of the shaft alone, ten rows a second, of a machine that has terms."""
     rng = np.random.default_rng(seed)
     time_s = STEP_S * np.arange(ROWS)
@@ -130,5 +131,5 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     assert compensation(term) == "Control takes it back"
     assert any(sentence(term) in line for line in summary(found))
     assert len(found.terms[0].seen) > 5
-    at, seen, told = np.array(found.terms[0].seen).T
+    _, seen, told = np.array(found.terms[0].seen).T
     assert np.max(np.abs(seen - told)) < 0.4

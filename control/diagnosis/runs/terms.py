@@ -420,12 +420,10 @@ def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: F
     if one.tried.form is Form.SPAN:         # not one moment of it
         return without_best_block(seen, 0) > MIN_WITHOUT_BLOCK * whole and float(
             seen.energy.max()) < MAX_IN_A_BLOCK * float(seen.energy.sum())
-    if slow_noise:
-        return False
     blocks = coarser(seen)
     if without_best_block(blocks, 0) < MIN_WITHOUT_BLOCK * whole or one.gain < TERM_THRESHOLD * spread_over(seen, 0):
         return False
-    if not slow or one.gain > SURE * TERM_THRESHOLD:
+    if not slow or (one.gain > SURE * TERM_THRESHOLD and not slow_noise):
         return True
     return one.gain > SHIFT_MARGIN * _gain_elsewhere(search, now, base, held, one, acted, variables)
 
