@@ -19,7 +19,8 @@ MAX_MEAN = 1.5              # times a term's spread: what is constant beyond tha
 
 
 def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[Found, ...]]:
-    """The hypothesis and the terms beyond it; its names are given up where terms alone explain more."""
+    """The hypothesis and the terms beyond it; its names are given up where terms alone explain more, or where the names
+    gain nothing beside the terms."""
     explained = max(0.0, 2.0 * (now.log_likelihood - null.log_likelihood))
     dictionary = Dictionary(search)
     beside = found_terms(search, dictionary, now, explained)
@@ -28,15 +29,20 @@ def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[
     alone = found_terms(search, dictionary, null, 0.0)
     if not alone or not _may_replace(search, now.parts, alone):
         return now, tuple(beside)
+    superfluous = bool(beside) and _explained(now, beside) - _explained(null, alone) < NAME_PRICE
     least = _worth(now, beside) + max(NAME_WINS, NAME_WINS_SHARE * explained)
-    return (null, tuple(alone)) if _worth(null, alone) > least else (now, tuple(beside))
+    return (null, tuple(alone)) if superfluous or _worth(null, alone) > least else (now, tuple(beside))
+
+
+def _explained(now: Refit, terms: Sequence[Found]) -> float:
+    """Twice the log-likelihood of a hypothesis with its terms."""
+    return 2.0 * (terms[-1].log_likelihood if terms else now.log_likelihood)
 
 
 def _worth(now: Refit, terms: Sequence[Found]) -> float:
-    """Twice the log-likelihood less all prices."""
-    value = 2.0 * (terms[-1].log_likelihood if terms else now.log_likelihood)
+    """The same less all prices."""
     levels = sum(len(one.columns) > one.tried.mix.shape[1] for one in terms)
-    return float(value - NAME_PRICE * len(now.parts) - total_price(terms) - PER_AMPLITUDE * levels)
+    return float(_explained(now, terms) - NAME_PRICE * len(now.parts) - total_price(terms) - PER_AMPLITUDE * levels)
 
 
 def _may_replace(search: Search, parts: Parts, terms: Sequence[Found]) -> bool:
