@@ -31,11 +31,13 @@ from .evidence import (
 from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
+from .names_or_terms import beyond_names
 from .onset import as_begun, blocked, refined, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
 from .search import Candidate, Refit, Scanned, Search
 from .settle import settle
+from .terms import Found
 from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
 
 Array = npt.NDArray[np.float64]
@@ -118,6 +120,7 @@ class Judged(NamedTuple):
     left: Dependence | None                     # what no effect explains
     refused: tuple[Refused, ...] = ()           # at the end: evidence for more parts, that did not hold
     structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted; drift's share off
+    terms: tuple[Found, ...] = ()               # beyond the catalogue
 
 
 def judged(search: Search) -> Judged:
@@ -131,13 +134,14 @@ def judged(search: Search) -> Judged:
         current, dropped = _without_doubtful(search, current)
         refused = [*refused, *dropped]
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
-    left = unexplained(search.columns, current, explained)
+    current, terms = beyond_names(search, current, null)
+    left = None if terms else unexplained(search.columns, current, explained)
     if left is not None:
         beside = _beside(search, current, left)
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
     gains, rivals = _rivals(search, current)
-    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain)
+    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms)
 
 
 def _nothing(search: Search) -> Refit:
