@@ -135,6 +135,15 @@ def unevenness(seen: Scores, k: int) -> float:
     return spread if spread > UNEVEN else 1.0
 
 
+def coarser(seen: Scores, by: int = 4) -> Scores:
+    """The same in blocks that are `by` times as long; the tolerances' row stays."""
+    traces = seen.score.shape[1]
+
+    def merged(rows: Array) -> Array:
+        return np.concatenate([rows[:-1].reshape(-1, by, traces).sum(axis=1), rows[-1:]])
+    return Scores(merged(seen.score), merged(seen.energy))
+
+
 def without_best_block(seen: Scores, k: int) -> float:
     """Gain that trace k keeps when the block that speaks loudest for it is left out, scaled to the whole."""
     score, energy = seen.score[:, k], seen.energy[:, k]

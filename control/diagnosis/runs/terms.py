@@ -10,6 +10,7 @@ References
 """
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -373,9 +374,14 @@ def _term(acts: Acts, form: Tried, amplitude: Array, levels: int, fit: Fit, base
         middle, half = numbers[main], abs(numbers[main]) * share
         intervals = (Interval(main, middle - half, middle + half),)
     return Term.model_validate({
-        "id": f"{stage}.{form.form.value}_{'_'.join(form.over)}".lower(), "acts_on": acts, "form": form.form,
+        "id": _id(f"{stage}.{form.form.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": form.form,
         "over": over, "coefficients": {name: float(value) for name, value in numbers.items()}, "intervals": intervals,
         "nodes": tuple(nodes), "values": tuple(values)})
+
+
+def _id(words: str) -> str:
+    """Of a term: names of columns may be in any writing, ids are not."""
+    return re.sub(r"[^a-z0-9_.]+", "", words.lower())
 
 
 def series_of_term(term: Term, data: RunData) -> Array:
