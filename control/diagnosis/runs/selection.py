@@ -20,6 +20,7 @@ from .changes import changes
 from .evidence import (
     MIN_DRIFT,
     chance,
+    colour,
     null_of_maximum,
     scores,
     slow_share,
@@ -263,17 +264,19 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None
         return Refused(part, gain, Doubt.DRIFT, THRESHOLD)
     others = without(found.parts, k)
     seen = scores(search.columns, others, found.noise, [trace])
-    spread = spread_over(seen, 0)
+    spread, tone = spread_over(seen, 0), colour(search.columns, found.parts, found.noise, trace)
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
     kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(seen, 0)
     if kept < least or gain < THRESHOLD * spread ** 0.5:
-        return Refused(part, gain, Doubt.STRETCH, gain / spread)
+        return Refused(part, gain, Doubt.STRETCH, gain / (spread * tone))
+    if gain < THRESHOLD * tone:
+        return Refused(part, gain, Doubt.CHANCE, gain / (spread * tone))
     tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     traces = [search.columns.of_candidate(others, c.part) for c in tried]
     every = scores(search.columns, found.parts, found.noise, traces)
     sure = chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
-    return None if sure else Refused(part, gain, Doubt.CHANCE, gain / spread)
+    return None if sure else Refused(part, gain, Doubt.CHANCE, gain / (spread * tone))
 
 
 def _as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column) -> bool:
