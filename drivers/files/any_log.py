@@ -70,7 +70,8 @@ def holds_points(path: Path) -> bool:
 def _points_of_geojson(path: Path) -> bool:
     root = json.loads(path.read_bytes().decode("utf-8-sig"))
     features = root.get("features") if isinstance(root, dict) else None
-    kinds = {str((one.get("geometry") or {}).get("type")) for one in features or () if isinstance(one, dict)}
+    shapes = [one.get("geometry") for one in features if isinstance(one, dict)] if isinstance(features, list) else []
+    kinds = {str(shape.get("type")) for shape in shapes if isinstance(shape, dict)}
     return "Point" in kinds and not kinds & {"Polygon", "MultiPolygon"}
 
 

@@ -32,8 +32,8 @@ def read_geojson(path: Path, said: Source) -> RawTable:
     features = root.get("features") if isinstance(root, dict) else None
     if not isinstance(features, list) or not features:
         raise ImportTrouble(f"{path}: no features: allowed is a FeatureCollection of points")
-    points = [(feature["geometry"]["coordinates"], told if isinstance(told := feature.get("properties"), dict) else {})
-              for feature in features
+    points = [(feature["geometry"].get("coordinates"),
+               told if isinstance(told := feature.get("properties"), dict) else {}) for feature in features
               if isinstance(feature, dict) and isinstance(feature.get("geometry"), dict)
               and feature["geometry"].get("type") == "Point"]
     if not points:
