@@ -101,9 +101,10 @@ async def test_without_the_token_a_client_only_looks(running, attach):
 
 
 CONSOLE = textwrap.dedent("""
-    import asyncio, json, sys
+    import asyncio, json, signal, sys
     from console.link import Link, Where
     from control.orders import Do, Order
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)        # a suite under nohup hands its ignoring on
     async def main():
         link = Link(Where(**json.loads(sys.argv[1])))
         task = asyncio.create_task(link.run())
