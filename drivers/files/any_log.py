@@ -1,7 +1,6 @@
 """A log of any program, opened as a run log: its own as it is, another's through the import where nothing is unsure."""
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +8,7 @@ from pathlib import Path
 
 from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
+from drivers.files.limits import read_json
 from drivers.files.read_log import RunLog, read_rows
 from drivers.files.sheet_text import SUFFIXES as SHEETS
 from drivers.files.table import TableError, header_of
@@ -68,7 +68,7 @@ def holds_points(path: Path) -> bool:
 
 
 def _points_of_geojson(path: Path) -> bool:
-    root = json.loads(path.read_bytes().decode("utf-8-sig"))
+    root = read_json(path)
     features = root.get("features") if isinstance(root, dict) else None
     shapes = [one.get("geometry") for one in features if isinstance(one, dict)] if isinstance(features, list) else []
     kinds = {str(shape.get("type")) for shape in shapes if isinstance(shape, dict)}

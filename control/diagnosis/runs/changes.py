@@ -17,13 +17,12 @@ import numpy.typing as npt
 from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 
-from . import noise as noises
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Part, Parts
-from .likelihood import Column, best_fitted, calm, problem, solved
-from .model import in_course
-from .noise import Noise, coefficients, series_of
+from .likelihood import Column, best_fitted, calm, problem, solved, taken_off
+from .model import adds_up, in_course
+from .noise import Noise, coefficients, series_of, strengths
 from .search import Candidate, Scanned
 
 Array = npt.NDArray[np.float64]
@@ -62,13 +61,14 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     if not begins:
         return []
     best: dict[tuple[str, int | None, bool], Scanned] = {}
-    p, before = columns.compressed(parts)
-    fit = best_fitted(p, np.arange(before), noise, columns.model.channels)
-    base = columns.of_hypothesis(parts)
+    base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
+    p = problem(columns.model.channels, banded, base)
+    fit = best_fitted(p, np.arange(len(base)), noise, columns.model.channels)
     traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
     starts = [fit.noise, calm(fit.noise, columns.model.channels)]
     for start in starts[:1] if starts[0] == starts[1] else starts:
-        ground = _ground(columns, parts, base, start)
+        amplitude, _ = solved(p, np.arange(len(base)), start)
+        ground = _ground(columns.model.channels, taken_off(banded, base, amplitude), base, start)
         for candidate, trace in zip(begins, traces, strict=True):
             for grows in (False,) if ROWS[candidate.part.id].threshold else (False, True):
                 found = _begun(ground, candidate, trace, grows)
@@ -78,20 +78,16 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     return sorted(best.values(), key=lambda one: -one.gain)
 
 
-def _ground(columns: Columns, parts: Parts, base: Sequence[Column], noise: dict[str, Noise]) -> _Ground:
-    banded, found, begin = columns.model.banded_residual(parts), {}, 0
-    amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), noise)
-    for channel in columns.model.channels:
+def _ground(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Sequence[Column],
+            noise: dict[str, Noise]) -> _Ground:
+    """left : what the base leaves of the banded residual, (m,) by channel."""
+    found, begin = {}, 0
+    for channel in channels:
         name, cut = channel.name, channel.cut
-        strength = noises.spectrum(np.array(noise[name].theta), channel.prior, cut, channel.grid.step_s)
-        strength = np.repeat(strength, cut.members.astype(np.int64))
-        left = banded[name].copy()
-        for size, column in zip(amplitude, base, strict=True):
-            if name in column.coefficients:
-                left -= size * column.coefficients[name]
-        weighted = series_of(left / strength, cut).reshape(channel.copies, -1)
-        found[name] = _Whitened(channel, weighted, 1.0 / np.sqrt(strength), slice(begin, begin + len(left)))
-        begin += len(left)
+        strength = strengths(noise[name], channel.prior, cut, channel.grid.step_s)
+        weighted = series_of(left[name] / strength, cut).reshape(channel.copies, -1)
+        found[name] = _Whitened(channel, weighted, 1.0 / np.sqrt(strength), slice(begin, begin + len(strength)))
+        begin += len(strength)
     stack = np.zeros((begin + len(base), len(base)))
     for k, column in enumerate(base):
         for name, one in found.items():
@@ -115,7 +111,7 @@ def _begun(ground: _Ground, candidate: Candidate, trace: dict[str, Array], grows
     pull = np.zeros(len(time_s))
     for name, one in unit.items():
         seen = ground.channels[name]
-        sums = _sums_from(seen, one.reshape(seen.channel.copies, -1), _adds_up(candidate.part, name), grows)
+        sums = _sums_from(seen, one.reshape(seen.channel.copies, -1), adds_up(candidate.part, name), grows)
         pull += np.interp(time_s, seen.channel.grid.even_s, sums)
     part = candidate.part._replace(grows=grows)
     for count in (FEW_TIMES, TIMES):
@@ -132,18 +128,13 @@ def _begun(ground: _Ground, candidate: Candidate, trace: dict[str, Array], grows
     return Scanned(part._replace(size=float(size[at]), onset_s=float(time_s[at])), float(gain[at]))
 
 
-def _adds_up(part: Part, channel: str) -> bool:
-    """Whether a channel reads the sum of what an effect did until then (`in_course`)."""
-    return channel == "scale" and ROWS[part.id].stage != "scale"
-
-
-def _sums_from(seen: _Whitened, trace: Array, adds_up: bool, grows: bool) -> Array:
+def _sums_from(seen: _Whitened, trace: Array, summed: bool, grows: bool) -> Array:
     """Sum of weighted residual x trace, were the trace to begin at each sample: (m,). trace : (copies, m)."""
     weighted, time_s = seen.weighted, seen.channel.grid.even_s
     if not grows:
-        level = trace.sum(axis=0) * _ahead(weighted) if adds_up else 0.0
+        level = trace.sum(axis=0) * _ahead(weighted) if summed else 0.0
         return np.asarray(_ahead(weighted * trace) - level)
-    if not adds_up:
+    if not summed:
         sums = _ahead(weighted * trace * time_s) - time_s * _ahead(weighted * trace)
     else:
         rate = np.diff(trace, prepend=trace[:, :1])

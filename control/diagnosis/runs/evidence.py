@@ -17,7 +17,7 @@ from . import noise as noises
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Parts
-from .likelihood import Column, problem, solved, weighted
+from .likelihood import Column, problem, solved, taken_off, weighted
 from .noise import Noise, series_of
 
 Array = npt.NDArray[np.float64]
@@ -49,14 +49,13 @@ def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequ
     amplitude, covariance = solved(p, np.arange(before), noise)
     normal, _ = weighted(p, noise)
     shares = covariance @ normal[:before, before:]                    # of each base column in each trace
-    found: list[tuple[Array, Array]] = []
+    left, found = taken_off(data, base, amplitude), list[tuple[Array, Array]]()
     for channel in model.channels:
-        left, plain = data[channel.name].copy(), _stacked(traces, channel)
+        plain = _stacked(traces, channel)
         for j, column in enumerate(base):
             if channel.name in column.coefficients:
-                left -= amplitude[j] * column.coefficients[channel.name]
                 plain -= shares[j][:, None] * column.coefficients[channel.name]
-        found.append(_block_sums(channel, noise[channel.name], left, plain))
+        found.append(_block_sums(channel, noise[channel.name], left[channel.name], plain))
     told = (p.mean[:before] - amplitude) / p.sd[:before]
     tolerated = -shares / p.sd[:before, None]
     found.append(((told @ tolerated)[None], (tolerated ** 2).sum(axis=0)[None]))
@@ -74,8 +73,7 @@ def _stacked(traces: Sequence[Column], channel: ChannelSeries) -> Array:
 
 def _block_sums(channel: ChannelSeries, noise: Noise, left: Array, traces: Array) -> tuple[Array, Array]:
     """Sums over BLOCKS blocks, (blocks, k) each: whitened residual times whitened traces, and these squared."""
-    strength = noises.spectrum(np.array(noise.theta), channel.prior, channel.cut, channel.grid.step_s)
-    scale = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
+    scale = 1.0 / np.sqrt(noises.strengths(noise, channel.prior, channel.cut, channel.grid.step_s))
     residual = series_of(left * scale, channel.cut)
     edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
     sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))

@@ -168,6 +168,15 @@ def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
     return np.maximum(1e-300, (one.gram @ vector) @ vector)
 
 
+def taken_off(banded: Mapping[str, Array], columns: Sequence[Column], amplitude: Array) -> dict[str, Array]:
+    """What columns with their amplitudes leave of banded coefficients, (m,) by channel."""
+    left = {name: values.copy() for name, values in banded.items()}
+    for size, column in zip(amplitude, columns, strict=True):
+        for name in left.keys() & column.coefficients.keys():
+            left[name] -= size * column.coefficients[name]
+    return left
+
+
 def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
     """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
     one = next(one for one in p.products if one.channel.name == channel)

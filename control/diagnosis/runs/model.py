@@ -77,6 +77,11 @@ def stamp_sd_s(machine: Machine, step_s: float) -> float:
     return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
 
 
+def adds_up(part: Part, channel: str) -> bool:
+    """Whether a channel reads the sum of what an effect did until then: a scale reads all that flowed."""
+    return channel == "scale" and ROWS[part.id].stage != "scale"
+
+
 def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
     """What an effect does to a channel in the course of a log, from what it would do all along: both (m,).
 
@@ -89,7 +94,7 @@ def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
         weight = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
     if part.until_s is not None:
         weight = np.where(time_s < part.until_s, weight, 0.0)
-    if channel.name == "scale" and ROWS[part.id].stage != "scale":
+    if adds_up(part, channel.name):
         return np.asarray(np.cumsum(np.diff(change, prepend=change[0]) * weight))
     return np.asarray((change.reshape(channel.copies, -1) * weight).ravel())
 

@@ -126,6 +126,11 @@ def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> A
     return total
 
 
+def strengths(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
+    """Variance of every coefficient, sorted by band (m,)."""
+    return np.repeat(spectrum(np.array(noise.theta), prior, cut, step_s), cut.members.astype(np.int64))
+
+
 def _penalty(theta: Array, prior: NoisePrior) -> tuple[float, Array, Array]:
     centre = np.array(start(prior).theta)
     away = (theta - centre) / np.array(prior.spread)

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Parts
-from .likelihood import Column, problem, solved
+from .likelihood import Column, problem, solved, taken_off
 from .noise import coefficients, series_of
 from .stages import RunData
 
@@ -83,12 +83,10 @@ def draw_in(columns: Columns, parts: Parts, more: Sequence[Column]) -> None:
     left = model.residual(parts)
     data = {c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels}
     amplitude, _ = solved(problem(model.channels, data, every), np.arange(len(every)), model.noise)
+    rest = taken_off(data, every, amplitude)
     for channel in model.channels:
-        rest = data[channel.name].copy()
-        for size, column in zip(amplitude, every, strict=True):
-            if channel.name in column.coefficients:
-                rest -= size * column.coefficients[channel.name]
-        model.drawn_in[channel.name] = _excess(series_of(rest, channel.cut), channel, _at_ease(channel, model.data))
+        series = series_of(rest[channel.name], channel.cut)
+        model.drawn_in[channel.name] = _excess(series, channel, _at_ease(channel, model.data))
 
 
 def _excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_]) -> Array:

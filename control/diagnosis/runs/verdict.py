@@ -16,10 +16,9 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.result import Gain
 from control.machine.machine import bounds
 
-from . import noise as noises
 from .channels import ChannelSeries
-from .likelihood import problem, solved
-from .noise import series_of
+from .likelihood import problem, solved, taken_off
+from .noise import series_of, strengths
 from .selection import THRESHOLD, Doubt, Judged, Refused
 
 Array = npt.NDArray[np.float64]
@@ -77,11 +76,7 @@ def _rest(one: Judged) -> dict[str, Array]:
     columns, parts = one.search.columns, one.found.parts
     base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
     amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), one.found.noise)
-    left = {name: values.copy() for name, values in banded.items()}
-    for size, column in zip(amplitude, base, strict=True):
-        for name, values in column.coefficients.items():
-            left[name] -= size * values
-    return left
+    return taken_off(banded, base, amplitude)
 
 
 def _nearest(one: Judged, channel: ChannelSeries, left: Array) -> str:
@@ -131,9 +126,7 @@ def _evidence(one: Judged) -> list[Refused]:
 
 def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
     """Period of a frequency that stands out of the noise that a hypothesis leaves, s; None where none does."""
-    noise = np.array(one.found.noise[channel.name].theta)
-    strength = noises.spectrum(noise, channel.prior, channel.cut, channel.grid.step_s)
-    power = left ** 2 / np.repeat(strength, channel.cut.members.astype(np.int64))
+    power = left ** 2 / strengths(one.found.noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
     at = int(np.argmax(power))
     omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in channel.cut.bounds])
     highest = float(omega[channel.cut.order][at])
