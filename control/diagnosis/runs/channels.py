@@ -54,49 +54,38 @@ def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...]
     return tuple(sets), np.array(rows, np.int64)
 
 
-def shaft_rows(drive: Drive) -> Rows:
-    """The shaft asked for what the log asked: true and measured speed, r/min."""
-    inputs = input_rows(ShaftInput, len(drive.time_s), command_rpm=drive.command, opening_mm=drive.opening_mm,
-                        supply_v=drive.supply_v)
-    first = float(drive.command[0])
+_STAGE: dict[str, tuple[Any, Any, Any]] = {        # the start is made anew for each run, which writes into it
+    "shaft": (shaft_run, shaft_start, ShaftOutput), "gate": (gate_run, gate_start, GateOutput)}
+
+
+def drive_rows(drive: Drive) -> Rows:
+    """Shaft or gate asked for what the log asked: where it truly stood and what was read, r/min or mm."""
+    count, command = len(drive.time_s), drive.command
+    first, begin_s = float(command[0]), float(drive.clock_s[0])
+    run_stage, start, output = _STAGE[drive.name]
+    if drive.name == "shaft":
+        inputs = input_rows(ShaftInput, count, command_rpm=command, opening_mm=drive.opening_mm,
+                            supply_v=drive.supply_v)
+    else:
+        inputs = input_rows(GateInput, count, command_mm=command)
 
     def run(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, "shaft", drive.time_s)
-        return np.asarray(shaft_run(sets, rows, shaft_start(first, drive.clock_s[0]), ShaftOutput(first, first), inputs,
-                                    drive.clock_s, step_s))
+        sets, rows = switches(plan, drive.name, drive.time_s)
+        return np.asarray(run_stage(sets, rows, start(first, begin_s), output(first, first), inputs, drive.clock_s,
+                                    step_s))
     return run
 
 
-def shaft_channel(drive: Drive, machine: Machine) -> ChannelSeries:
-    run = shaft_rows(drive)
+def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
+    """What is read of shaft or gate."""
+    run = drive_rows(drive)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         return drive.grid.of(run(plan, step_s)[:, 1])
-    floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0))
-    return _channel("shaft", "r/min", drive.grid, drive.measured, predict,
-                    NoisePrior(machine.noise.shaft_rpm, WHITE_S, max(floor, 0.02 * machine.noise.shaft_rpm)))
-
-
-def gate_rows(drive: Drive) -> Rows:
-    """The gate asked for what the log asked: true and measured opening, mm."""
-    inputs = input_rows(GateInput, len(drive.time_s), command_mm=drive.command)
-    first = float(drive.command[0])
-
-    def run(plan: Schedule, step_s: float) -> Array:
-        sets, rows = switches(plan, "gate", drive.time_s)
-        return np.asarray(gate_run(sets, rows, gate_start(first, drive.clock_s[0]), GateOutput(first, first), inputs,
-                                   drive.clock_s, step_s))
-    return run
-
-
-def gate_channel(drive: Drive, machine: Machine) -> ChannelSeries:
-    run = gate_rows(drive)
-
-    def predict(plan: Schedule, step_s: float) -> Array:
-        return drive.grid.of(run(plan, step_s)[:, 1])
-    floor = _floor(drive.measured)
-    return _channel("gate", "mm", drive.grid, drive.measured, predict,
-                    NoisePrior(machine.noise.opening_mm, WHITE_S, max(floor, 0.02 * machine.noise.opening_mm)))
+    sd = machine.noise.shaft_rpm if drive.name == "shaft" else machine.noise.opening_mm
+    floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
+    return _channel(drive.name, "r/min" if drive.name == "shaft" else "mm", drive.grid, drive.measured, predict,
+                    NoisePrior(sd, WHITE_S, floor))
 
 
 def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -> ChannelSeries:
@@ -222,9 +211,9 @@ def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
     """Every channel that the log can show, by name; flow and scale are read off the same reading."""
     found: dict[str, ChannelSeries] = {}
     if data.shaft is not None:
-        found["shaft"] = shaft_channel(data.shaft, machine)
+        found["shaft"] = drive_channel(data.shaft, machine)
     if data.gate is not None:
-        found["gate"] = gate_channel(data.gate, machine)
+        found["gate"] = drive_channel(data.gate, machine)
     if data.hopper is not None:
         found["scale"] = hopper_channel(data.hopper, machine)
     if data.speed is not None:

@@ -10,7 +10,7 @@ from control.diagnosis.result import FieldCost
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import SEAM_S, gate_rows, shaft_rows, speed_rows
+from .channels import SEAM_S, drive_rows, speed_rows
 from .hypothesis import Part, Schedule, schedule, stages_of, with_part
 from .log import MOVING_MPS
 from .stages import Drive, RunData, joined
@@ -75,8 +75,8 @@ def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> l
 def _standing(drive: Drive, plan: Schedule) -> Array:
     """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off by what that is off."""
     if drive.name == "shaft":
-        return shaft_rows(drive)(plan, MOST_STEP_S)[:, 0]
-    true, read = gate_rows(drive)(plan, MOST_STEP_S).T
+        return drive_rows(drive)(plan, MOST_STEP_S)[:, 0]
+    true, read = drive_rows(drive)(plan, MOST_STEP_S).T
     return np.asarray(np.maximum(0.0, 2.0 * true - read))
 
 

@@ -9,7 +9,7 @@ from control.diagnosis.effects import ROWS
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import ChannelSeries, gate_channel, shaft_channel, step_error
+from .channels import ChannelSeries, drive_channel, step_error
 from .hypothesis import schedule, stages_of
 from .log import Clean
 from .selection import Judged
@@ -18,7 +18,6 @@ from .stages import FINE_LOG_S, RunData, looked_at, whole_drives
 STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
-CHANNEL = {"shaft": shaft_channel, "gate": gate_channel}
 
 
 def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list[str]:
@@ -38,7 +37,7 @@ def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list
             parts = tuple(p for p in one.found.parts if ROWS[p.id].stage == name)
             if not parts or name not in every or name not in one.search.model.names:
                 continue
-            channel = CHANNEL[name](every[name], machine)
+            channel = drive_channel(every[name], machine)
             plans = [schedule(one.search.model.base, p) for p in ((), parts)]
             left = [channel.measured - channel.predict(plan, MOST_STEP_S) for plan in plans]
             errors = [float(np.sqrt(np.mean(series ** 2))) for series in left]

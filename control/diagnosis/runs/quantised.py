@@ -17,7 +17,7 @@ from control.machine.effect import SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import shaft_channel
+from .channels import drive_channel
 from .hypothesis import Part, schedule, stages_of
 from .intermittent import ReadOff
 from .log import Clean
@@ -110,7 +110,7 @@ def without_steps(log: Clean, machine: Machine) -> tuple[Clean, ReadOff | None]:
     steps = whole_steps(readings, of_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
     if steps is None:
         return log, None
-    channel = shaft_channel(whole_drives(log, machine)["shaft"], machine)
+    channel = drive_channel(whole_drives(log, machine)["shaft"], machine)
     asked = np.interp(log.time_s, channel.grid.even_s, channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S))
     noise = noise_before_rounding(readings, asked, steps.step_rpm, machine.noise.shaft_rpm)
     columns = {**log.columns, "shaft_rpm": readings - rounding_error(asked, steps.step_rpm, noise)}
