@@ -26,12 +26,13 @@ from console.link import Link, WorkerGone, start_worker
 from control.orders import Do, Order
 from drivers.files.read_log import read_log
 
+LONGEST_HOLE_S = 2.0            # in the log's times: a worker that hung, not one that was late
 SERVE = [sys.executable, "-c", "from console.cli import main; main()", "serve-machine", "--port", "0", "--seed", "3"]
 
 
-def time_line(seconds: float) -> list[tuple[str, float, float]]:
-    """(device, from_s, for_s), spread over the run; all heads at once near its end."""
-    devices = [("gnss", 8.0), *((f"head_{n}", 4.0) for n in range(1, 7)), ("board", 3.0), ("heads", 5.0)]
+def time_line(seconds: float, rounds: int) -> list[tuple[str, float, float]]:
+    """(device, from_s, for_s), spread over the run; all heads at once at the end of each round."""
+    devices = [("gnss", 8.0), *((f"head_{n}", 4.0) for n in range(1, 7)), ("board", 3.0), ("heads", 5.0)] * rounds
     apart_s = (seconds - 60.0) / len(devices)
     return [(device, 40.0 + place * apart_s, lasts_s) for place, (device, lasts_s) in enumerate(devices)]
 
@@ -125,8 +126,9 @@ def judge(seen: list[tuple[float, str]], faults: list[tuple[str, float, float]])
     return lines
 
 
-async def run(seconds: float, folder: Path) -> None:
-    faults = time_line(seconds)
+async def run(seconds: float, rounds: int, folder: Path) -> list[str]:
+    """What was promised and not kept."""
+    faults = time_line(seconds, rounds)
     machine, urls, began_s = serve(faults)
     log = folder / "run.csv"
     rss: list[tuple[float, float]] = []
@@ -169,11 +171,23 @@ async def run(seconds: float, folder: Path) -> None:
               f"{max(mb for _at_s, mb in rss):.1f} MB")
     alarms = Counter(what for _at_s, what in operator.seen if what.startswith("+ alarm"))
     print("alarms:", dict(alarms))
-    print("trouble:", (folder / "trouble").read_text().strip() or "none")
+    trouble = (folder / "trouble").read_text().strip()
+    print("trouble:", trouble or "none")
+    return [
+        *(["nothing was applied"] if not totals.applied_kg > 0.0 else []),
+        *([f"the log ends at {rows[-1].time_s:.0f} s of {seconds:.0f}"] if rows[-1].time_s < 0.95 * seconds else []),
+        *([f"a hole of {max(steps):.2f} s in the log"] if max(steps) > LONGEST_HOLE_S else []),
+        *([f"the worker wrote trouble: {trouble.splitlines()[-1]}"] if trouble else []),
+    ]
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--rounds", type=int, default=1, help="how often every device is unplugged")
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
-        asyncio.run(run(parser.parse_args().seconds, Path(place)))
+        broken = asyncio.run(run(given.seconds, given.rounds, Path(place)))
+    for line in broken:
+        print("not kept:", line, file=sys.stderr)
+    sys.exit(bool(broken))

@@ -1,8 +1,8 @@
 """Every reader and link fed with what nobody would send: `python benchmarks/fuzz_readers.py --state FOLDER`
 
 Coverage-guided by atheris (libFuzzer for Python; `pip install atheris`), a process for each target and turn: the corpus
-of each target is kept in FOLDER and grows, and a further call goes on until every target has had its share of the
-inputs. Without atheris, or with `--plain`, inputs are mutated from the seeds alone.
+of each target is kept in FOLDER and grows, and a further call goes on until the inputs of all targets together are so
+many; every target has had the same time. Without atheris, or with `--plain`, inputs are mutated from the seeds alone.
 
 A target may refuse its input by a ValueError or an OSError in one line; anything else is a finding, kept in FOLDER with
 its bytes, and makes the exit code 1. So does a target that accepted none of its seeds. Printed by target: inputs,
@@ -364,23 +364,27 @@ def main() -> None:
     kept = given.state / "done.json"
     done: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {}
     names = [name for name in targets() if given.only is None or given.only in name]
-    share, until_s, turns = -(-given.inputs // len(names)), time.monotonic() + given.seconds, 0
-    while (
-        left := [name for name in names if done.get(name, {}).get("inputs", 0) < share]
-    ) and time.monotonic() < until_s:
-        for name in left:
-            if time.monotonic() > until_s:
-                break
+    until_s = time.monotonic() + given.seconds
+
+    def fed() -> int:
+        return sum(done.get(name, {}).get("inputs", 0) for name in names)
+
+    dead: set[str] = set()
+    while fed() < given.inputs and dead != set(names) and time.monotonic() < until_s:
+        for name in names:  # a turn of the same time for each: a decoder gets more inputs than a reader of zips
+            if name in dead or fed() >= given.inputs or time.monotonic() > until_s:
+                continue
             before = done.setdefault(name, {"inputs": 0, "accepted": 0, "findings": [], "covered": 0, "seconds": 0.0})
-            began_s, turns = time.monotonic(), turns + 1
-            found = turn(name, given, share - before["inputs"], given.seed + before["inputs"] % 100_000)
+            began_s = time.monotonic()
+            found = turn(name, given, given.inputs - fed(), given.seed + before["inputs"] % 100_000)
             before["inputs"] += found["inputs"]
             before["accepted"] += found["accepted"]
             before["covered"] = max(before["covered"], found["covered"])
             before["findings"] = sorted({*before["findings"], *found["findings"]})
             before["seconds"] += time.monotonic() - began_s
             if found["inputs"] == 0:
-                before["inputs"] = share  # it does not run at all: told, and not tried for ever
+                dead.add(name)
+                before["findings"] = sorted({*before["findings"], "does not run"})
             kept.write_text(json.dumps(done, indent=1))
     print("| target | inputs | accepted | a second | edges | findings |\n|---|---|---|---|---|---|")
     for name in names:
