@@ -129,12 +129,22 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
+    from console.reports.term_words import compensation
     from console.reports.words import name_of
-    from control.diagnosis.extend import adoptable, extend, not_adoptable, refuse_to_adopt
+    from control.diagnosis.extend import (
+        adoptable,
+        adoptable_terms,
+        extend,
+        not_adoptable,
+        refuse_to_adopt,
+        term_not_adoptable,
+    )
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    if not adoptable(found):
-        raise CommandError(f"{out}: no effect was found that a machine file could take up, so nothing is written")
+    terms = adoptable_terms(found)
+    if not adoptable(found) and not terms:
+        raise CommandError(f"{out}: no effect and no term was found that a machine file could take up, so nothing is "
+                           "written")
     for cause in found.causes:
         refuse_to_adopt(cause)
         if why := not_adoptable(cause):
@@ -142,6 +152,10 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
         elif cause.rivals:
             typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
                        f"{', '.join(name_of(rival.id) for rival in cause.rivals)}", err=True)
+    for one in found.terms:
+        why = term_not_adoptable(one)
+        word = f"is not adopted: {why}" if why else f"is adopted. {compensation(one.term)}"
+        typer.echo(f"note: term {one.term['id']} {word}", err=True)
     extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
     return dataclasses.replace(found, extended_machine=str(out))

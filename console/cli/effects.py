@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from console.cli.outputs import Force, marked, named, refuse_collisions
+from console.cli.terms import what_terms_are
 
 
 def effects(
@@ -45,3 +46,5 @@ def effects(
         typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
         typer.echo(f"    do: {effect.advice}")
         typer.echo(f"    tell apart: {effect.separate}")
+    for line in what_terms_are():
+        typer.echo(line)

@@ -15,12 +15,14 @@ from console.cli.map_notes import told_map
 from console.cli.outputs import Force, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
+from console.cli.terms import parse_terms
 from console.cli.whole_log import log_output, whole_log
 from control.orders import Strategy
 
 if TYPE_CHECKING:
     from control.field.job import Job
     from control.machine.planting import Planted
+    from control.machine.terms import Term
     from control.simulation.closed_loop import Record
     from control.simulation.dose_watch import DoseWatch
     from control.targets.point import Threshold
@@ -44,6 +46,9 @@ def simulate(
                                              "None: nothing is written.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
                                                      "the controller does not know (repeatable).")] = None,
+    term: Annotated[list[str] | None, typer.Option(metavar="TERM", help="Plant a term that the controller does not "
+                                                   "know (repeatable), e.g. \"flow_percent bend speed_mps bend=-4.4 "
+                                                   "at=1.2\"; see topdress effects.")] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the job's.")] = None,
     look_ahead: Annotated[str | None, typer.Option(metavar="on|off", help="Instead of the job's.")] = None,
     flow_trim: Annotated[str | None, typer.Option(metavar="on|off", help="May the scale correct the flow model? "
@@ -72,21 +77,23 @@ def simulate(
         out.parent.mkdir(parents=True, exist_ok=True)
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     planted = [parse_planted(text) for text in effect or ()]
+    terms = parse_terms(term or ())
+    told = [*(effect or ()), *(term or ())]
     placed = placed_of_job(resolved, setup.folder)
     told_map(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
-        run = _run(setup, resolved, seed, planted, seconds, placed, log)
+        run = _run(setup, resolved, seed, planted, terms, seconds, placed, log)
         if out is not None:
             write_atomically(truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m))
     if not (summary or as_json or out is None):
         return
     if run.doses is None:
-        _tell(run, setup, resolved, seconds, effect or (), as_json)
+        _tell(run, setup, resolved, seconds, told, as_json)
         return
     other = resolved.target.model_copy(update={"learn_threshold": not resolved.target.learn_threshold})
-    compared = _run(setup, resolved.model_copy(update={"target": other}), seed, planted, seconds, placed, None)
+    compared = _run(setup, resolved.model_copy(update={"target": other}), seed, planted, terms, seconds, placed, None)
     learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
-    _tell_points(run, learned, fixed, resolved, seconds, effect or (), as_json)
+    _tell_points(run, learned, fixed, resolved, seconds, told, as_json)
 
 
 class _Ran(NamedTuple):
@@ -97,13 +104,13 @@ class _Ran(NamedTuple):
     took_s: float
 
 
-def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], seconds: float, placed: Placed,
-         log: PlainLogWriter | None) -> _Ran:
+def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
+         placed: Placed, log: PlainLogWriter | None) -> _Ran:
     from control.orders import TargetSource
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run
     from control.simulation.dose_watch import DoseWatch
-    plant = simulated_machine(setup.machine, job, seed, DT_S, planted, plants=placed["plants"])
+    plant = simulated_machine(setup.machine, job, seed, DT_S, planted, plants=placed["plants"], terms=terms)
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed)
     doses = None
     if job.target.source is TargetSource.POINT:
@@ -156,7 +163,7 @@ def _truth_text(record: Record, width_m: float) -> str:
     return text.getvalue()
 
 
-def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str] | tuple[()], as_json: bool) -> None:
+def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool) -> None:
     from control.simulation.errors import errors
     record, alarms, took_s = run.record, run.alarms, run.took_s
     found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m)
@@ -179,7 +186,7 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str] 
     typer.echo(f"speed        {seconds / took_s:.0f} simulated seconds a second ({took_s:.1f} s)")
 
 
-def _tell_points(run: _Ran, learned: _Ran, fixed: _Ran, job: Job, seconds: float, effects: list[str] | tuple[()],
+def _tell_points(run: _Ran, learned: _Ran, fixed: _Ran, job: Job, seconds: float, effects: list[str],
                  as_json: bool) -> None:
     """Dose errors with and without the learned threshold; `run` is the one of the job."""
     assert learned.doses is not None and fixed.doses is not None

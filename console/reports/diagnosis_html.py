@@ -11,11 +11,14 @@ from console.reports.figure import need_matplotlib
 from console.reports.html import GENERATOR, escape, facts, figure, items, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
+from console.reports.picture import Picture
 from console.reports.pictures import Pictures, pictures_of
+from console.reports.term_words import compensation
+from console.reports.term_words import sentence as term_sentence
 from console.reports.variables import plain
 from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
 from console.reports.words import headlined, left_facts, when
-from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun
+from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
 from control.machine.machine import CATALOGUE
 
 # The page may fetch nothing, whatever words a hostile file has put into it.
@@ -39,7 +42,8 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         _head(found),
         section("About the data", items(found.findings) if found.findings else ""),
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
-        section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained)))),
+        section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained))),
+                *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
         section("Measured beside predicted", *(figure(picture) for picture in pictures.data)),
         _next_run(found.next_run),
         section("Gain on data that the naming never saw", _gains(found.gain)),
@@ -123,6 +127,12 @@ def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
     text = (f"{left.channel} depends on {plain(left.variable, found.data.kind)} ({left.variable}): {share} of what is "
             "left there follows it, and no catalogued effect says why.")
     return paragraph(text) + facts + figure(pictures.left[k])
+
+
+def _term(found: TermFound, picture: Picture | None) -> str:
+    """A term in words, what control does about it, and its picture."""
+    said = paragraph(f"{term_sentence(found.term)}.") + paragraph(f"{compensation(found.term)}.", "dim")
+    return said + figure(picture)
 
 
 def _next_run(plan: NextRun | None) -> str:

@@ -1,6 +1,7 @@
 """A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
 from __future__ import annotations
 
+from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
 from control.diagnosis.result import Cause, Diagnosis, Unexplained
@@ -26,6 +27,8 @@ def summary(found: Diagnosis) -> list[str]:
         lines += ["", *_cause(cause)]
     for left in found.unexplained:
         lines += ["", f"unexplained: {_left(left)}"]
+    for term in found.terms:
+        lines += ["", f"term {term.term['id']}: {sentence(term.term)}", f"    {compensation(term.term)}"]
     for gain in found.gain:
         lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
                      f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})")

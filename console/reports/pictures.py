@@ -8,6 +8,7 @@ from console.reports import run_pictures, table_pictures
 from console.reports.picture import Picture
 from console.reports.run_views import parts_of, run_views
 from console.reports.table_views import IN_STEPS, table_views
+from console.reports.term_picture import term_picture
 from control.diagnosis.result import Diagnosis
 
 
@@ -17,6 +18,7 @@ class Pictures(NamedTuple):
     causes: tuple[tuple[Picture, ...], ...]
     left: tuple[Picture | None, ...]
     data: tuple[Picture, ...]
+    terms: tuple[Picture | None, ...] = ()      # one for each term
 
 
 def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
@@ -40,7 +42,8 @@ def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
         fit = found.tables[k] if k < len(found.tables) else None
         left.append(run_pictures.left_picture(views, parts, one, fit, f"left{k}"))
     over_time = run_pictures.time_lines(views, parts, "time")
-    return Pictures(tuple(causes), tuple(left), (over_time,) if over_time else ())
+    terms = tuple(term_picture(one, f"term{k}") for k, one in enumerate(found.terms))
+    return Pictures(tuple(causes), tuple(left), (over_time,) if over_time else (), terms)
 
 
 def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:

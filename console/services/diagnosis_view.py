@@ -24,7 +24,7 @@ from console.reports.table_views import TableView, table_views
 from console.reports.verdict import headlines_first, others, title_of
 from console.reports.words import not_judged
 from console.services.separating_run import drivable
-from control.diagnosis.extend import not_adoptable
+from control.diagnosis.extend import not_adoptable, term_not_adoptable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import Part
 from control.machine.machine import CATALOGUE, Machine
@@ -57,7 +57,7 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
 
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids that a machine file may take up, and a line for each cause that it may not."""
+    """Ids of effects and terms that a machine file may take up, and a line for each that it may not."""
     kept, refused = [], []
     for cause in found.causes:
         if cause.scope is not None:
@@ -66,8 +66,14 @@ def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
             refused.append(f"{cause.id}: {why}")
         else:
             kept.append(cause.id)
+    modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
+    for term in found.terms:
+        if why := term_not_adoptable(term):
+            refused.append(f"{term.term['id']}: {why}")
+        else:
+            kept.append(term.term["id"])
     refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
-                for left in found.unexplained]
+                for left in found.unexplained if (left.channel, left.variable) not in modelled]
     return tuple(kept), tuple(refused)
 
 

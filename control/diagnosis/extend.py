@@ -1,20 +1,23 @@
 """The machine file with what a diagnosis found: simulated, predicted and compensated from then on."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
+from control.machine.terms import Form, Source, Term
 
-from .result import Cause, Diagnosis
+from .result import Cause, Diagnosis, TermFound
+
+WORSE = -0.05               # held-out gain of a term below which it is not adopted: less is the scale's own noise
 
 
 def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
            valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
-    """The machine with the named causes adopted: simulated, predicted and compensated from then on.
+    """The machine with the named causes and terms adopted: simulated, predicted and compensated from then on.
 
-    A smooth dependence that no effect explains is not: neither plant nor control would evaluate it. Effects that begin,
-    grow or end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out.
+    So are the terms that were found beyond the catalogue, each with the data it comes from. Effects that begin, grow or
+    end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are boxes in time.
 
     Parameters
     ----------
@@ -50,7 +53,35 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
         adopted.append(Adopted(id=cause.id, size=cause.size.value, low=cause.size.low, high=cause.size.high,
                                unit=cause.size.unit, member=cause.member, data=diagnosis.data.path, sha256=sha256,
                                date=date, valid=ranges))
-    return machine.model_copy(update={"adopted": tuple(adopted)})
+    terms = list(machine.terms)
+    for found in adoptable_terms(diagnosis):
+        source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
+        term = Term.model_validate(found.term)
+        terms.append(term.model_copy(update={"id": _free(term.id, [one.id for one in terms]), "source": source}))
+    return machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
+
+
+def _free(name: str, taken: Sequence[str]) -> str:
+    """The name, with a number where another term has it already."""
+    count = 2
+    free = name
+    while free in taken:
+        free, count = f"{name}.{count}", count + 1
+    return free
+
+
+def adoptable_terms(diagnosis: Diagnosis) -> tuple[TermFound, ...]:
+    """Terms that a machine file may take up."""
+    return tuple(found for found in diagnosis.terms if not term_not_adoptable(found))
+
+
+def term_not_adoptable(found: TermFound) -> str:
+    """Why no machine file takes up a term; "" where one may."""
+    if found.term["form"] == Form.SPAN.value:
+        return "it holds for a span of one run: the model stays"
+    if found.held_out_gain is None or found.held_out_gain < WORSE:
+        return "rows that it was not fitted to come out worse with it"
+    return ""
 
 
 def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:

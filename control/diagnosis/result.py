@@ -144,6 +144,25 @@ class TableFit:
 
 
 @dataclass(frozen=True, slots=True)
+class TermFound:
+    """A term that the data show beyond the catalogue (docs/terms.md).
+
+    `term`: as the machine file takes it. `explained_share`: of what the named causes leave, as variance.
+    `dose_percent`: r.m.s. in the dose; 0 where it moves none. `gain`: of twice the log-likelihood. `seen`: its first
+    variable's values (nodes), what the data say there and what the term says, in the unit of `acts_on`.
+    """
+
+    term: dict[str, Any]
+    stage: str
+    unit: str
+    explained_share: float
+    dose_percent: float
+    gain: float
+    held_out_gain: float | None
+    seen: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel could be judged.
 
@@ -162,6 +181,7 @@ class Diagnosis:
     findings: tuple[str, ...] = ()      # plain sentences about the data itself
     tables: tuple[TableFit, ...] = ()   # smooth extensions, one for each entry of unexplained
     excited: dict[str, tuple[float, float]] = field(default_factory=dict)   # recorded variable -> range of the data
+    terms: tuple[TermFound, ...] = ()       # what no effect explains, as terms of the machine file
 
     def to_json(self) -> dict[str, Any]:
         return {"format": FORMAT, **asdict(self)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 from control.machine.gate import GateInput, gate_start, gate_step
 from control.machine.machine import Machine
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.machine.term_sums import NOTHING, More
 from control.metering.strategies import Pair
 from control.readings import DriveCommand
 
@@ -21,12 +22,13 @@ class ExpectedDrives:
         self._gate = gate_start(opening_mm, now_s)
         self.pair = Pair(0.0, opening_mm)
 
-    def step(self, command: DriveCommand, supply_v: float | None, dt_s: float) -> None:
-        """`command`: without trims; `supply_v` None: not measured."""
+    def step(self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING) -> None:
+        """`command`: without trims; `supply_v` None: not measured; `more`: what the machine's terms add."""
         if dt_s <= 0.0:
             return
         supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v
         self._shaft, shaft = shaft_step(self._machine.shaft, self._shaft,
-                                        ShaftInput(command.shaft_rpm, self.pair.opening_mm, supply), dt_s)
-        self._gate, gate = gate_step(self._machine.gate, self._gate, GateInput(command.opening_mm), dt_s)
+                                        ShaftInput(command.shaft_rpm, self.pair.opening_mm, supply,
+                                                   more.shaft_percent, more.shaft_rpm), dt_s)
+        self._gate, gate = gate_step(self._machine.gate, self._gate, GateInput(command.opening_mm, more.gate_mm), dt_s)
         self.pair = Pair(shaft.rpm, gate.opening_mm)

@@ -14,6 +14,7 @@ from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses
 from control.loop.expected import ExpectedDrives
+from control.loop.known_terms import KnownTerms
 from control.loop.moment import Decision, Metered, Moment
 from control.loop.ordered import Operator
 from control.loop.reach import Reach
@@ -66,6 +67,7 @@ class ControlLoop:
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(TrimLimits())
         self._expected = ExpectedDrives(machine)
+        self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
                                   prescription is not None, self._started)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
@@ -167,6 +169,7 @@ class ControlLoop:
         self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
         if self._doses is not None:
             self._doses.look(m, sensed)
+        self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
@@ -258,10 +261,10 @@ class ControlLoop:
             expected = self._expected.pair
             self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
         if metered.flow_kg_s is not None and self._operator.choices.flow_trim_on:
-            self._flow_trim.update(now, dt_s, metered.flow_kg_s, m.hopper_kg)
+            self._flow_trim.update(now, dt_s, metered.flow_kg_s, self._terms.weighed(m.hopper_kg))
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
-                            moment.conditions.supply_v, dt_s)
+                            moment.conditions.supply_v, dt_s, self._terms.drives)
         applied = metered.rate_kg_ha
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
             self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
@@ -295,7 +298,8 @@ class ControlLoop:
                           0.0 if m.pitch_deg is None else m.pitch_deg.value,
                           None if m.supply_v is None else m.supply_v.value,
                           self._operator.refilled,
-                          self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0)
+                          self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0,
+                          self._terms.now)
 
     def _opening(self, m: Measurements) -> Reading | None:
         """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import numpy as np
 import platformdirs
 from numba.extending import register_jitable
 
-from . import elements, fall, flow, gate, heads, scale, shaft, speed
+from . import elements, fall, flow, gate, heads, scale, shaft, speed, term_step
 from .over_log import Run, mapped, over_log
 
 _here = pathlib.Path(__file__).parent
@@ -25,7 +26,8 @@ numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
                flow.bridged, flow.grams_per_rev, fall.drop_s,
                shaft.approach, shaft.shaft_step, gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
-               scale.scale_reads, heads.head_reads):
+               scale.scale_reads, heads.head_reads, term_step.clipped, term_step.remembered,
+               term_step.straight, term_step.between, term_step.sided, term_step.term_step):
     register_jitable(_piece)
 
 
@@ -39,3 +41,13 @@ flow_run = _compiled(over_log(flow.flow_step))
 speed_run = _compiled(over_log(speed.speed_step))
 scale_run = _compiled(mapped(scale.scale_reads))
 heads_run = _compiled(mapped(heads.head_reads))
+term_run = _compiled(term_step.over_rows(term_step.term_step))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
+    """A table over a log: (rows,)."""
+    out = np.empty(len(at))
+    for row in range(len(at)):
+        out[row] = elements.table_at(nodes, values, at[row])
+    return out

@@ -6,7 +6,6 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import FLAT, TABLE_X, Table, table_at
 
 EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
 
@@ -65,15 +64,12 @@ class Fall(NamedTuple):
         "GNSS and bus latency", ("place at two speeds or more",),
         "Enter the measured latency as lag.",
         "The same step at two ground speeds.")] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_s: Table = FLAT
 
 
 class FallInput(NamedTuple):
     shaft_rpm: float            # at release
     flow_kg_s: float
     change: float = 0.0         # +1: released after a rise of the rate, -1: after a fall, 0: neither
-    table_at: float = 0.0
 
 
 class FallState(NamedTuple):
@@ -102,7 +98,6 @@ def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallSta
     quiet = 0.0 if flowing else s.no_flow_s + dt_s
     drop = drop_s(p, u.shaft_rpm) + p.latency_s + 0.5 * p.asymmetry_s * -u.change
     drop += p.first_fill_s * max(0.0, 1.0 - filling / EMPTY_TUBE_S)
-    drop += table_at(p.table_x, p.table_s, u.table_at)
     return FallState(s.time_s + dt_s, quiet, filling), max(0.0, drop)
 
 

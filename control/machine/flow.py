@@ -7,7 +7,6 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import FULL_FLOW, FULL_REVOLUTION, Effect
-from .elements import FLAT, TABLE_X, Table, table_at
 
 SPELL_S = 12.0          # length of the time slots in which a bridge stands or not
 STOPPED_RPM = 0.5       # a shaft slower than this stands still, and what leaks is not carried by the rollers
@@ -94,8 +93,6 @@ class Flow(NamedTuple):
         "six flutes at 20 r/min pulse at 2 Hz", ("fast catch",),
         "Work at a higher shaft speed and a smaller opening; helical rollers.",
         "A fast catch (at least 20 samples a second) at a low shaft speed.")] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_percent: Table = FLAT
 
 
 class FlowInput(NamedTuple):
@@ -103,7 +100,8 @@ class FlowInput(NamedTuple):
     opening_mm: float
     pitch_deg: float = 0.0
     refill_kg: float = 0.0      # filled in at the beginning of this step
-    table_at: float = 0.0
+    more_percent: float = 0.0   # of the machine file's terms
+    more_kg_s: float = 0.0      # of the same, while the shaft turns
 
 
 class FlowState(NamedTuple):
@@ -148,7 +146,7 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
     refills = s.refills + (1.0 if u.refill_kg > 0.0 else 0.0)
     lost = p.hopper_head_percent * (1.0 - hopper / p.full_kg) + p.blocked_percent
     more = p.moisture_percent_per_h * s.time_s / 3600.0 + p.slope_percent_per_deg * u.pitch_deg
-    more += table_at(p.table_x, p.table_percent, u.table_at)
+    more += u.more_percent
     if refills > 0.0:
         more += p.batch_percent
     if p.uneven_outlet > 0.0:
@@ -156,6 +154,8 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
     flow = grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
     flow *= (1.0 - lost / 100.0) * (1.0 + more / 100.0)
     flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
+    if u.shaft_rpm >= STOPPED_RPM:
+        flow += u.more_kg_s
     if bridged(s.time_s, p.bridging_percent):
         flow = 0.0
     flow = max(0.0, flow)

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import OPENING_RANGE, SLEW, Effect
-from .elements import FLAT, TABLE_X, DelayLine, Table, line_held, line_put, line_start, table_at
+from .elements import DelayLine, line_held, line_put, line_start
 
 
 class Gate(NamedTuple):
@@ -53,13 +53,11 @@ class Gate(NamedTuple):
         "field experience", ("run",),
         "Switch off, free the slide, check driver and cable.",
         "None needed: command moves, read-back does not.", probes=(1.0,), onset_only=True)] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_mm: Table = FLAT
 
 
 class GateInput(NamedTuple):
     command_mm: float
-    table_at: float = 0.0
+    more_mm: float = 0.0        # of the machine file's terms
 
 
 class GateState(NamedTuple):
@@ -96,5 +94,5 @@ def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateSta
         carried = min(driven + half, max(driven - half, carried))
         at_s = until_s
     true = carried + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
-    true = min(p.full_mm, max(0.0, true + table_at(p.table_x, p.table_mm, u.table_at)))
+    true = min(p.full_mm, max(0.0, true + u.more_mm))
     return GateState(s.time_s + dt_s, driven, carried, travelled, line), GateOutput(true, true + p.offset_mm)

@@ -7,7 +7,6 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import FLAT, TABLE_X, Table, table_at
 
 WARM_UP_S = 600.0       # time constant of settling after power-on
 
@@ -32,15 +31,12 @@ class Heads(NamedTuple):
         "NDVI saturates above leaf area index 3", ("heads",),
         "Use a red-edge index in dense crops.",
         "Panels or plots of known dense canopy.")] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_percent: Table = FLAT
 
 
 class HeadInput(NamedTuple):
     ndvi: float
     head: float                 # 1-based
     on_s: float                 # since power-on
-    table_at: float = 0.0
 
 
 def head_reads(p: Heads, u: HeadInput) -> float:
@@ -50,4 +46,4 @@ def head_reads(p: Heads, u: HeadInput) -> float:
     read *= 1.0 - p.saturation_percent / 100.0 * dense * dense * dense
     if u.head == p.fouled_head:
         read *= 1.0 + p.fouled_percent / 100.0
-    return read * (1.0 + table_at(p.table_x, p.table_percent, u.table_at) / 100.0)
+    return read

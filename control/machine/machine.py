@@ -14,6 +14,7 @@ from .heads import Heads
 from .scale import Scale
 from .shaft import Shaft
 from .speed import Speed
+from .terms import OLD_NOTE, Term
 
 STAGES: dict[str, Any] = {"shaft": Shaft, "gate": Gate, "flow": Flow, "scale": Scale, "speed": Speed,
                           "heads": Heads, "fall": Fall}
@@ -117,7 +118,7 @@ class Machine(Part):
     set_points: SetPoints = SetPoints()
     noise: Noise = Noise()
     tolerance: Tolerance = Tolerance()
-    tables_over: dict[str, str] = {}            # stage -> recorded variable of its nameless extension
+    terms: tuple[Term, ...] = ()
     adopted: tuple[Adopted, ...] = ()
 
     @model_validator(mode="after")
@@ -132,7 +133,17 @@ class Machine(Part):
             if not low <= value - entry.neutral <= high:
                 raise PydanticCustomError("size_of_effect", "{allowed}", {
                     "wrong_key": (entry.stage, entry.field), "allowed": allowed_sizes(effect_id, self)})
+        ids = [term.id for term in self.terms]
+        for k, name in enumerate(ids):
+            if name in ids[:k]:
+                raise PydanticCustomError("size_of_effect", "allowed an id that no other term has", {
+                    "wrong_key": ("terms", k, "id")})
         return self
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is said of the file though it is right."""
+        return tuple(f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE)
 
 
 NOMINAL = Machine.model_construct()      # as its parts' defaults say; not validated, for that asks for it

@@ -6,7 +6,6 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import HOPPER, Effect
-from .elements import FLAT, TABLE_X, Table, table_at
 
 
 class Scale(NamedTuple):
@@ -30,18 +29,16 @@ class Scale(NamedTuple):
         "cosine and side load", ("run",),
         "Read the scale on level ground, or correct by pitch.",
         "Stand still nose up and nose down.")] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_kg: Table = FLAT
 
 
 class ScaleInput(NamedTuple):
     hopper_kg: float
     time_s: float
     pitch_deg: float = 0.0
-    table_at: float = 0.0
+    more_kg: float = 0.0        # of the machine file's terms
 
 
 def scale_reads(p: Scale, u: ScaleInput) -> float:
     """Reading in kg before noise and rounding."""
     read = u.hopper_kg * (1.0 + p.gain_percent / 100.0) * (1.0 + p.tilt_percent_per_deg * u.pitch_deg / 100.0)
-    return read + p.drift_kg_h * u.time_s / 3600.0 + table_at(p.table_x, p.table_kg, u.table_at)
+    return read + p.drift_kg_h * u.time_s / 3600.0 + u.more_kg

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import SHAFT_RANGE, Effect
-from .elements import FLAT, TABLE_X, DelayLine, Table, line_held, line_put, line_start, stepped, table_at
+from .elements import DelayLine, line_held, line_put, line_start, stepped
 
 
 class Shaft(NamedTuple):
@@ -66,15 +66,14 @@ class Shaft(NamedTuple):
         "field experience", ("run",),
         "Switch off, clear the roller, check the coupling and the fuse.",
         "None needed: command on, shaft still.", probes=(1.0,), onset_only=True)] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_percent: Table = FLAT
 
 
 class ShaftInput(NamedTuple):
     command_rpm: float
     opening_mm: float
     supply_v: float
-    table_at: float = 0.0       # value of the variable that the nameless extension is over
+    more_percent: float = 0.0   # of the machine file's terms (`term_step`)
+    more_rpm: float = 0.0
 
 
 class ShaftState(NamedTuple):
@@ -114,15 +113,17 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     dead_s = p.dead_time_s + p.extra_dead_time_s
     sag = p.sag_percent_per_v * max(0.0, p.nominal_supply_v - u.supply_v)
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
-    more = table_at(p.table_x, p.table_percent, u.table_at)
-    turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0) * (1.0 + more / 100.0)
-    turns = max(0.0, turns) * (1.0 - p.stalled)
+    turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
+    turns = max(0.0, turns * (1.0 + u.more_percent / 100.0)) * (1.0 - p.stalled)
     line = line_put(s.line, s.time_s, u.command_rpm)
     rpm, at_s, end_s = s.rpm, s.time_s - dead_s, s.time_s - dead_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
         if wanted < p.dead_band_rpm:
             wanted = 0.0
-        rpm = approach(rpm, turns * wanted, p.time_constant_s + p.slow_s, p.acceleration_rpm_s, until_s - at_s)
+        goal = turns * wanted
+        if u.more_rpm != 0.0 and goal > 0.0:
+            goal = max(0.0, goal + u.more_rpm)
+        rpm = approach(rpm, goal, p.time_constant_s + p.slow_s, p.acceleration_rpm_s, until_s - at_s)
         at_s = until_s
     return ShaftState(s.time_s + dt_s, rpm, line), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))

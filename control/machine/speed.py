@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import FLAT, TABLE_X, DelayLine, Table, line_mean, line_put, line_start, table_at
+from .elements import DelayLine, line_mean, line_put, line_start
 
 UPHILL_SHARE_PER_DEG = 0.15     # slip grows by this share of itself for each degree nose up
 
@@ -38,15 +38,13 @@ class Speed(NamedTuple):
         "0.1-1 s are published", ("run",),
         "Switch the receiver's smoothing off, raise its rate.",
         "Accelerate and brake sharply a few times.", probes=(0.05,))] = 0.0
-    table_x: Table = TABLE_X         # the nameless extension over one recorded variable
-    table_percent: Table = FLAT
 
 
 class SpeedInput(NamedTuple):
     speed_mps: float            # true, over ground
     working: float = 0.0        # 1: under draught
     pitch_deg: float = 0.0
-    table_at: float = 0.0
+    more_percent: float = 0.0   # of the machine file's terms
 
 
 class SpeedState(NamedTuple):
@@ -69,5 +67,5 @@ def speed_step(p: Speed, s: SpeedState, u: SpeedInput, dt_s: float) -> tuple[Spe
     line, gnss = line_mean(line, s.time_s - p.gnss_latency_s, s.time_s - p.gnss_latency_s + dt_s)
     slip = p.slip_percent * u.working * max(0.0, 1.0 + UPHILL_SHARE_PER_DEG * u.pitch_deg)
     wheel = u.speed_mps * (1.0 + slip / 100.0) * (1.0 + p.radius_percent / 100.0) * (1.0 - p.missed_percent / 100.0)
-    wheel *= 1.0 + table_at(p.table_x, p.table_percent, u.table_at) / 100.0
+    wheel *= 1.0 + u.more_percent / 100.0
     return SpeedState(s.time_s + dt_s, line), SpeedOutput(wheel, gnss)

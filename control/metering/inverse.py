@@ -6,6 +6,15 @@ from typing import NamedTuple
 
 from control.machine.flow import Flow, grams_per_rev
 from control.machine.machine import Machine
+from control.machine.term_sums import StandingTerms
+from control.machine.terms import Acts
+
+OF_FLOW = (Acts.FLOW_PERCENT, Acts.FLOW_KG_MIN)
+OF_SHAFT = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM)
+OF_GATE = (Acts.GATE_MM,)
+MOST_ROUNDS = 20
+SETTLED_MM, SETTLED_RPM = 1e-4, 1e-4
+LEAST_SHARE = 0.2           # of a drive's command or of the flow that known errors are believed to leave
 
 
 class Conditions(NamedTuple):
@@ -17,6 +26,7 @@ class Conditions(NamedTuple):
     supply_v: float | None = None
     refilled: bool = False
     flow_trim: float = 1.0          # the scale's correction of the flow model
+    terms: StandingTerms | None = None      # of the machine file, those that control knows
 
 
 def standing_factor(p: Flow, c: Conditions) -> float:
@@ -34,15 +44,38 @@ def standing_factor(p: Flow, c: Conditions) -> float:
 
 def flow_kg_s(machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
     """Steady flow of true shaft speed and opening, kg/s; `flow_trim` included as given in the conditions."""
-    return grams_per_rev(machine.flow, shaft_rpm, opening_mm) * shaft_rpm / 60_000.0 * standing_factor(machine.flow, c)
+    flow = grams_per_rev(machine.flow, shaft_rpm, opening_mm) * shaft_rpm / 60_000.0 * standing_factor(machine.flow, c)
+    if c.terms is None or shaft_rpm <= 0.0:
+        return flow
+    more = c.terms.at(OF_FLOW, shaft_rpm=shaft_rpm, opening_mm=opening_mm)
+    return max(0.0, flow * (1.0 + more.flow_percent / 100.0) + more.flow_kg_min / 60.0 * c.flow_trim)
 
 
 def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions = Conditions()) -> float:
     """True opening, mm, that gives `wanted_kg_s` at a true `shaft_rpm` > 0; not yet limited."""
+    if c.terms is not None:
+        return _opening_with_terms(machine, wanted_kg_s, shaft_rpm, c, c.terms)
     p = machine.flow
     slope = (grams_per_rev(p, shaft_rpm, 1000.0) - grams_per_rev(p, shaft_rpm, 500.0)) / 500.0
     needed = wanted_kg_s * 60_000.0 / (shaft_rpm * standing_factor(p, c))
     return 500.0 + (needed - grams_per_rev(p, shaft_rpm, 500.0)) / slope
+
+
+def _opening_with_terms(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions,
+                        terms: StandingTerms) -> float:
+    """The same where terms bear on the flow: what they come to is put in anew until the opening stands still."""
+    bare, limits = c._replace(terms=None), machine.limits
+    opening = opening_for(machine, wanted_kg_s, shaft_rpm, bare)
+    for _ in range(MOST_ROUNDS):
+        at = min(limits.opening_high_mm, max(limits.opening_low_mm, opening))
+        more = terms.at(OF_FLOW, shaft_rpm=shaft_rpm, opening_mm=at)
+        left = wanted_kg_s - more.flow_kg_min / 60.0 * c.flow_trim
+        share = max(LEAST_SHARE, 1.0 + more.flow_percent / 100.0)
+        found = opening_for(machine, max(0.0, left) / share, shaft_rpm, bare)
+        if abs(found - opening) < SETTLED_MM:
+            return found
+        opening = found
+    return opening
 
 
 def shaft_for(machine: Machine, wanted_kg_s: float, opening_mm: float, c: Conditions = Conditions()) -> float:
@@ -75,12 +108,31 @@ def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Con
     if c.supply_v is not None:
         kept *= 1.0 - p.sag_percent_per_v * max(0.0, p.nominal_supply_v - c.supply_v) / 100.0
     kept *= 1.0 - p.droop_percent * opening_mm / p.full_opening_mm / 100.0
-    return wanted_rpm / max(0.2, kept)
+    command = wanted_rpm / max(LEAST_SHARE, kept)
+    if c.terms is None:
+        return command
+    bare = max(LEAST_SHARE, kept)
+    for _ in range(MOST_ROUNDS):
+        more = c.terms.at(OF_SHAFT, told_rpm=command, opening_mm=opening_mm)
+        found = max(0.0, wanted_rpm - more.shaft_rpm) / max(LEAST_SHARE, bare * (1.0 + more.shaft_percent / 100.0))
+        if abs(found - command) < SETTLED_RPM:
+            return found
+        command = found
+    return command
 
 
-def gate_command(machine: Machine, wanted_mm: float) -> float:
-    """Command that opens to a true `wanted_mm`: known homing error taken back."""
-    return wanted_mm - machine.gate.home_error_mm
+def gate_command(machine: Machine, wanted_mm: float, c: Conditions = Conditions()) -> float:
+    """Command that opens to a true `wanted_mm`: known homing error and terms taken back."""
+    command = wanted_mm - machine.gate.home_error_mm
+    if c.terms is None:
+        return command
+    bare = command
+    for _ in range(MOST_ROUNDS):
+        found = bare - c.terms.at(OF_GATE, told_mm=command).gate_mm
+        if abs(found - command) < SETTLED_MM:
+            return found
+        command = found
+    return command
 
 
 def lowest_flow_kg_s(machine: Machine, c: Conditions = Conditions()) -> float:

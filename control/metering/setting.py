@@ -63,9 +63,9 @@ class Setting:
     def wire(self, pair: Pair, c: Conditions) -> DriveCommand:
         """Set-points for the drives without trims and rounding; a stopped shaft is 0."""
         if pair.shaft_rpm <= 0.0:
-            return DriveCommand(0.0, gate_command(self.machine, pair.opening_mm))
+            return DriveCommand(0.0, gate_command(self.machine, pair.opening_mm, c))
         return DriveCommand(shaft_command(self.machine, pair.shaft_rpm, pair.opening_mm, c),
-                            gate_command(self.machine, pair.opening_mm))
+                            gate_command(self.machine, pair.opening_mm, c))
 
     def command(self, pair: Pair, c: Conditions, trim: DriveTrim, last: DriveCommand | None) -> DriveCommand:
         """Set-points for the drives: trimmed, rounded to the drives' resolution, small moves left out."""

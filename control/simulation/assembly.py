@@ -11,6 +11,7 @@ from control.loop import ControlLoop
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.planting import Planted
+from control.machine.terms import Term
 from control.orders import TargetSource
 from control.readings import DoseOrder
 from control.targets.fence import Fence
@@ -64,6 +65,9 @@ def point_source(machine: Machine, job: Job, plants: PlantList | None) -> PointS
 
 
 def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),
-                      keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None) -> Plant:
-    """The plant of a job. `plants`: of its plant list. Raises ValueError where an effect does not fit the machine."""
-    return Plant(machine, job, seed, dt_s, planted, keep=keep, plants=None if plants is None else plants.places_m)
+                      keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None,
+                      terms: Sequence[Term] = ()) -> Plant:
+    """The plant of a job. `plants`: of its plant list; `terms`: beside those of the machine's file. Raises ValueError
+    where an effect does not fit the machine."""
+    return Plant(machine, job, seed, dt_s, planted, keep=keep, plants=None if plants is None else plants.places_m,
+                 terms=terms)

@@ -19,6 +19,8 @@ from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
+from control.machine.term_sums import NOTHING, More, TermSums, Told
+from control.machine.terms import SHAFT_ANGLE, Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen
 
 from .canopy import CanopyField
@@ -76,8 +78,9 @@ class Plant:
 
     def __init__(self, machine: Machine, job: Job, seed: int, dt_s: float = 0.05, planted: Sequence[Planted] = (),
                  path: Path | None = None, keep: Callable[[Truth], None] | None = None,
-                 plants: Array | None = None) -> None:
-        """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job."""
+                 plants: Array | None = None, terms: Sequence[Term] = ()) -> None:
+        """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job. `terms`: what
+        the machine does beside those of its file."""
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
@@ -86,6 +89,9 @@ class Plant:
         self._keep = keep
         self._stages = schedule(machine, planted)
         self._true = self._stages[0][1]
+        self._terms = TermSums((*machine.terms, *terms))
+        self._told = Told(machine, 0.0, machine.set_points.opening_mm)
+        self._more, self._ran_away_kg, self._angle_deg = NOTHING, 0.0, 0.0
         width = machine.geometry.working_width_m
         self._path = path or field_path(sim, width, job.field.pass_heading_deg)
         self.plants_m = along_way(self._path, simulated_plants(job, width, seed) if plants is None else plants,
@@ -146,6 +152,8 @@ class Plant:
         refill = self._refill(speed, dt)
         rpm = command.shaft_rpm if enabled else 0.0
         self._take_dose(command.dose, enabled)
+        if self._terms:
+            self._more = self._terms_now(rpm, command.opening_mm, supply, pitch, speed, pose)
         flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
         self._ticks += 1
         drop = self._drop(flow)
@@ -155,6 +163,19 @@ class Plant:
         if self._keep is not None:
             self._keep(self.truth)
         return self._read(speed, pose, pitch, supply, flow)
+
+    def _terms_now(self, rpm: float, opening_mm: float, supply: float, pitch: float, speed: float, pose: Pose) -> More:
+        """What the machine's terms come to in this step."""
+        dt, shaft = self.dt_s, self._shaft_out[0]
+        turned = 6.0 * shaft * dt
+        more = self._terms.step({
+            "shaft_rpm": shaft, "opening_mm": self._gate_out[0], "hopper_kg": self._flow.hopper_kg,
+            "pitch_deg": pitch, "roll_deg": self._roll.value, "supply_v": supply, "speed_mps": abs(speed),
+            "heading_deg": pose.heading_deg, "time_s": self.time_s, SHAFT_ANGLE: self._angle_deg + 0.5 * turned,
+            **self._told.step(self.time_s, rpm, opening_mm, dt)}, dt)
+        self._angle_deg = (self._angle_deg + turned) % 360.0
+        self._ran_away_kg += more.scale_kg_min / 60.0 * dt
+        return more
 
     def _take_dose(self, dose: DoseOrder | None, enabled: bool) -> None:
         """A stop ends the dose under way; one that comes while another turns is refused."""
@@ -194,14 +215,16 @@ class Plant:
         return self._true.flow.full_kg - self._flow.hopper_kg
 
     def _move(self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float) -> float:
-        true, step = self._true, self.dt_s / MODEL_STEPS
+        true, step, more = self._true, self.dt_s / MODEL_STEPS, self._more
+        more_kg_s = more.flow_kg_min / 60.0
         total = 0.0
         for k in range(MODEL_STEPS):
             self._shaft, shaft = shaft_step(true.shaft, self._shaft, ShaftInput(
-                max(rpm, self._dose_rpm(step)), self._gate_out[0], supply), step)
-            self._gate, gate = gate_step(true.gate, self._gate, GateInput(opening_mm), step)
+                max(rpm, self._dose_rpm(step)), self._gate_out[0], supply, more.shaft_percent,
+                more.shaft_rpm), step)
+            self._gate, gate = gate_step(true.gate, self._gate, GateInput(opening_mm, more.gate_mm), step)
             self._flow, flow = flow_step(true.flow, self._flow, FlowInput(
-                shaft.rpm, gate.opening_mm, pitch, refill if k == 0 else 0.0), step)
+                shaft.rpm, gate.opening_mm, pitch, refill if k == 0 else 0.0, more.flow_percent, more_kg_s), step)
             self._shaft_out = (shaft.rpm, shaft.measured_rpm)
             self._gate_out = (gate.opening_mm, gate.measured_mm)
             total += flow.flow_kg_s
@@ -220,10 +243,12 @@ class Plant:
         now, dt, normal = self.time_s, self.dt_s, self._normal.next
         true, noise = self._true, self.machine.noise
         self._speed, reads = speed_step(true.speed, self._speed, SpeedInput(
-            abs(speed), 1.0 if flow > 0.0 else 0.0, pitch), dt)
+            abs(speed), 1.0 if flow > 0.0 else 0.0, pitch, self._more.wheel_percent), dt)
         wheel = max(0.0, reads.wheel_mps + (noise.wheel_mps * normal() if speed != 0.0 else 0.0))
         self._roll_wheel(wheel, dt)
-        scale = scale_reads(true.scale, ScaleInput(self._flow.hopper_kg, now, pitch)) + self._scale_noise.step(dt)
+        more_kg = self._more.scale_kg + self._ran_away_kg
+        scale = scale_reads(true.scale, ScaleInput(self._flow.hopper_kg, now, pitch, more_kg)) \
+            + self._scale_noise.step(dt)
         return Sensed(
             now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, self._pulses, self._ndvi(pose),
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),

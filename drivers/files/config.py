@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -41,6 +41,7 @@ class Kind(Generic[Model]):
     format: str
     folder: str
     model: type[Model]
+    of_today: Callable[[dict[str, Any]], dict[str, Any]] = dict     # an older file's data as they are written today
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +170,7 @@ def _valid(data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPa
     if found != kind.format:
         at = f" (line {lines[('format',)]})" if ("format",) in lines else ""
         raise ConfigError([f"{label}: key format: value {found}: allowed {kind.format}{at}"])
+    data = kind.of_today(data)
     if "format" not in kind.model.model_fields:
         data = {k: v for k, v in data.items() if k != "format"}
     try:

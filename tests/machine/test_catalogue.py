@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from control.machine import compiled, over_log
-from control.machine.fall import Fall, FallInput, fall_start, fall_step
+from control.machine.fall import FallInput, fall_start, fall_step
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput, head_reads
@@ -113,5 +113,3 @@ def test_which_head_must_be_said() -> None:
     assert with_effect(Machine(), "canopy.head_fouled", -5.0, 3).heads.fouled_head == 3.0
 
 
-def test_lags_of_a_straight_table_entry_are_seconds() -> None:
-    assert Fall().table_s == (0.0,) * 8

@@ -65,9 +65,9 @@ def drive_rows(drive: Drive) -> Rows:
     run_stage, start, output = _STAGE[drive.name]
     if drive.name == "shaft":
         inputs = input_rows(ShaftInput, count, command_rpm=command, opening_mm=drive.opening_mm,
-                            supply_v=drive.supply_v)
+                            supply_v=drive.supply_v, more_percent=drive.more, more_rpm=drive.more_rpm)
     else:
-        inputs = input_rows(GateInput, count, command_mm=command)
+        inputs = input_rows(GateInput, count, command_mm=command, more_mm=drive.more)
 
     def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, drive.name, drive.time_s)
@@ -88,18 +88,18 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
                     NoisePrior(sd, WHITE_S, floor))
 
 
-def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -> ChannelSeries:
-    """Scale reading, kg. table_at : value of the smooth extension's variable at each bin's begin (m+1,)."""
+def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
+    """Scale reading, kg."""
     count = len(h.time_s) - 1
     over_full_kg = of_nominal(machine, HOPPER) * OVER_FULL_KG
-    levels = _hopper_levels(h, np.zeros(count + 1) if table_at is None else table_at, over_full_kg)
+    levels = _hopper_levels(h, over_full_kg)
     middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
 
     def predict(plan: Schedule, step_s: float) -> Array:
         scales, rows = switches(plan, "scale", h.time_s)
         at = np.searchsorted(rows, np.arange(count), side="right")
         seen = input_rows(ScaleInput, count, hopper_kg=levels(plan), time_s=middle, pitch_deg=h.pitch_deg[:-1],
-                          table_at=0.0 if table_at is None else table_at[:-1])
+                          more_kg=h.more_kg)
         reads = np.empty(count)
         for k in sorted(set(at.tolist())):
             reads = np.where(at == k, scale_run(scales[k], seen), reads)
@@ -112,7 +112,7 @@ def hopper_channel(h: Hopper, machine: Machine, table_at: Array | None = None) -
                                walk_sd=h.unseen * machine.flow.grams_per_rev_mm / 60_000.0))
 
 
-def _hopper_levels(h: Hopper, table_at: Array, over_full_kg: float) -> Callable[[Schedule], Array]:
+def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array]:
     """Level of the hopper in the middle of each bin, kg (m,), as the flow leaves it.
 
     The flow follows the true opening: what the opening's reading is off by is taken off first.
@@ -130,7 +130,7 @@ def _hopper_levels(h: Hopper, table_at: Array, over_full_kg: float) -> Callable[
         offset = np.array([p.offset_mm for p in gates])[np.searchsorted(rows, np.arange(count), side="right")]
         inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=share,
                             opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
-                            table_at=table_at)
+                            more_percent=h.more_percent, more_kg_s=h.more_kg_s)
         # The model's hopper is full at full_kg; a reading above that is taken down and put back on afterwards.
         over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + over_full_kg)
         hopper = np.empty(count - 1)
@@ -164,7 +164,9 @@ def speed_rows(s: Speed) -> Rows:
     in_log_s = np.interp(fine_s, clock, s.time_s)
     middle = fine_s + 0.5 * FINE_S
     inputs = input_rows(SpeedInput, len(fine_s), speed_mps=np.interp(middle, clock, s.true_mps),
-                        working=np.interp(middle, clock, s.working), pitch_deg=np.interp(middle, clock, s.pitch_deg))
+                        working=np.interp(middle, clock, s.working), pitch_deg=np.interp(middle, clock, s.pitch_deg),
+                        more_percent=s.more_percent if isinstance(s.more_percent, float) else
+                        np.interp(middle, clock, s.more_percent))
     at = np.minimum(len(fine_s) - 1, np.round((clock - clock[0]) / FINE_S).astype(int))
     first = float(s.true_mps[0])
 

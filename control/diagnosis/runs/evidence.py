@@ -27,6 +27,7 @@ REPLICATES = 1000           # a probability of 0.002 is then two of them
 SEED = 20260101             # of the signs: the same log gives the same diagnosis
 UNEVEN = 1.5                # times the variance between blocks that even noise gives: below it is chance
 MIN_ENERGY_LEFT = 0.05      # of a trace's energy: on less, nothing is told
+MANY = 48                   # coefficients of a band, for its strength to be known to a fifth
 MIN_DRIFT = 0.12            # of the fast noise's s.d.: less is no drift
 NO_NOISE = -30.0            # logarithm of an s.d. so small that it stands for none
 
@@ -84,6 +85,32 @@ def _block_sums(channel: ChannelSeries, noise: Noise, left: Array, traces: Array
     return sums, squares
 
 
+def colour(columns: Columns, parts: Parts, noise: dict[str, Noise], trace: Column) -> float:
+    """How much stronger than its noise the residual is where a trace lives: 1 where the noise tells it.
+
+    A sensor that hums is louder in a few quick bands than any first-order noise says; what a trace gains there counts
+    by so much less. Only bands of MANY coefficients are looked at: in narrower ones lives what else may be wrong.
+    """
+    base, model = columns.of_hypothesis(parts), columns.model
+    data = model.banded_residual(parts)
+    amplitude, _ = solved(problem(model.channels, data, base), np.arange(len(base)), noise)
+    loud = total = 0.0
+    for channel in model.channels:
+        name, cut = channel.name, channel.cut
+        if name not in trace.coefficients:
+            continue
+        left = data[name].copy()
+        for size, column in zip(amplitude, base, strict=True):
+            if name in column.coefficients:
+                left -= size * column.coefficients[name]
+        strength = noises.spectrum(np.array(noise[name].theta), channel.prior, cut, channel.grid.step_s)
+        energy = np.add.reduceat(trace.coefficients[name] ** 2, cut.starts) / strength
+        louder = np.add.reduceat(left ** 2, cut.starts) / (cut.members * strength)
+        loud += float(np.sum(energy * np.where(cut.members >= MANY, np.maximum(1.0, louder), 1.0)))
+        total += float(np.sum(energy))
+    return loud / total if total > 0.0 else 1.0
+
+
 def slow_share(banded: Array, channel: ChannelSeries, noise: Noise) -> float:
     """Share of the energy of `banded` coefficients (m,) in bands where the slow noise is stronger than the fast.
 
@@ -131,6 +158,15 @@ def unevenness(seen: Scores, k: int) -> float:
     """The same where it is more than the chance of BLOCKS blocks, else 1."""
     spread = spread_over(seen, k)
     return spread if spread > UNEVEN else 1.0
+
+
+def coarser(seen: Scores, by: int = 4) -> Scores:
+    """The same in blocks that are `by` times as long; the tolerances' row stays."""
+    traces = seen.score.shape[1]
+
+    def merged(rows: Array) -> Array:
+        return np.concatenate([rows[:-1].reshape(-1, by, traces).sum(axis=1), rows[-1:]])
+    return Scores(merged(seen.score), merged(seen.energy))
 
 
 def without_best_block(seen: Scores, k: int) -> float:

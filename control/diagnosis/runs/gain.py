@@ -18,28 +18,16 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
 
-from .channels import ChannelSeries
-from .likelihood import Z90, Column, Role, fitted, problem
-from .noise import Noise, coefficients, segments, series_of
+from .held_out import BLOCKS, HELD_OUT, HeldOut, amplitudes, errors_of, held_out
+from .likelihood import Z90, Column, Role, fitted
+from .noise import Noise, segments, series_of
 from .selection import Judged
 from .smooth import TABLES, variables_of
 from .unexplained import DOWNSTREAM
 
 Array = npt.NDArray[np.float64]
 
-BLOCKS = 8
-HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
-GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
-FLOW_S = 10.0                   # flow is read off the scale over windows of this length
 PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
-
-
-class _HeldOut(NamedTuple):
-    """One channel cut into blocks: sizes are fitted to some of them and judged on the pieces of the others."""
-
-    whole: ChannelSeries
-    fitted: ChannelSeries               # the same, cut to the blocks that are fitted
-    pieces: tuple[slice, ...]           # of the held-out blocks
 
 
 def measure_gain(judged: Judged) -> list[Gain]:
@@ -57,26 +45,17 @@ def measure_gain(judged: Judged) -> list[Gain]:
     for channel in search.model.channels:
         if channel.copies == 1 and any(channel.name in c.coefficients for c in slopes):
             name = channel.name
-            found += _channel_gain(judged, _held_out(channel), columns[name], before[name], at_fit[name])
+            found += _channel_gain(judged, held_out(channel), columns[name], before[name], at_fit[name])
     return found
 
 
-def _held_out(channel: ChannelSeries) -> _HeldOut:
-    length = len(channel.measured)
-    edges = np.linspace(0, length, BLOCKS + 1).astype(int)
-    gap = int(np.ceil(GAP_S / channel.grid.step_s))
-    kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
-    pieces = tuple(slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
-    return _HeldOut(channel, channel._replace(cut=segments(length, kept)), pieces)
-
-
-def _channel_gain(judged: Judged, blocks: _HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
+def _channel_gain(judged: Judged, blocks: HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
                   at_fit: Array) -> list[Gain]:
     """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
     noise = judged.found.noise
-    amplitude = _amplitudes(blocks, columns, at_fit, noise)
+    amplitude = amplitudes(blocks, columns, at_fit, noise)
     change = sum(a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE)
-    name, unit, errors_before, errors_after = _judged(blocks, before, at_fit - change)
+    name, unit, errors_before, errors_after = errors_of(blocks, before, at_fit - change)
     if not len(errors_after):
         return []
     words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
@@ -85,18 +64,9 @@ def _channel_gain(judged: Judged, blocks: _HeldOut, columns: Sequence[tuple[Colu
     fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
     for word, others in _instead(judged, blocks.whole.name):
         left = _corrected(blocks, fixed, others, before, noise)
-        gain = _gain(name, f"rmse, {unit}, {word}", rms_before, _judged(blocks, before, left)[3], words)
+        gain = _gain(name, f"rmse, {unit}, {word}", rms_before, errors_of(blocks, before, left)[3], words)
         found.append(replace(gain, of="placebo" if word.startswith("placebo") else "corrector"))
     return found
-
-
-def _amplitudes(blocks: _HeldOut, columns: Sequence[tuple[Column, Array]], left: Array,
-                noise: dict[str, Noise]) -> Array:
-    """Amplitudes of columns (given with their series) fitted to the blocks that are not held out."""
-    name, cut = blocks.whole.name, blocks.fitted.cut
-    there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
-    p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
-    return fitted(p, np.arange(len(there)), noise).amplitude
 
 
 def _gain(channel: str, metric: str, before: float, errors_after: Array, held_out: str) -> Gain:
@@ -134,29 +104,13 @@ def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
     return found
 
 
-def _corrected(blocks: _HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
+def _corrected(blocks: HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
                noise: dict[str, Noise]) -> Array:
     """The error once `others` are fitted, beside the tolerances, to the fitted blocks, and taken off everywhere."""
     whole = segments(len(before))
     shapes = [series_of(c.coefficients[blocks.whole.name], whole) for c in others]
-    amplitude = _amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
+    amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
-
-
-def _judged(blocks: _HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:
-    """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over windows of FLOW_S."""
-    channel, pieces = blocks.whole, blocks.pieces
-    if channel.name != "scale":
-        return (channel.name, channel.unit, np.concatenate([before[p] for p in pieces]),
-                np.concatenate([after[p] for p in pieces]))
-    step_s = channel.grid.step_s
-    hop = max(1, round(FLOW_S / step_s))
-
-    def flow(series: Array) -> Array:
-        rows = [-(series[p][hop::hop] - series[p][:-hop:hop][:len(series[p][hop::hop])]) / (hop * step_s)
-                for p in pieces if p.stop - p.start > 2 * hop]
-        return np.concatenate(rows) if rows else np.empty(0)
-    return "flow", "kg/s", flow(before), flow(after)
 
 
 class LoopGain(NamedTuple):

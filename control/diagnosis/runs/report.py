@@ -20,11 +20,13 @@ from control.diagnosis.result import (
     Rival,
     Size,
     TableFit,
+    TermFound,
     Unexplained,
     Verdict,
 )
 from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
+from control.machine.terms import Form
 
 from .cost import field_cost
 from .gain import measure_gain
@@ -36,6 +38,8 @@ from .next_run import next_run
 from .onset import stop_interval
 from .selection import THRESHOLD, Judged
 from .stages import RunData
+from .term_seen import marginal, means_along
+from .terms import Found
 from .verdict import OTHERWISE, Remains, remains, suspected
 
 Array = npt.NDArray[np.float64]
@@ -135,7 +139,8 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
         causes += [_cause(one, k, machine, data, suspected(one, k, rest, own)) for k in range(len(one.found.parts))]
         unexplained += _unexplained(one, rest, rows)
     causes += [_read_off_cause(one, machine, data) for one in read_off]
-    left = [one.left for one in judged if one.left is not None]
+    terms = [(group, found) for group in judged for found in group.terms]
+    tables = [table for one in judged for table in _tables(one, data)]
     absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
     verdict = _verdict(rows, causes, unexplained)
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
@@ -146,7 +151,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
         not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gain for own in gains for gain in own), extended_machine=None, findings=findings,
-        tables=tuple(TableFit(one.stage, one.variable, one.nodes, one.values) for one in left), excited=excited)
+        tables=tuple(tables), excited=excited, terms=tuple(_term(group, found, data) for group, found in terms))
 
 
 def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]) -> Verdict:
@@ -173,6 +178,10 @@ def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
 def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:
     """What of a group is not noise and has no name: its smooth dependence, else what its channels have left."""
     by_name = {row.channel: row for row in rows}
+    if one.terms:
+        return [Unexplained(term.stage, variable, term.explained_share, by_name[term.stage].rmse,
+                            by_name[term.stage].noise_floor, by_name[term.stage].unit, term.field_percent)
+                for term in one.terms for variable in term.tried.over]
     if one.left is not None:
         row = by_name[one.left.stage]
         return [Unexplained(one.left.stage, one.left.variable, one.left.explained_share, row.rmse, row.noise_floor,
@@ -188,6 +197,22 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
         row = max(inside, key=_structure_share)
         found = [Unexplained(row.channel, "", _structure_share(row), row.rmse, row.noise_floor, row.unit)]
     return found
+
+
+def _tables(one: Judged, data: RunData) -> list[TableFit]:
+    """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each variable's term runs."""
+    if one.left is not None:
+        return [TableFit(one.left.stage, one.left.variable, one.left.nodes, one.left.values)]
+    return [TableFit(term.stage, variable, *marginal(term.term, variable, data))
+            for term in one.terms for variable in term.tried.over]
+
+
+def _term(group: Judged, found: Found, data: RunData) -> TermFound:
+    search, now = group.search, group.found
+    gain = None if found.tried.form is Form.SPAN else found.held_out
+    plain = found.term.model_copy(update={"held_out_gain": gain}).model_dump(mode="json")
+    return TermFound(plain, found.stage, found.term.unit, found.explained_share, found.field_percent, found.gain, gain,
+                     means_along(search, now, found, data))
 
 
 def _structure_share(channel: Channel) -> float:

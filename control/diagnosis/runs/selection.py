@@ -20,6 +20,7 @@ from .changes import changes
 from .evidence import (
     MIN_DRIFT,
     chance,
+    colour,
     null_of_maximum,
     scores,
     slow_share,
@@ -31,11 +32,13 @@ from .evidence import (
 from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
+from .names_or_terms import beyond_names
 from .onset import as_begun, blocked, refined, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
 from .search import Candidate, Refit, Scanned, Search
 from .settle import settle
+from .terms import Found
 from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
 
 Array = npt.NDArray[np.float64]
@@ -118,6 +121,7 @@ class Judged(NamedTuple):
     left: Dependence | None                     # what no effect explains
     refused: tuple[Refused, ...] = ()           # at the end: evidence for more parts, that did not hold
     structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted; drift's share off
+    terms: tuple[Found, ...] = ()               # beyond the catalogue
 
 
 def judged(search: Search) -> Judged:
@@ -131,13 +135,14 @@ def judged(search: Search) -> Judged:
         current, dropped = _without_doubtful(search, current)
         refused = [*refused, *dropped]
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
-    left = unexplained(search.columns, current, explained)
+    current, terms = beyond_names(search, current, null)
+    left = None if terms else unexplained(search.columns, current, explained)
     if left is not None:
         beside = _beside(search, current, left)
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
     gains, rivals = _rivals(search, current)
-    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain)
+    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms)
 
 
 def _nothing(search: Search) -> Refit:
@@ -259,17 +264,19 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None
         return Refused(part, gain, Doubt.DRIFT, THRESHOLD)
     others = without(found.parts, k)
     seen = scores(search.columns, others, found.noise, [trace])
-    spread = spread_over(seen, 0)
+    spread, tone = spread_over(seen, 0), colour(search.columns, found.parts, found.noise, trace)
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
     kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(seen, 0)
     if kept < least or gain < THRESHOLD * spread ** 0.5:
-        return Refused(part, gain, Doubt.STRETCH, gain / spread)
+        return Refused(part, gain, Doubt.STRETCH, gain / (spread * tone))
+    if gain < THRESHOLD * tone:
+        return Refused(part, gain, Doubt.CHANCE, gain / (spread * tone))
     tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     traces = [search.columns.of_candidate(others, c.part) for c in tried]
     every = scores(search.columns, found.parts, found.noise, traces)
     sure = chance(null_of_maximum(every), gain / unevenness(seen, 0)) < FALSE_ALARMS
-    return None if sure else Refused(part, gain, Doubt.CHANCE, gain / spread)
+    return None if sure else Refused(part, gain, Doubt.CHANCE, gain / (spread * tone))
 
 
 def _as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column) -> bool:

@@ -7,14 +7,15 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis import effects
+from control.machine.compiled import table_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
-from control.machine.elements import FLAT, Table
+from control.machine.elements import Table
 from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
 from .hypothesis import Part, Stages, schedule
-from .stages import RunData
+from .stages import Hopper, RunData
 
 Array = npt.NDArray[np.float64]
 
@@ -75,6 +76,15 @@ def at_times(data: RunData, variable: str, time_s: Array) -> Array:
     return np.interp(time_s, data.time_s, data.variables[variable])
 
 
+def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array | float = 0.0,
+                kg_s: Array | float = 0.0) -> Array:
+    """What further per cent of the flow, or kg/s, in each bin (m+1,) do to the scale's reading: (m,)."""
+    nothing = schedule(base, ())
+    changed = hopper._replace(more_percent=hopper.more_percent + percent, more_kg_s=hopper.more_kg_s + kg_s)
+    return np.asarray(hopper_channel(changed, machine).predict(nothing, MOST_STEP_S)
+                      - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S))
+
+
 def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: RunData, base: Stages,
            machine: Machine) -> Array:
     """What one unit of each shape does to the channel: (SHAPES, m).
@@ -84,13 +94,8 @@ def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: Ru
     """
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
-        with_table = hopper_channel(data.hopper, machine, values)
-        nothing = schedule(base.put("flow", table_x=over.nodes, table_percent=FLAT), ())
-        neutral = with_table.predict(nothing, MOST_STEP_S)
-        rows = []
-        for k in range(1, SHAPES + 1):
-            bent = schedule(base.put("flow", table_x=over.nodes, table_percent=shape(k)), ())
-            rows.append(with_table.predict(bent, MOST_STEP_S) - neutral)
+        rows = [flow_change(data.hopper, machine, base, percent=table_run(over.nodes, shape(k), values))
+                for k in range(1, SHAPES + 1)]
         return np.array(rows)
     values = at_times(data, over.variable, channel.grid.even_s)
     shaped = np.array([np.interp(values, over.nodes, shape(k)) for k in range(1, SHAPES + 1)])

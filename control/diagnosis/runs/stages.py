@@ -7,8 +7,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_filter
 
+from control.machine.compiled import term_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
+from control.machine.term_sums import angle_over_log, dead_times_s, over_log, told_over_log
+from control.machine.terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM
 
 from .log import HEADS, MIN_ROWS, MOVING_MPS, Clean
 
@@ -79,6 +82,8 @@ class Drive(NamedTuple):
     grid: Grid
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written
     moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves
+    more: Array | float = 0.0           # of the machine file's terms: % of the shaft, mm of the gate
+    more_rpm: Array | float = 0.0
 
 
 class Hopper(NamedTuple):
@@ -96,6 +101,9 @@ class Hopper(NamedTuple):
     grid: Grid                  # over the m bins
     unseen: float = 0.0         # r/min x mm x s (1 s.d.), metered in a bin where no row says how
     gaps: tuple[tuple[int, float], ...] = ()    # bin at which a long gap ends, and the same of what it metered
+    more_percent: Array | float = 0.0   # of the machine file's terms, mean over the bin weighted with what it metered
+    more_kg_s: Array | float = 0.0
+    more_kg: Array | float = 0.0        # (m,), of the reading
 
 
 class Speed(NamedTuple):
@@ -108,6 +116,7 @@ class Speed(NamedTuple):
     wheel_mps: Array
     gnss_mps: Array
     grid: Grid
+    more_percent: Array | float = 0.0   # of the machine file's terms
 
 
 class Heads(NamedTuple):
@@ -130,6 +139,8 @@ class RunData(NamedTuple):
     hopper: Hopper | None
     speed: Speed | None
     heads: Heads | None
+    inputs: dict[str, Array] = {}       # what terms are asked with (`terms.needed`), at every row of the log
+    row_s: Array = np.empty(0)          # of those rows
 
 
 class _Rows(NamedTuple):
@@ -145,6 +156,7 @@ class _Rows(NamedTuple):
     pitch_deg: Array
     working: Array              # 1 or 0: as the log says, else whether the shaft turns
     lost: npt.NDArray[np.bool_]         # rows before which commands may be missing from the log
+    more: dict[str, Array] = {}         # what the machine file's terms add (`term_sums.over_log`)
 
 
 def _rows(log: Clean, machine: Machine) -> _Rows:
@@ -172,6 +184,8 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     """Channels of a cleaned log; None where the log cannot show one."""
     every, c = _rows(log, machine), log.columns
     time = every.time_s
+    inputs = term_inputs(log, every, machine)
+    every = every._replace(more=over_log(machine.terms, inputs, time, term_run))
     variables = _variables(log, every)
     hopper = speed = heads = None
     driven = _drives(log, every, machine, whole=False)
@@ -186,25 +200,49 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     rows = known_rows(len(time))
     variables |= further
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
-                   every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads)
+                   every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads, inputs, time)
+
+
+def term_inputs(log: Clean, every: _Rows, machine: Machine) -> dict[str, Array]:
+    """What terms are asked with, at every row of a log (n,): readings, and the commands that the drives follow by now.
+
+    What a log lacks is left out, and so are the terms over it.
+    """
+    time, found = every.time_s, {"time_s": every.time_s}
+    for name, told, command, dead_s in zip(("shaft_rpm", "opening_mm"), (TOLD_RPM, TOLD_MM),
+                                           (every.command_rpm, every.command_mm), dead_times_s(machine), strict=True):
+        if np.isfinite(command).all():
+            found[told] = told_over_log(command, time, dead_s)
+        if log.has(name):
+            found[name] = every.shaft_rpm if name == "shaft_rpm" else every.opening_mm
+            if told not in found:
+                found[told] = found[name]
+    if log.has("shaft_rpm"):
+        found[SHAFT_ANGLE] = angle_over_log(every.shaft_rpm, time)
+    further = {name: _bridged(time, series, series) for name, series in log.further.items()}
+    return found | _read_slowly(log, every) | further
+
+
+def _read_slowly(log: Clean, every: _Rows) -> dict[str, Array]:
+    """What is read beside the drives, smoothed, (n,) by name: sensors' noise is no motion of the machine."""
+    found = {name: series for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
+             if log.has(name)}
+    for name in ("roll_deg", "hopper_kg", "speed_mps"):
+        if log.has(name):
+            found[name] = _smooth(_bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s)
+    if log.has("heading_deg"):
+        found["heading_deg"] = _held(log.columns["heading_deg"])
+    return found
 
 
 def _variables(log: Clean, every: _Rows) -> dict[str, Array]:
     """The recorded variables that something may depend on, (n,) by name; commands in place of the drives' readings."""
-    c, found = log.columns, {"time_s": every.time_s}
+    found = {"time_s": every.time_s}
     if "shaft" in log.stages or "flow" in log.stages:
         found["shaft_rpm"] = np.where(np.isfinite(every.command_rpm), every.command_rpm, every.shaft_rpm)
     if "gate" in log.stages or "flow" in log.stages:
         found["opening_mm"] = np.where(np.isfinite(every.command_mm), every.command_mm, every.opening_mm)
-    for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg)):
-        if log.has(name):
-            found[name] = series
-    for name in ("roll_deg", "hopper_kg", "speed_mps"):
-        if log.has(name):
-            found[name] = _smooth(_bridged(every.time_s, c[name], np.zeros(len(every.time_s))), log.step_s)
-    if log.has("heading_deg"):
-        found["heading_deg"] = _held(c["heading_deg"])
-    return found
+    return found | _read_slowly(log, every)
 
 
 def _held(series: Array) -> Array:
@@ -259,7 +297,9 @@ def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array
 
 def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     """Shaft and gate of a log, by name, at every row even of a long log that is otherwise looked at in windows."""
-    return _drives(log, _rows(log, machine), machine, whole=True)
+    every = _rows(log, machine)
+    more = over_log(machine.terms, term_inputs(log, every, machine), every.time_s, term_run)
+    return _drives(log, every._replace(more=more), machine, whole=True)
 
 
 def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str, Drive]:
@@ -300,8 +340,11 @@ def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.N
     if known.sum() < MIN_ROWS:
         return None
     grid = _grid(time[pick], known, every.step_s, clock)
+    more, more_rpm = every.more.get("shaft_percent" if name == "shaft" else "gate_mm"), every.more.get("shaft_rpm")
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
-                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST))
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST),
+                 more=0.0 if more is None else more[pick],
+                 more_rpm=0.0 if more_rpm is None or name != "shaft" else more_rpm[pick])
 
 
 def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
@@ -356,7 +399,39 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], ma
     good = np.isfinite(kg) & ~hidden
     return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
                   tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
-                  *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM))
+                  *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
+                  *_of_terms(every, edges))
+
+
+def _of_terms(every: _Rows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
+    """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg of the reading (m,)."""
+    more, time = every.more, every.time_s
+    percent: Array | float = 0.0
+    kg_s: Array | float = 0.0
+    kg: Array | float = 0.0
+    if "flow_percent" in more:
+        percent = metered_mean(more["flow_percent"], every.shaft_rpm * every.opening_mm, time, edges)
+    if "flow_kg_min" in more:
+        kg_s = bin_mean(np.where(every.shaft_rpm > 0.0, more["flow_kg_min"], 0.0) / 60.0, time, edges)
+    if "scale_kg" in more:
+        kg = kg + bin_mean(more["scale_kg"], time, edges)[:-1]
+    if "scale_kg_min" in more:
+        run_away = np.concatenate(([0.0], np.cumsum(more["scale_kg_min"][:-1] / 60.0 * np.diff(time))))
+        kg = kg + bin_mean(run_away, time, edges)[:-1]
+    return percent, kg_s, kg
+
+
+def bin_mean(series: Array, time: Array, edges: Array) -> Array:
+    """Mean of a held series (rows,) over each bin, the last repeated: (m+1,)."""
+    mean = _sums_in(time, np.diff(time) * series[:-1], edges) / np.diff(edges)
+    return np.append(mean, mean[-1])
+
+
+def metered_mean(series: Array, metered: Array, time: Array, edges: Array) -> Array:
+    """The same weighted with what was metered meanwhile; plain where nothing was."""
+    weight = bin_mean(np.maximum(metered, 0.0), time, edges)
+    weighted = bin_mean(np.maximum(metered, 0.0) * series, time, edges)
+    return np.where(weight > 0.0, weighted / np.where(weight > 0.0, weight, 1.0), bin_mean(series, time, edges))
 
 
 def _unseen(every: _Rows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:
@@ -446,7 +521,9 @@ def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed:
     smooth = savgol_filter(both, window, 2) if window > 3 else both
     moving = smooth > MOVING_MPS
     grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step)
-    return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid)
+    more = every.more.get("wheel_percent")
+    return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
+                 0.0 if more is None else more[rows])
 
 
 def _fresh(series: Array) -> npt.NDArray[np.bool_]:

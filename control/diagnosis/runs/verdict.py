@@ -75,6 +75,7 @@ def _rest(one: Judged) -> dict[str, Array]:
     """Banded coefficients (m,) by channel, with all taken off that the hypothesis can take up."""
     columns, parts = one.search.columns, one.found.parts
     base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
+    base = [*base, *(column for term in one.terms for column in term.columns)]
     amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), one.found.noise)
     return taken_off(banded, base, amplitude)
 

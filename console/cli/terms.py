@@ -1,0 +1,56 @@
+"""`--term`: a term written by hand, and what a term is, in words."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from control.machine.terms import Term
+
+
+def parse_terms(texts: Sequence[str]) -> list[Term]:
+    """Terms of a simulated machine, each with an id of its own. Raises CommandError or ConfigError, a line each."""
+    from control.machine.term_sums import KNOWN_TO_CONTROL
+    from control.machine.terms import SHAFT_ANGLE, parse_term
+    allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
+    found: list[Term] = []
+    for text in texts:
+        try:
+            term = parse_term(text, _valid)
+        except ValueError as error:
+            raise CommandError(str(error)) from None
+        for name in term.variables:
+            if name not in allowed:
+                raise CommandError(f"term {text!r}: variable {name}: the simulated machine has no such column: allowed "
+                                   f"{', '.join(allowed)}")
+        found.append(term.model_copy(update={"id": f"{term.id}.{len(found) + 1}"}))
+    return found
+
+
+def _valid(data: dict[str, Any]) -> Term:
+    from pydantic import ValidationError
+
+    from control.machine.terms import Term
+    from drivers.files.config import ConfigError
+    from drivers.files.config_words import explain
+    try:
+        return Term.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(explain(error, Term, data, "--term", {})) from None
+
+
+def what_terms_are() -> list[str]:
+    """Lines that say what a term is, what it acts on, its forms and its variables."""
+    from control.machine.terms import COEFFICIENTS, EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
+    return [
+        "", "Beyond the catalogue: terms, in the machine file's list `terms` (docs/terms.md) or planted with --term.",
+        f"    grammar: {GRAMMAR}", f"    example: {EXAMPLE}",
+        "    acts on: " + ", ".join(f"{acts.value} ({UNIT_OF[acts]}, stage {stage})"
+                                    for acts, stage in STAGE_OF.items()),
+        "    variables: " + ", ".join(f"{name} ({unit})" for name, unit in VARIABLES.items())
+        + "; further columns of a log by name",
+        *(f"    form {form.value}: {use.means}  ({', '.join(use.needs) or 'nodes, values'}"
+          + (f"; may have {', '.join(use.may)})" if use.may else ")") for form, use in COEFFICIENTS.items())]

@@ -1,0 +1,62 @@
+"""Blocks of a log that no size is fitted to, and the errors on them."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .channels import ChannelSeries
+from .likelihood import Column, fitted, problem
+from .noise import Noise, coefficients, segments
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS = 8
+HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
+GAP_S = 10.0                    # on both sides of a block: longer than the fast noise remembers
+FLOW_S = 10.0                   # flow is read off the scale over windows of this length
+
+
+class HeldOut(NamedTuple):
+    """One channel cut into blocks: sizes are fitted to some of them and judged on the pieces of the others."""
+
+    whole: ChannelSeries
+    fitted: ChannelSeries               # the same, cut to the blocks that are fitted
+    pieces: tuple[slice, ...]           # of the held-out blocks
+
+
+def held_out(channel: ChannelSeries) -> HeldOut:
+    """A channel cut into BLOCKS, of which HELD_OUT are not fitted to."""
+    length = len(channel.measured)
+    edges = np.linspace(0, length, BLOCKS + 1).astype(int)
+    gap = int(np.ceil(GAP_S / channel.grid.step_s))
+    kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
+    pieces = tuple(slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
+    return HeldOut(channel, channel._replace(cut=segments(length, kept)), pieces)
+
+
+def amplitudes(blocks: HeldOut, columns: Sequence[tuple[Column, Array]], left: Array,
+                noise: dict[str, Noise]) -> Array:
+    """Amplitudes of columns (given with their series) fitted to the blocks that are not held out."""
+    name, cut = blocks.whole.name, blocks.fitted.cut
+    there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
+    p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
+    return fitted(p, np.arange(len(there)), noise).amplitude
+
+
+def errors_of(blocks: HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:
+    """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over windows of FLOW_S."""
+    channel, pieces = blocks.whole, blocks.pieces
+    if channel.name != "scale":
+        return (channel.name, channel.unit, np.concatenate([before[p] for p in pieces]),
+                np.concatenate([after[p] for p in pieces]))
+    step_s = channel.grid.step_s
+    hop = max(1, round(FLOW_S / step_s))
+
+    def flow(series: Array) -> Array:
+        rows = [-(series[p][hop::hop] - series[p][:-hop:hop][:len(series[p][hop::hop])]) / (hop * step_s)
+                for p in pieces if p.stop - p.start > 2 * hop]
+        return np.concatenate(rows) if rows else np.empty(0)
+    return "flow", "kg/s", flow(before), flow(after)

@@ -1,0 +1,59 @@
+"""Names first: a term stands beside the names that were found, or in their place where it explains plainly more."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from control.diagnosis.effects import ROWS
+
+from .hypothesis import Parts
+from .search import Refit, Search
+from .term_forms import PER_AMPLITUDE
+from .terms import Dictionary, Found, found_terms, series_of_term, total_price
+
+NAME_PRICE = 17.0           # of twice the log-likelihood: what a name must gain
+NAME_WINS = 10.0            # a term takes a name's place from so much more on ...
+NAME_WINS_SHARE = 0.05      # ... or from this share of what the names explain
+MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's
+
+
+def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[Found, ...]]:
+    """The hypothesis and the terms beyond it; its names are given up where terms alone explain more, or where the names
+    gain nothing beside the terms."""
+    explained = max(0.0, 2.0 * (now.log_likelihood - null.log_likelihood))
+    dictionary = Dictionary(search)
+    beside = found_terms(search, dictionary, now, explained)
+    if not now.parts:
+        return now, tuple(beside)
+    alone = found_terms(search, dictionary, null, 0.0)
+    if not alone or not _may_replace(search, now.parts, alone):
+        return now, tuple(beside)
+    superfluous = bool(beside) and _explained(now, beside) - _explained(null, alone) < NAME_PRICE
+    least = _worth(now, beside) + max(NAME_WINS, NAME_WINS_SHARE * explained)
+    return (null, tuple(alone)) if superfluous or _worth(null, alone) > least else (now, tuple(beside))
+
+
+def _explained(now: Refit, terms: Sequence[Found]) -> float:
+    """Twice the log-likelihood of a hypothesis with its terms."""
+    return 2.0 * (terms[-1].log_likelihood if terms else now.log_likelihood)
+
+
+def _worth(now: Refit, terms: Sequence[Found]) -> float:
+    """The same less all prices."""
+    levels = sum(len(one.columns) > one.tried.mix.shape[1] for one in terms)
+    return float(_explained(now, terms) - NAME_PRICE * len(now.parts) - total_price(terms) - PER_AMPLITUDE * levels)
+
+
+def _may_replace(search: Search, parts: Parts, terms: Sequence[Found]) -> bool:
+    """Whether terms say something else than the names: not a name's own dependence in another form, nor a constant."""
+    if any(ROWS[part.id].threshold or not ROWS[part.id].has_slope for part in parts):
+        return False
+    data = search.model.data
+    for one in terms:
+        values = series_of_term(one.term, data)
+        if len(one.columns) > one.tried.mix.shape[1] and abs(float(np.mean(values))) > MAX_MEAN * float(np.std(values)):
+            return False
+    constant = [one for one in terms if "constant" in one.tried.knobs]
+    own = {ROWS[part.id].form_over for part in parts} | {ROWS[part.id].needs for part in parts}
+    return bool(constant) or not any(set(one.tried.over) <= own for one in terms)

@@ -1,0 +1,69 @@
+"""What a series over a log's rows does to a channel when it acts on a quantity of a stage (the quantities of terms)."""
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from control.diagnosis import effects
+from control.machine.terms import TOLD_RPM, Acts
+
+from .hypothesis import Part, Parts
+from .model import GroupModel
+from .stages import bin_mean, metered_mean
+
+Array = npt.NDArray[np.float64]
+
+CHANNEL_OF: dict[Acts, str] = {
+    Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "scale",
+    Acts.SCALE_KG: "scale", Acts.WHEEL_PERCENT: "speed"}
+FLOW_UNIT = Part(effects.FLOW_GAIN.id, 1.0)
+WHEEL_UNIT = Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)
+
+
+def tried(model: GroupModel) -> list[Acts]:
+    """Quantities that a group's channels show."""
+    in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0     # rounding is a dependence of its own
+    return [acts for acts, channel in CHANNEL_OF.items()
+            if channel in model.names and not (channel == "shaft" and in_steps)]
+
+
+class ActedOn:
+    """One quantity under a hypothesis: series over the log's rows to series of its channel."""
+
+    def __init__(self, model: GroupModel, parts: Parts, acts: Acts) -> None:
+        self.channel = model.channel(CHANNEL_OF[acts])
+        self.acts, self._model = acts, model
+        unit = {Acts.FLOW_PERCENT: FLOW_UNIT, Acts.WHEEL_PERCENT: WHEEL_UNIT}.get(acts)
+        self._unit = np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
+
+    def of(self, rows: Array) -> Array:
+        """Change of the channel by one unit of each series: (k, m) of (k, rows)."""
+        data, channel = self._model.data, self.channel
+        if channel.name in ("shaft", "gate"):
+            return channel.grid.of(self._of_drive(rows))
+        if channel.name == "speed":
+            return np.array([np.interp(channel.grid.even_s, data.row_s, one) for one in rows]) * self._unit
+        hopper = data.hopper
+        assert hopper is not None
+        if self.acts is Acts.SCALE_KG:
+            return channel.grid.of(np.array([bin_mean(one, data.row_s, hopper.time_s)[:-1] for one in rows]))
+        metered = data.inputs["shaft_rpm"] * data.inputs["opening_mm"]
+        share = channel.grid.of(np.array([metered_mean(one, metered, data.row_s, hopper.time_s)[:-1] for one in rows]))
+        share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
+        return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
+
+    def _of_drive(self, rows: Array) -> Array:
+        """What shows at a row was in force in the row before it; the shaft goes there with its time constant."""
+        data, machine = self._model.data, self._model.machine
+        drive = data.shaft if self.channel.name == "shaft" else data.gate
+        assert drive is not None
+        at = np.clip(np.searchsorted(data.row_s, drive.time_s), 0, len(data.row_s) - 1)
+        picked = rows[:, at]
+        if self.channel.name == "shaft":
+            told = data.inputs[TOLD_RPM][at]
+            picked = picked * (told / 100.0 if self.acts is Acts.SHAFT_PERCENT else (told > 0.0).astype(np.float64))
+            keep = float(np.exp(-float(np.median(np.diff(drive.time_s))) / (
+                machine.shaft.time_constant_s + machine.shaft.slow_s)))
+            return np.asarray(lfilter([0.0, 1.0 - keep], [1.0, -keep], picked, axis=1))
+        return np.concatenate((picked[:, :1], picked[:, :-1]), axis=1)

@@ -1,0 +1,278 @@
+"""The forms that a search for terms tries over one variable or two: a few series each, linear in what is fitted."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.compiled import term_run
+from control.machine.term_step import SIDE, TermParams
+from control.machine.terms import ANGLES, NODES, SHAFT_ANGLE, Form, Variable
+
+Array = npt.NDArray[np.float64]
+
+QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)     # where a form may bend
+MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
+WAYS_S = (1.5, 5.0)                 # which way something has been moving, over so long
+WAY_SHARE = 0.1                     # of its spread: a difference of so much tells the way
+CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
+SPAN_EDGES = 24
+SHAPES = 4                          # smooth half-waves that a table is made of
+# Price of a form in twice the log-likelihood: for each amplitude, and twice the logarithm of the places tried.
+PER_AMPLITUDE = 4.0
+ORDER = (Form.SLOPE, Form.BEND, Form.THRESHOLD, Form.SIDE, Form.HINGE, Form.SATURATION, Form.DEAD_ZONE, Form.PERIODIC,
+         Form.MEMORY, Form.PRODUCT, Form.SPAN, Form.TABLE)      # plainest first
+
+
+class Tried(NamedTuple):
+    """A form with what is not linear in it settled. `knobs` : those settings, for `again`."""
+
+    form: Form
+    over: tuple[str, ...]
+    knobs: dict[str, float]
+    mix: Array                  # (basis, amplitudes): the form's columns from those of the basis
+    price: float
+
+
+class Basis(NamedTuple):
+    """Series over the rows, (k, rows), and the forms that are made of them."""
+
+    series: Array
+    forms: tuple[Tried, ...]
+
+
+class Scaled(NamedTuple):
+    """A variable for fitting: (x - middle) / spread."""
+
+    name: str
+    x: Array                    # (rows,), held within low and high
+    middle: float
+    spread: float
+    low: float
+    high: float
+
+    @property
+    def z(self) -> Array:
+        return np.asarray((self.x - self.middle) / self.spread)
+
+    @property
+    def variable(self) -> Variable:
+        return Variable(name=self.name, valid=None if self.name in (*ANGLES, "time_s") else (self.low, self.high))
+
+
+def scaled(name: str, x: Array, work: npt.NDArray[np.bool_]) -> Scaled:
+    """work : rows that count for the range (rows,)."""
+    low, q10, middle, q90, high = (float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5)))
+    spread = max(0.5 * (q90 - q10), 1e-3 * (high - low), 1e-9)
+    held = x if name in (*ANGLES, "time_s") else np.clip(x, low, high)
+    return Scaled(name, held, middle, spread, low, high if high > low else low + 1.0)
+
+
+def knots(v: Scaled, work: npt.NDArray[np.bool_]) -> Array:
+    """Places, in units of z, where a form may bend: quantiles, and 0 where the variable changes its sign."""
+    found = np.percentile(v.z[work], QUANTILES)
+    zero = (0.0 - v.middle) / v.spread
+    if found[0] < zero < found[-1]:
+        found = np.append(found, zero)
+    return np.unique(np.round(found, 6))
+
+
+def remembered(v: Scaled, tau_s: float, time_s: Array) -> Array:
+    """First-order memory of z with `tau_s`, as the evaluator has it: (rows,)."""
+    params = TermParams(int(list(Form).index(Form.MEMORY)), bend=1.0, tau_s=tau_s)
+    z = np.ascontiguousarray(v.z)
+    return np.asarray(term_run(params, z, z, time_s))
+
+
+def moving(v: Scaled, tau_s: float, time_s: Array) -> Array:
+    """-1 to 1: the way in which z has been moving of late."""
+    params = TermParams(SIDE, above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s)
+    z = np.ascontiguousarray(v.z)
+    return np.asarray(term_run(params, z, z, time_s))
+
+
+class _Mixer:
+    """Forms as mixes of the series of a basis of one variable."""
+
+    def __init__(self, name: str, size: int) -> None:
+        self._name, self._size = name, size
+        self.forms: list[Tried] = []
+
+    def add(self, form: Form, knobs: dict[str, float], columns: list[dict[int, float]], places: int = 1) -> None:
+        """columns : weight of each series, for each amplitude. places : so many such forms are tried."""
+        mix = np.zeros((self._size, len(columns)))
+        for j, one in enumerate(columns):
+            for row, weight in one.items():
+                mix[row, j] += weight
+        price = PER_AMPLITUDE * len(columns) + 2.0 * float(np.log(max(1, places)))
+        self.forms.append(Tried(form, (self._name,), knobs, mix, price))
+
+
+def over_one(v: Scaled, time_s: Array, work: npt.NDArray[np.bool_]) -> Basis:
+    """All forms over one variable."""
+    if v.name in ANGLES:
+        return _periodic(v)
+    if v.name == "time_s":
+        return _spans(v)
+    at, z = knots(v, work), v.z
+    low, high = (float(end) for end in np.percentile(z[work], (0.5, 99.5)))
+    share = np.clip((z - low) / max(high - low, 1e-9), 0.0, 1.0)
+    blocks = [z[None], z[None] ** 2, np.maximum(0.0, z - at[:, None]), (z > at[:, None]).astype(np.float64),
+              np.array([remembered(v, tau, time_s) for tau in MEMORIES_S]),
+              np.array([moving(v, tau, time_s) for tau in WAYS_S]),
+              np.array([np.cos(np.pi * n * share) for n in range(1, SHAPES + 1)])]
+    hinge0, step0, memory0, way0, wave0, size = np.cumsum([len(one) for one in blocks])[1:].tolist()
+    mixer = _Mixer(v.name, size)
+    mixer.add(Form.SLOPE, {}, [{0: 1.0}])
+    mixer.add(Form.BEND, {}, [{0: 1.0}, {1: 1.0}])
+    for i, place in enumerate(at.tolist()):
+        mixer.add(Form.HINGE, {"at": place}, [{0: 1.0}, {hinge0 + i: 1.0}], len(at))
+        mixer.add(Form.THRESHOLD, {"at": place}, [{step0 + i: 1.0}], len(at))
+    _ended(mixer, at, low, high, hinge0)
+    for i, tau in enumerate(MEMORIES_S):
+        mixer.add(Form.MEMORY, {"tau_s": tau}, [{memory0 + i: 1.0}], len(MEMORIES_S))
+        mixer.add(Form.MEMORY, {"tau_s": tau, "both": 1.0}, [{0: 1.0}, {memory0 + i: 1.0}], len(MEMORIES_S))
+    for i, tau in enumerate(WAYS_S):
+        mixer.add(Form.SIDE, {"tau_s": tau}, [{way0 + i: 1.0}], len(WAYS_S))
+    mixer.add(Form.TABLE, {"low": low, "high": high}, [{wave0 + n: 1.0} for n in range(SHAPES)], 4)
+    return Basis(np.concatenate(blocks), tuple(mixer.forms))
+
+
+def _ended(mixer: _Mixer, at: Array, low: float, high: float, hinge0: int) -> None:
+    """Saturations between every two places or from an end on, and dead zones between every two places."""
+    count = len(at)
+    for i in range(-1, count):
+        for j in range(i + 1, count + 1):
+            ends = {"low_end": float(at[i]) if i >= 0 else low, "high_end": float(at[j]) if j < count else high}
+            if (i < 0 and j == count) or not ends["low_end"] < ends["high_end"]:
+                continue
+            upper = {} if j == count else {hinge0 + j: -1.0}
+            lower = {0: 1.0} if i < 0 else {hinge0 + i: 1.0}
+            mixer.add(Form.SATURATION, ends, [{**lower, **upper}], count * count // 2)
+            if i >= 0 and j < count:
+                mixer.add(Form.DEAD_ZONE, ends, [{0: 1.0, hinge0 + i: -1.0, hinge0 + j: 1.0}], count * count // 2)
+
+
+def _periodic(v: Scaled) -> Basis:
+    angle = v.x * np.pi / 180.0
+    cycles = CYCLES[v.name]
+    series = np.array([wave(n * angle) for n in cycles for wave in (np.sin, np.cos)])
+    forms = []
+    for k, n in enumerate(cycles):
+        found = np.zeros((len(series), 2))
+        found[2 * k, 0] = found[2 * k + 1, 1] = 1.0
+        forms.append(Tried(Form.PERIODIC, (v.name,), {"cycles": float(n)}, found,
+                           2 * PER_AMPLITUDE + 2.0 * float(np.log(len(cycles)))))
+    return Basis(series, tuple(forms))
+
+
+def _spans(v: Scaled) -> Basis:
+    edges = np.linspace(float(v.x[0]), float(v.x[-1]), SPAN_EDGES + 1)
+    series = (v.x >= edges[1:-1, None]).astype(np.float64)
+    forms = []
+    for i in range(len(series)):
+        for j in range(i + 1, len(series)):
+            found = np.zeros((len(series), 1))
+            found[i, 0], found[j, 0] = 1.0, -1.0
+            forms.append(Tried(Form.SPAN, (v.name,), {"low_end": edges[i + 1], "high_end": edges[j + 1]}, found,
+                               PER_AMPLITUDE + 4.0 * float(np.log(SPAN_EDGES))))
+    return Basis(series, tuple(forms))
+
+
+def over_two(variables: list[Scaled]) -> Basis:
+    """Products of every two variables, alone and with what each does by itself."""
+    zs = [v.z for v in variables]
+    pairs = [(i, j) for i in range(len(zs)) for j in range(i + 1, len(zs))]
+    series = np.array([*zs, *(zs[i] * zs[j] for i, j in pairs)])
+    price, forms = 2.0 * float(np.log(max(1, len(pairs)))), []
+    for k, (i, j) in enumerate(pairs):
+        alone = np.zeros((len(series), 1))
+        alone[len(zs) + k, 0] = 1.0
+        whole = np.zeros((len(series), 3))
+        whole[i, 0] = whole[j, 1] = whole[len(zs) + k, 2] = 1.0
+        over = (variables[i].name, variables[j].name)
+        forms.append(Tried(Form.PRODUCT, over, {}, alone, PER_AMPLITUDE + price))
+        forms.append(Tried(Form.PRODUCT, over, {"mains": 1.0}, whole, 3.0 * PER_AMPLITUDE + price))
+    return Basis(series, tuple(forms))
+
+
+def again(one: Tried, by: dict[str, Scaled], time_s: Array, **knobs: float) -> Array:
+    """A form's columns (amplitudes, rows) with other knobs."""
+    v, knob = by[one.over[0]], {**one.knobs, **knobs}
+    z = v.z
+    if one.form is Form.HINGE:
+        return np.array([z, np.maximum(0.0, z - knob["at"])])
+    if one.form is Form.THRESHOLD:
+        return (z > knob["at"]).astype(np.float64)[None]
+    if one.form in (Form.SATURATION, Form.DEAD_ZONE):
+        held = np.clip(z, knob["low_end"], knob["high_end"])
+        return np.asarray((held if one.form is Form.SATURATION else z - held)[None])
+    if one.form is Form.MEMORY:
+        slow = remembered(v, knob["tau_s"], time_s)
+        return np.array([z, slow]) if "both" in knob else slow[None]
+    if one.form is Form.SIDE:
+        return moving(v, knob["tau_s"], time_s)[None]
+    if one.form is Form.SPAN:
+        return ((v.x >= knob["low_end"]) & (v.x < knob["high_end"])).astype(np.float64)[None]
+    raise ValueError(f"form {one.form.value} has no knob")
+
+
+def moved(one: Tried, name: str, steps: float, by: dict[str, Scaled]) -> float:
+    """A knob that many steps away: a step is a factor of 2 of a time constant, 0.3 of a spread of a place."""
+    value = one.knobs[name]
+    if name == "tau_s":
+        return float(value * 2.0 ** steps)
+    width = 0.3 if one.form is not Form.SPAN else float(np.ptp(by["time_s"].x)) / SPAN_EDGES / 2.0
+    return float(value + width * steps)
+
+
+def movable(one: Tried) -> list[str]:
+    """Knobs that may be moved."""
+    if one.form in (Form.TABLE, Form.SIDE):
+        return []
+    return [name for name in one.knobs if name in ("tau_s", "at", "low_end", "high_end")]
+
+
+def coefficients(one: Tried, amplitude: Array, level: float, by: dict[str, Scaled]) -> dict[str, float]:
+    """A form's coefficients in its variable's own unit; those of a table are `table_of`."""
+    v, a, knob = by[one.over[0]], [float(size) for size in amplitude], one.knobs
+    if one.form is Form.PRODUCT:
+        return _product(a, level, v, by[one.over[1]])
+    if one.form is Form.TABLE:
+        return {}
+    at, s = v.middle, v.spread
+    place = {name: value if one.form is Form.SPAN else float(at + s * value) for name, value in knob.items()
+             if name in ("at", "low_end", "high_end")}
+    found: dict[Form, dict[str, float]] = {
+        Form.SLOPE: {"slope": a[0] / s, "at": at},
+        Form.BEND: {"slope": a[0] / s, "bend": a[-1] / s ** 2, "at": at},
+        Form.HINGE: {"below": a[0] / s, "above": (a[0] + a[-1]) / s, **place},
+        Form.THRESHOLD: {"above": a[0], **place},
+        Form.SATURATION: {"slope": a[0] / s, **place},
+        Form.DEAD_ZONE: {"slope": a[0] / s, **place},
+        Form.MEMORY: {"slope": a[0] / s if len(a) > 1 else 0.0, "bend": a[-1] / s, "at": at,
+                      "tau_s": knob.get("tau_s", 0.0)},
+        Form.SIDE: {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * s, "tau_s": knob.get("tau_s", 0.0)},
+        Form.PERIODIC: {"cycles": knob.get("cycles", 0.0), "sine": a[0], "cosine": a[-1]},
+        Form.SPAN: {**place, "above": a[0]}}
+    zero = {Form.HINGE: knob.get("at", 0.0), Form.SATURATION: knob.get("low_end", 0.0)}.get(one.form, 0.0)
+    return {**found[one.form], "level": level + a[0] * zero}        # these forms are 0 elsewhere than at z = 0
+
+
+def table_of(one: Tried, amplitude: Array, level: float, by: dict[str, Scaled]) -> tuple[list[float], list[float]]:
+    """Nodes and values of a table; both empty of every other form."""
+    if one.form is not Form.TABLE:
+        return [], []
+    v, share = by[one.over[0]], np.linspace(0.0, 1.0, NODES)
+    waves = np.array([np.cos(np.pi * n * share) for n in range(1, SHAPES + 1)])
+    nodes = v.middle + v.spread * np.linspace(one.knobs["low"], one.knobs["high"], NODES)
+    return nodes.tolist(), (level + amplitude @ waves).tolist()
+
+
+def _product(a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    """k (x - at)(y - second_at) + level from what x, y and their product do."""
+    first, second, both = (0.0, 0.0, a[0]) if len(a) == 1 else (a[0], a[1], a[2])
+    return {"slope": both / (x.spread * y.spread), "at": x.middle - x.spread * second / both,
+            "second_at": y.middle - y.spread * first / both, "level": level - first * second / both}

@@ -1,0 +1,500 @@
+"""Terms that a log shows beyond the catalogue: which stage, which variables, which form.
+
+Forward selection over a dictionary of forms [1]_, each held against the residual whitened by its channel's noise. What
+gains most beyond its price is refitted with the noise; it must show all over the log, must not be what the log's own
+drift gives, and must make rows better that it was not fitted to.
+
+References
+----------
+.. [1] Miller, Subset Selection in Regression, 2nd ed., 2002, ch. 3.
+"""
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.compiled import term_run
+from control.machine.machine import Machine, of_nominal
+from control.machine.term_sums import over_log
+from control.machine.terms import SHAFT_ANGLE, STAGE_OF, UNIT_OF, Acts, Form, Interval, Term, own_command
+
+from . import term_forms
+from .channels import ChannelSeries
+from .evidence import coarser, spread_over, without_best_block
+from .held_out import amplitudes, errors_of, held_out
+from .likelihood import Z90, Column, Fit, Label, Role, best_fitted, calm, power_left, problem, projected
+from .noise import Noise, coefficients, segments, series_of
+from .search import Refit, Search
+from .smooth import MIN_RANGE, RANGES
+from .stages import RunData
+from .term_columns import CHANNEL_OF, ActedOn, tried
+from .term_forms import Scaled, Tried
+from .term_ground import Ground, gain_of, gains_of_single, without
+from .unexplained import DOWNSTREAM, MIN_FIELD_PERCENT, MIN_SHARE, OPEN_SHARE, TIME_FACTOR, TIME_LIKE, as_drift
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.bool_]
+
+# Gains are of twice the log-likelihood, prices of forms taken off (`term_forms`).
+TERM_THRESHOLD = 22.0       # over all quantities, variables and forms; largest of 40 healthy logs that held: below 10
+SPAN_THRESHOLD = 45.0       # a drift can follow a box
+MAX_IN_A_BLOCK = 0.6        # of a box's energy: less than three blocks are a moment
+SLOW_MEMORY_S = 30.0        # what is remembered for longer is as smooth as drift
+MIN_SCORE = 6.0             # of a scan, for a refit
+MAX_TERMS = 2               # of one group of channels
+VERIFIED = 4                # best of a scan that are refitted, their noise too
+PLAINER = 8.0               # a plainer form may gain less by so much ...
+PLAINER_SHARE = 0.02        # ... or by this share
+MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without the block with most of it
+SURE = 4.0                  # times the threshold, above which drift is not asked any more
+SHIFTS = 7                  # shifts of slow variables in time: what is gained then is what drift gives
+SHIFT_MARGIN = 1.5
+FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
+EXTRA_SPREAD = 1e-12
+SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
+
+
+class Found(NamedTuple):
+    """A term that a log shows."""
+
+    term: Term
+    tried: Tried
+    gain: float                         # of twice the log-likelihood, its noise refitted
+    columns: tuple[Column, ...]         # level (where it is open) and form
+    trace: Column                       # what the whole term does to its channel
+    explained_share: float              # of what is left, as variance
+    field_percent: float                # of the dose, r.m.s. over the working rows
+    noise: dict[str, Noise]             # with it
+    log_likelihood: float               # with it and those before
+    held_out: float = 0.0               # share of the held-out mean square error that it takes away
+
+    @property
+    def stage(self) -> str:
+        return self.term.stage
+
+
+class _Candidate(NamedTuple):
+    acts: Acts
+    tried: Tried
+    gain: float
+    score: float                        # gain less price
+
+
+class _Variables(NamedTuple):
+    """What the forms of one quantity may be over."""
+
+    by_name: dict[str, Scaled]
+    one: tuple[str, ...]
+    two: tuple[str, ...]
+    work: Rows
+
+
+class _Entry(NamedTuple):
+    """Forms over one variable, or over two, of one quantity."""
+
+    forms: tuple[Tried, ...]
+    kept: npt.NDArray[np.float32]       # cosine coefficients of their series, the slowest (k, kept)
+    level: bool                         # whether the last series is a level
+
+
+class Dictionary:
+    """Everything that is tried on a group of channels, made once: it does not depend on the hypothesis."""
+
+    def __init__(self, search: Search) -> None:
+        model = search.model
+        self.of = {acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
+                   for acts in tried(model)}
+        self._made: dict[Acts, list[_Entry]] = {}
+        self._data = model.data
+
+    def entries(self, acts: Acts) -> list[_Entry]:
+        if acts not in self._made:
+            self._made[acts] = list(_entries(*self.of[acts], self._data))
+        return self._made[acts]
+
+
+def found_terms(search: Search, dictionary: Dictionary, now: Refit, explained: float) -> list[Found]:
+    """Terms on top of a hypothesis, the strongest first. explained : gain of its names, twice the log-likelihood."""
+    terms: list[Found] = []
+    for _ in range(MAX_TERMS):
+        best = _best(search, dictionary, now, explained, terms)
+        if best is None:
+            break
+        terms.append(best)
+    return terms
+
+
+def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, terms: Sequence[Found]) -> Found | None:
+    noise = terms[-1].noise if terms else now.noise
+    held = [column for one in terms for column in one.columns]
+    base = [*search.columns.of_hypothesis(now.parts), *held]
+    verified = []
+    for candidate in _candidates(search, dictionary, now, base, noise):
+        found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
+        verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
+    for found in sorted(verified, key=lambda f: f.tried.price - f.gain):
+        enough = found.gain - found.tried.price > _threshold(found, explained) and _worth(found)
+        if enough and _holds(search, now, base, len(held), found, *dictionary.of[found.term.acts_on]) \
+                and _pays(search, now, base, found):
+            return found._replace(held_out=held_out_gain(search, now, base, found))
+    return None
+
+
+def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],
+                noise: dict[str, Noise]) -> list[_Candidate]:
+    """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
+    which drift looks like one: of each quantity and variables one form."""
+    chosen: dict[tuple[Acts, tuple[str, ...]], _Candidate] = {}
+    for start in _starts(search, noise):
+        ground = Ground(search.columns, now.parts, base, start)
+        found = [one for acts, (acted, _) in dictionary.of.items()
+                 for one in _scan(ground, acted, dictionary.entries(acts))]
+        for one in sorted(found, key=lambda c: -c.score)[:VERIFIED]:
+            if one.score > MIN_SCORE:
+                chosen.setdefault((one.acts, one.tried.over), one)
+    return list(chosen.values())
+
+
+def _starts(search: Search, noise: dict[str, Noise]) -> list[dict[str, Noise]]:
+    quiet = calm(noise, search.model.channels)
+    return [noise] if quiet == noise else [noise, quiet]
+
+
+def _variables(data: RunData, machine: Machine, acts: Acts) -> _Variables:
+    """Variables that move, by their names, and those that may be multiplied with each other."""
+    stage = STAGE_OF[acts]
+    inputs = dict(data.inputs)
+    if "hopper_kg" in data.variables:           # as predicted: a reading's own noise must not come back
+        inputs["hopper_kg"] = np.interp(data.row_s, data.time_s, data.variables["hopper_kg"])
+    turning = inputs.get("shaft_rpm", np.ones(len(data.row_s))) > 1.0
+    work = turning if stage in ("shaft", "flow") and turning.sum() > 0.1 * len(turning) else np.ones(len(turning), bool)
+    found: dict[str, Scaled] = {}
+    for name in _names(data, acts):
+        values = inputs.get(own_command(stage, name))
+        if values is None or not np.isfinite(values).all():
+            continue
+        one = term_forms.scaled(name, values, work)
+        least = of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, EXTRA_SPREAD)
+        if one.high - one.low >= least:
+            found[name] = one
+    single = tuple(name for name in found if acts is not Acts.SHAFT_RPM or name == "time_s")
+    double = tuple(name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE))
+    return _Variables(found, single, double if acts is not Acts.SHAFT_RPM else (), work)
+
+
+def _names(data: RunData, acts: Acts) -> list[str]:
+    """What a quantity may depend on. Boxes in time only where no effect of the catalogue has them."""
+    stage = STAGE_OF[acts]
+    further = [name for name in data.variables if name not in MIN_RANGE]
+    names = [name for name in (*MIN_RANGE, *further) if name not in DOWNSTREAM[stage]]
+    if acts not in (Acts.SHAFT_RPM, Acts.GATE_MM, Acts.SCALE_KG):
+        names.remove("time_s")
+    return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
+
+
+def _bases(variables: _Variables, time_s: Array) -> Iterator[term_forms.Basis]:
+    for name in variables.one:
+        yield term_forms.over_one(variables.by_name[name], time_s, variables.work)
+    if len(variables.two) > 1:
+        yield term_forms.over_two([variables.by_name[name] for name in variables.two])
+
+
+def _has_level(acts: Acts, over: Sequence[str]) -> bool:
+    return acts is not Acts.SHAFT_RPM and tuple(over) != ("time_s",)
+
+
+def _entries(acted: ActedOn, variables: _Variables, data: RunData) -> Iterator[_Entry]:
+    """The dictionary of one quantity."""
+    ones, channel = acted.of(np.ones((1, len(data.row_s)))), acted.channel
+    if acted.acts is Acts.SHAFT_RPM:            # a constant number of r/min lost of whatever the shaft is told
+        form = Tried(Form.SATURATION, ("shaft_rpm",), {"constant": 1.0}, np.ones((1, 1)), term_forms.PER_AMPLITUDE)
+        yield _Entry((form,), _kept(ones, channel, 1.0), False)
+    share = min(1.0, 2.0 * SLOWER_THAN_HZ * channel.grid.step_s)
+    for basis in _bases(variables, data.row_s):
+        over = basis.forms[0].over
+        level = _has_level(acted.acts, over)
+        series = np.concatenate((acted.of(basis.series), ones)) if level else acted.of(basis.series)
+        yield _Entry(basis.forms, _kept(series, channel, 1.0 if SHAFT_ANGLE in over else share), level)
+
+
+def _kept(series: Array, channel: ChannelSeries, share: float) -> npt.NDArray[np.float32]:
+    """Cosine coefficients of series (k, m), the slowest share of them."""
+    every = coefficients(series.astype(np.float32), channel.cut)
+    return np.ascontiguousarray(every[:, :max(64, int(share * every.shape[1]))], dtype=np.float32)
+
+
+def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
+    """The best form over each variable, or two, under a given noise."""
+    found: list[_Candidate] = []
+    for entry in entries:
+        normal, right = ground.kept_products(acted.channel, entry.kept)
+        if entry.level:
+            normal, right = without(normal, right, len(right) - 1)
+            normal, right = normal[:-1, :-1], right[:-1]
+        by_over: dict[tuple[str, ...], list[_Candidate]] = {}
+        single = [form for form in entry.forms if form.mix.shape[1] == 1]
+        gains = dict(zip(map(id, single), gains_of_single(normal, right, np.hstack([form.mix for form in single])),
+                         strict=True)) if single else {}
+        for form in entry.forms:
+            gain = float(gains[id(form)]) if id(form) in gains else gain_of(normal, right, form.mix)[0]
+            by_over.setdefault(form.over, []).append(_Candidate(acted.acts, form, gain, gain - form.price))
+        found += [_plainest(several) for several in by_over.values()]
+    return found
+
+
+def _plainest(several: Sequence[_Candidate]) -> _Candidate:
+    """The plainest form that is nearly as good as the best."""
+    best = max(several, key=lambda one: one.score)
+    near = [one for one in several if one.score > best.score - max(PLAINER, PLAINER_SHARE * best.gain)]
+    first = min(term_forms.ORDER.index(one.tried.form) for one in near)
+    return max((one for one in near if term_forms.ORDER.index(one.tried.form) == first), key=lambda one: one.score)
+
+
+def _form_series(one: Tried, variables: _Variables, data: RunData) -> Array:
+    """A form's columns over the rows: (amplitudes, rows)."""
+    if "constant" in one.knobs:
+        return np.ones((1, len(data.row_s)))
+    if one.form in (Form.HINGE, Form.THRESHOLD, Form.SATURATION, Form.DEAD_ZONE, Form.MEMORY, Form.SIDE, Form.SPAN):
+        return term_forms.again(one, variables.by_name, data.row_s)
+    basis = term_forms.over_two([variables.by_name[name] for name in one.over]) if one.form is Form.PRODUCT \
+        else term_forms.over_one(variables.by_name[one.over[0]], data.row_s, variables.work)
+    for form in basis.forms:
+        if form.form is one.form and form.knobs == one.knobs:
+            return np.asarray(form.mix.T @ basis.series)
+    raise ValueError(f"form {one.form.value} is not among those tried")
+
+
+def _settled(ground: Ground, one: Tried, acted: ActedOn, variables: _Variables, data: RunData) -> Tried:
+    """Knobs moved in ever smaller steps to where they gain most."""
+    level = _has_level(acted.acts, one.over)
+
+    def gain(form: Tried) -> float:
+        series = acted.of(_form_series(form, variables, data))
+        if level:
+            series = np.concatenate((series, acted.of(np.ones((1, len(data.row_s))))))
+        return gain_of(*ground.products(acted.channel, series), np.eye(len(series)))[0]
+    if "constant" in one.knobs:
+        return one
+    best = gain(one)
+    for fineness in FINENESS:
+        for name in term_forms.movable(one):
+            for way in (-1.0, 1.0):
+                value = term_forms.moved(one, name, way * fineness, variables.by_name)
+                form = one._replace(knobs={**one.knobs, name: value})
+                if form.knobs.get("low_end", -np.inf) >= form.knobs.get("high_end", np.inf):
+                    continue
+                here = gain(form)
+                if here > best:
+                    one, best = form, here
+                    break
+    return one
+
+
+class _Fits(NamedTuple):
+    """A hypothesis without and with a form, both with their noise."""
+
+    columns: tuple[Column, ...]         # level, where it is open, and form
+    series: Array                       # the same in the channel (columns, m)
+    levels: int
+    plain: Fit
+    full: Fit
+
+    @property
+    def gain(self) -> float:
+        return 2.0 * (self.full.log_likelihood - self.plain.log_likelihood)
+
+
+def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], form: Tried,
+          acted: ActedOn, variables: _Variables) -> _Fits:
+    data, channel = search.model.data, acted.channel
+    series = acted.of(_form_series(form, variables, data))
+    level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form.over) else series[:0]
+    both = np.concatenate((level, series))
+    columns = tuple(Column(Label(Role.FORM, "term"), {channel.name: coefficients(row, channel.cut)}, np.inf)
+                    for row in both)
+    p, _ = search.columns.compressed(now.parts, [*base[len(base) - held:], *columns])
+    plain = best_fitted(p, np.arange(len(base) + len(level)), noise, search.model.channels)
+    full = max((best_fitted(p, np.arange(len(base) + len(columns)), start, search.model.channels)
+                for start in (plain.noise, noise)), key=lambda fit: fit.log_likelihood)
+    return _Fits(columns, both, len(level), plain, full)
+
+
+def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], one: _Candidate,
+              acted: ActedOn, variables: _Variables) -> Found:
+    """A candidate with its knobs settled, refitted with the noise."""
+    data, channel = search.model.data, acted.channel
+    quiet = _starts(search, noise)[-1]
+    form = _settled(Ground(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
+    fits = _fits(search, now, base, held, noise, form, acted, variables)
+    amplitude, levels = fits.full.amplitude[len(base):], fits.levels
+    trace = coefficients(amplitude @ fits.series, channel.cut)
+    own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
+    return Found(_term(one.acts, form, amplitude, levels, fits.full, len(base), variables, data), form, fits.gain,
+                 fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
+                 _explained(search, now, base, held, fits, channel.name, own), 0.0, fits.full.noise,
+                 fits.full.log_likelihood)
+
+
+def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fits: _Fits, name: str,
+               own: Array) -> float:
+    """Share of what is left of a channel that a form explains, as variance."""
+    p, _ = search.columns.compressed(now.parts, [*base[len(base) - held:], *fits.columns])
+    left = power_left(p, name, np.arange(len(fits.plain.amplitude)), fits.plain.amplitude)
+    return float(np.clip(np.sum(own ** 2) / max(1e-300, left), 0.0, 1.0))
+
+
+def _term(acts: Acts, form: Tried, amplitude: Array, levels: int, fit: Fit, base: int, variables: _Variables,
+          data: RunData) -> Term:
+    level, sizes = (float(amplitude[0]) if levels else 0.0), amplitude[levels:]
+    stage = STAGE_OF[acts]
+    over: list[dict[str, Any]]
+    nodes: list[float]
+    values: list[float]
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[base + levels:], 0.0))
+    share = Z90 * float(np.max(sd / np.maximum(np.abs(sizes), 1e-300))) if len(sizes) == 1 else None
+    if "constant" in form.knobs:
+        told = data.inputs[own_command("shaft", "shaft_rpm")]
+        least = float(np.min(told[told > 0.0], initial=abs(float(sizes[0])) + 1e-3))
+        end = min(max(abs(float(sizes[0])), 1e-3), least)
+        numbers = {"slope": float(sizes[0]) / end, "low_end": 0.0, "high_end": end}
+        over = [{"name": "shaft_rpm"}]
+        nodes, values = [], []
+    else:
+        numbers = term_forms.coefficients(form, sizes, level, variables.by_name)
+        nodes, values = term_forms.table_of(form, sizes, level, variables.by_name)
+        over = [variables.by_name[name].variable.model_dump() for name in form.over]
+    main = {Form.SLOPE: "slope", Form.SATURATION: "slope", Form.DEAD_ZONE: "slope", Form.PRODUCT: "slope",
+            Form.MEMORY: "bend", Form.THRESHOLD: "above", Form.SIDE: "above", Form.SPAN: "above"}.get(form.form)
+    intervals: tuple[Interval, ...] = ()
+    if main is not None and share is not None:
+        middle, half = numbers[main], abs(numbers[main]) * share
+        intervals = (Interval(main, middle - half, middle + half),)
+    return Term.model_validate({
+        "id": _id(f"{stage}.{form.form.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": form.form,
+        "over": over, "coefficients": {name: float(value) for name, value in numbers.items()}, "intervals": intervals,
+        "nodes": tuple(nodes), "values": tuple(values)})
+
+
+def _id(words: str) -> str:
+    """Of a term: names of columns may be in any writing, ids are not."""
+    return re.sub(r"[^a-z0-9_.]+", "", words.lower())
+
+
+def series_of_term(term: Term, data: RunData) -> Array:
+    """Value of a term at the log's rows (rows,)."""
+    found = over_log([term], data.inputs, data.row_s, term_run)
+    return found.get(term.acts_on.value, np.zeros(len(data.row_s)))
+
+
+def _field_percent(term: Term, data: RunData) -> float:
+    """R.m.s. of a term over the working rows, less its mean, as per cent of the dose; a scale's error moves no dose."""
+    working = np.interp(data.row_s, data.time_s, data.working) > 0.5
+    if term.stage == "scale" or not working.any():
+        return 0.0
+    wrong = series_of_term(term, data)[working]
+    if UNIT_OF[term.acts_on] != "%":
+        scale = data.inputs["opening_mm" if term.stage == "gate" else "shaft_rpm"][working]
+        wrong = 100.0 * wrong / np.maximum(1.0, scale)
+    return float(np.std(wrong))
+
+
+def _threshold(one: Found, explained: float) -> float:
+    if one.tried.form is Form.SPAN:
+        return max(SPAN_THRESHOLD, OPEN_SHARE * explained)
+    slow = one.tried.form is Form.MEMORY and one.tried.knobs["tau_s"] > SLOW_MEMORY_S
+    factor = TIME_FACTOR if slow or TIME_LIKE & set(one.tried.over) else 1.0
+    return factor * max(TERM_THRESHOLD, OPEN_SHARE * explained)
+
+
+def _worth(one: Found) -> bool:
+    return one.explained_share >= MIN_SHARE or one.field_percent >= MIN_FIELD_PERCENT
+
+
+def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,
+           variables: _Variables) -> bool:
+    """Whether a term shows all over the log, and is no drift."""
+    channel, name = acted.channel, acted.channel.name
+    ground = Ground(search.columns, now.parts, base, one.noise)
+    own = series_of(one.trace.coefficients[name], channel.cut)
+    seen = ground.blocks(channel, own)
+    slow, slow_noise = as_drift(channel, one.trace.coefficients[name], now.noise[name], one.noise[name])
+    whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
+    if one.tried.form is Form.SPAN:         # not one moment of it
+        return without_best_block(seen, 0) > MIN_WITHOUT_BLOCK * whole and float(
+            seen.energy.max()) < MAX_IN_A_BLOCK * float(seen.energy.sum())
+    blocks = coarser(seen)
+    if without_best_block(blocks, 0) < MIN_WITHOUT_BLOCK * whole or one.gain < TERM_THRESHOLD * spread_over(seen, 0):
+        return False
+    if not slow or (one.gain > SURE * TERM_THRESHOLD and not slow_noise):
+        return True
+    return one.gain > SHIFT_MARGIN * _gain_elsewhere(search, now, base, held, one, acted, variables)
+
+
+def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,
+                    variables: _Variables) -> float:
+    """The most that the forms over a term's variables gain with these moved along the log, where they mean nothing."""
+    data, most = search.model.data, 0.0
+    quiet = Ground(search.columns, now.parts, base, _starts(search, now.noise)[-1])
+    for k in range(1, SHIFTS + 1):
+        shift = round(k / (SHIFTS + 1.0) * len(data.row_s))
+        moved = {name: variables.by_name[name]._replace(x=np.roll(variables.by_name[name].x, shift))
+                 for name in one.tried.over}
+        single = len(one.tried.over) == 1
+        some = _Variables(moved, one.tried.over if single else (), () if single else one.tried.over,
+                          np.roll(variables.work, shift))
+        for candidate in _scan(quiet, acted, list(_entries(acted, some, data))):
+            if candidate.tried.over == one.tried.over and candidate.score > 0.0:
+                fits = _fits(search, now, base, held, now.noise, candidate.tried, acted, some)
+                most = max(most, fits.gain - candidate.tried.price + one.tried.price)
+    return most
+
+
+def _pays(search: Search, now: Refit, base: Sequence[Column], one: Found) -> bool:
+    """Whether rows that it was not fitted to are likelier with it; a box in time is seen once only."""
+    if one.tried.form is Form.SPAN:
+        return True
+    name = CHANNEL_OF[one.term.acts_on]
+    channel = search.model.channel(name)
+    blocks, left = held_out(channel), search.model.residual(now.parts)[name]
+    columns = [c for c in base if name in c.coefficients]
+    fixed = [(c, series_of(c.coefficients[name], channel.cut)) for c in columns]
+    own = [(c, series_of(c.coefficients[name], channel.cut)) for c in one.columns]
+    sizes = amplitudes(blocks, [*fixed, *own], left, one.noise)[len(fixed):]
+    others = channel._replace(cut=segments(len(left), tuple((piece.start, piece.stop) for piece in blocks.pieces)))
+    there = [c._replace(coefficients={name: coefficients(series, others.cut)}) for c, series in (*fixed, *own)]
+    p = problem([others], {name: coefficients(left, others.cut)}, there)
+    normal, right = projected(p, np.arange(len(fixed)), one.noise)
+    own_places = slice(len(fixed), None)
+    gain = 2.0 * sizes @ right[own_places] - sizes @ normal[own_places, own_places] @ sizes
+    return bool(gain > 0.0)
+
+
+def held_out_gain(search: Search, now: Refit, base: Sequence[Column], one: Found) -> float:
+    """Share of the held-out mean square error that a term takes away, its amplitudes fitted to the other blocks."""
+    name = CHANNEL_OF[one.term.acts_on]
+    channel = search.model.channel(name)
+    blocks, before = held_out(channel), search.model.residual(now.parts)[name]
+    fixed = [(c, series_of(c.coefficients[name], channel.cut)) for c in base if name in c.coefficients]
+    own = [(c, series_of(c.coefficients[name], channel.cut)) for c in one.columns]
+    without_it = before - _taken(amplitudes(blocks, fixed, before, one.noise), fixed)
+    with_it = before - _taken(amplitudes(blocks, [*fixed, *own], before, one.noise), [*fixed, *own])
+    _, _, plain, better = errors_of(blocks, without_it, with_it)
+    if not len(plain):
+        return 0.0
+    return float(1.0 - np.sum(better ** 2) / max(float(np.sum(plain ** 2)), 1e-300))
+
+
+def _taken(sizes: Array, columns: Sequence[tuple[Column, Array]]) -> Array:
+    return np.asarray(sum(size * series for size, (_, series) in zip(sizes, columns, strict=True)))
+
+
+def total_price(terms: Sequence[Found]) -> float:
+    return sum(one.tried.price for one in terms)
+
+
+def channel_of(one: Found, channels: Sequence[ChannelSeries]) -> ChannelSeries:
+    return next(c for c in channels if c.name == CHANNEL_OF[one.term.acts_on])

@@ -1,0 +1,49 @@
+"""The machine file's terms as control knows them: those that it can take back, at the readings of this tick."""
+from __future__ import annotations
+
+from control.machine.machine import Machine
+from control.machine.term_sums import NOTHING, More, StandingTerms, TermSums, Told, not_compensated
+from control.machine.terms import Acts
+from control.readings import DriveCommand, Measurements, Reading
+from control.sensing import Sensed
+
+DRIVES = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM, Acts.GATE_MM)
+SCALE = (Acts.SCALE_KG,)
+
+
+class KnownTerms:
+    """Stepped once a tick. A reading that is not known leaves its terms out."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._terms = TermSums(term for term in machine.terms if not not_compensated(term))
+        self._told = Told(machine, 0.0, machine.set_points.opening_mm)
+        self._ran_away_kg = 0.0
+        self.now: StandingTerms | None = None
+
+    def step(self, m: Measurements, sensed: Sensed, since_s: float, told: DriveCommand | None, dt_s: float) -> None:
+        """`told`: the command that was in force until now; `since_s`: since the run began."""
+        if not self._terms:
+            return
+        values = {name: reading.value for name, reading in (
+            ("shaft_rpm", m.shaft_rpm), ("opening_mm", m.opening_mm), ("hopper_kg", m.hopper_kg),
+            ("pitch_deg", m.pitch_deg), ("roll_deg", m.roll_deg), ("supply_v", m.supply_v)) if reading is not None}
+        values |= {name: value for name, value in (
+            ("speed_mps", sensed.speed_mps), ("heading_deg", sensed.heading_deg), ("time_s", since_s))
+            if value is not None}
+        if told is not None and dt_s > 0.0:
+            values |= self._told.step(m.time_s - dt_s, told.shaft_rpm, told.opening_mm, dt_s)
+        more = self._terms.step(values, dt_s)
+        self._ran_away_kg += more.scale_kg_min / 60.0 * dt_s
+        self.now = self._terms.frozen(values)
+
+    @property
+    def drives(self) -> More:
+        """What shaft and gate are off by with what they have been told."""
+        return NOTHING if self.now is None else self.now.at(DRIVES)
+
+    def weighed(self, scale: Reading | None) -> Reading | None:
+        """The scale's reading without what it reads too much."""
+        if scale is None or self.now is None:
+            return scale
+        return scale._replace(value=scale.value - self.now.at(SCALE).scale_kg - self._ran_away_kg)

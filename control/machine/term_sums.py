@@ -1,0 +1,160 @@
+"""What a machine's terms come to together, quantity by quantity: tick by tick, or over a log by the same evaluator."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .elements import Array, DelayLine, line_mean, line_put, line_start
+from .machine import Machine
+from .term_step import TermParams, TermState, term_step
+from .terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM, Acts, Form, Term, needed, params_of
+
+TermRun = Callable[[TermParams, Array, Array, Array], Array]       # `compiled.term_run`, or the same interpreted
+
+
+class More(NamedTuple):
+    """What terms add to each quantity, in its own unit (`terms.UNIT_OF`); the names are those of `Acts`."""
+
+    shaft_percent: float = 0.0
+    shaft_rpm: float = 0.0
+    gate_mm: float = 0.0
+    flow_percent: float = 0.0
+    flow_kg_min: float = 0.0
+    scale_kg: float = 0.0
+    scale_kg_min: float = 0.0
+    wheel_percent: float = 0.0
+
+
+NOTHING = More()
+
+
+class TermSums:
+    """The terms of a machine and what each remembers. Values that are not given leave their terms out."""
+
+    def __init__(self, terms: Iterable[Term]) -> None:
+        self._terms = [(term.acts_on.value, params_of(term), needed(term)) for term in terms]
+        self._states = [TermState()] * len(self._terms)
+        self._dt_s = 0.0
+
+    def __bool__(self) -> bool:
+        return bool(self._terms)
+
+    def step(self, values: Mapping[str, float], dt_s: float) -> More:
+        """The sums where the variables have come to `values`, `dt_s` after the step before."""
+        more = dict.fromkeys(More._fields, 0.0)
+        for k, (acts_on, params, names) in enumerate(self._terms):
+            if all(name in values for name in names):
+                x, y = values[names[0]], values[names[-1]]
+                self._states[k], value = term_step(params, self._states[k], x, y, dt_s)
+                more[acts_on] += value
+        return More(**more)
+
+    def frozen(self, values: Mapping[str, float]) -> StandingTerms:
+        """The terms as they stand, to be asked at other set-points."""
+        return StandingTerms(tuple(self._terms), tuple(self._states), dict(values))
+
+
+class StandingTerms(NamedTuple):
+    """Terms in conditions that hold: what they come to at given set-points, for the inverse of the model."""
+
+    terms: tuple[tuple[str, TermParams, tuple[str, ...]], ...]
+    states: tuple[TermState, ...]
+    values: dict[str, float]
+
+    def at(self, only: Sequence[Acts], **set_points: float) -> More:
+        """The sums of some quantities with some of the values replaced."""
+        values = {**self.values, **set_points}
+        more: dict[str, float] = {}
+        for (acts_on, params, names), state in zip(self.terms, self.states, strict=True):
+            if acts_on in only and all(name in values for name in names):
+                _, value = term_step(params, state, values[names[0]], values[names[-1]], 0.0)
+                more[acts_on] = more.get(acts_on, 0.0) + value
+        return More(**more)
+
+
+class Told:
+    """Means of the commands that the drives follow by now, over each step: their dead times are past."""
+
+    def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
+        self._dead_s = dead_times_s(machine)
+        self._lines: list[DelayLine] = [line_start(shaft_rpm), line_start(opening_mm)]
+
+    def step(self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float) -> dict[str, float]:
+        """The commands given at `now_s` and held for `dt_s`."""
+        found = {}
+        for k, (name, value) in enumerate(((TOLD_RPM, shaft_rpm), (TOLD_MM, opening_mm))):
+            begin_s = now_s - self._dead_s[k]
+            self._lines[k], found[name] = line_mean(line_put(self._lines[k], now_s, value), begin_s, begin_s + dt_s)
+        return found
+
+
+def dead_times_s(machine: Machine) -> tuple[float, float]:
+    """Of shaft and gate."""
+    return machine.shaft.dead_time_s + machine.shaft.extra_dead_time_s, machine.gate.dead_time_s
+
+
+def over_log(terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, run: TermRun) -> dict[str, Array]:
+    """The sums over a log, (rows,) by quantity; quantities without a term are left out.
+
+    values : by the names of `needed`, (rows,) each. Terms whose values are not there add nothing.
+    """
+    found: dict[str, Array] = {}
+    for term in terms:
+        names = needed(term)
+        if all(name in values for name in names):
+            series = run(params_of(term), np.ascontiguousarray(values[names[0]], dtype=np.float64),
+                         np.ascontiguousarray(values[names[-1]], dtype=np.float64), time_s)
+            found[term.acts_on.value] = found.get(term.acts_on.value, 0.0) + series
+    return found
+
+
+def told_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
+    """What `Told` gives, over a log: mean of the held command over each row, `dead_s` late (rows,)."""
+    if len(time_s) < 2:
+        return command
+    spans = np.diff(time_s)
+    summed = np.concatenate(([0.0], np.cumsum(command[:-1] * spans)))
+    width = np.append(spans, spans[-1])
+    begin = time_s - dead_s
+
+    def until(at: Array) -> Array:
+        inside = np.interp(at, time_s, summed)
+        return inside + np.where(at < time_s[0], (at - time_s[0]) * command[0], 0.0) \
+            + np.where(at > time_s[-1], (at - time_s[-1]) * command[-1], 0.0)
+    return np.asarray((until(begin + width) - until(begin)) / width)
+
+
+def angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
+    """Angle of the shaft in the middle of each row, degrees since the log began (rows,)."""
+    spans = np.diff(time_s, append=time_s[-1])
+    turned = 6.0 * shaft_rpm * spans
+    return np.asarray(np.concatenate(([0.0], np.cumsum(turned)[:-1])) + 0.5 * turned)
+
+
+def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
+    """Why control cannot take a term's error back; "" where it does. known : further columns that a device gives."""
+    if term.form is Form.SPAN:
+        return "it holds for a span of one run"
+    if SHAFT_ANGLE in term.variables:
+        return "control does not know the shaft's angle when what it commands comes to pass"
+    if term.stage == "speed":
+        return "control does not read the wheel through it"
+    extra = [name for name in term.variables if name not in KNOWN_TO_CONTROL and name not in known]
+    if extra:
+        return f"no device tells control {extra[0]}"
+    return ""
+
+
+def partly_compensated(term: Term) -> str:
+    """What of a term control cannot know in advance although it takes it back; "" where it is known."""
+    if "speed_mps" in term.variables:
+        return "with the speed of now, not with that at landing"
+    if "time_s" in term.variables:
+        return "with the time since this run began"
+    return ""
+
+
+KNOWN_TO_CONTROL = ("shaft_rpm", "opening_mm", "hopper_kg", "pitch_deg", "roll_deg", "supply_v", "speed_mps",
+                    "heading_deg", "time_s")

@@ -1,0 +1,323 @@
+"""Terms: what a machine does beyond the catalogue, as data in its file. The evaluator is `term_step`.
+
+A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or two recorded variables.
+"""
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from enum import StrEnum
+from functools import lru_cache
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from .elements import Table
+from .term_step import TermParams
+
+
+class Acts(StrEnum):
+    """What a term acts on: a quantity of one stage, the unit in its name."""
+
+    SHAFT_PERCENT = "shaft_percent"         # of the speed that the shaft was told
+    SHAFT_RPM = "shaft_rpm"                 # added to it while the shaft is told to turn
+    GATE_MM = "gate_mm"                     # added to the true opening
+    FLOW_PERCENT = "flow_percent"
+    FLOW_KG_MIN = "flow_kg_min"             # added while the shaft turns
+    SCALE_KG = "scale_kg"                   # added to the reading
+    SCALE_KG_MIN = "scale_kg_min"           # by which the reading runs away
+    WHEEL_PERCENT = "wheel_percent"         # of the wheel's speed reading
+
+
+class Form(StrEnum):
+    """The closed list of forms, in the order of the numbers in `term_step`."""
+
+    SLOPE = "slope"
+    BEND = "bend"
+    HINGE = "hinge"
+    SATURATION = "saturation"
+    DEAD_ZONE = "dead_zone"
+    THRESHOLD = "threshold"
+    PRODUCT = "product"
+    MEMORY = "memory"
+    PERIODIC = "periodic"
+    SIDE = "side"
+    SPAN = "span"
+    TABLE = "table"
+
+
+STAGE_OF = {Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "flow",
+            Acts.FLOW_KG_MIN: "flow", Acts.SCALE_KG: "scale", Acts.SCALE_KG_MIN: "scale", Acts.WHEEL_PERCENT: "speed"}
+UNIT_OF = {Acts.SHAFT_PERCENT: "%", Acts.SHAFT_RPM: "r/min", Acts.GATE_MM: "mm", Acts.FLOW_PERCENT: "%",
+           Acts.FLOW_KG_MIN: "kg/min", Acts.SCALE_KG: "kg", Acts.SCALE_KG_MIN: "kg/min", Acts.WHEEL_PERCENT: "%"}
+SHAFT_ANGLE = "shaft_angle_deg"
+# Recorded variables with their units. Of its own stage a term sees the command that the drive follows by now; the
+# shaft's angle is counted from the beginning of the run.
+VARIABLES = {"shaft_rpm": "r/min", "opening_mm": "mm", "hopper_kg": "kg", "pitch_deg": "deg", "roll_deg": "deg",
+             "supply_v": "V", "speed_mps": "m/s", "heading_deg": "deg", "time_s": "s", SHAFT_ANGLE: "deg"}
+
+
+class Use(NamedTuple):
+    """Coefficients of a form: those that it must have, and those that it may have."""
+
+    needs: tuple[str, ...]
+    may: tuple[str, ...]
+    means: str
+
+
+COEFFICIENTS: dict[Form, Use] = {
+    Form.SLOPE: Use(("slope",), ("at", "level"), "level + slope (x - at)"),
+    Form.BEND: Use(("bend",), ("slope", "at", "level"), "level + slope (x - at) + bend (x - at)^2"),
+    Form.HINGE: Use(("at",), ("below", "above", "level"),
+                    "level + below (x - at) where x is less than at, above (x - at) where it is more"),
+    Form.SATURATION: Use(("slope", "low_end", "high_end"), ("level",),
+                         "level + slope (x - low_end), x held between low_end and high_end"),
+    Form.DEAD_ZONE: Use(("slope", "low_end", "high_end"), ("level",),
+                        "level between low_end and high_end, + slope for each unit beyond them"),
+    Form.THRESHOLD: Use(("at",), ("below", "above", "level"), "level + above where x is more than at, else + below"),
+    Form.PRODUCT: Use(("slope",), ("at", "second_at", "level"), "level + slope (x - at) (y - second_at)"),
+    Form.MEMORY: Use(("bend", "tau_s"), ("slope", "at", "level"),
+                     "level + slope (x - at) + bend (m - at), m following x with the time constant tau_s"),
+    Form.PERIODIC: Use(("cycles",), ("sine", "cosine", "level"),
+                       "level + sine sin(cycles x) + cosine cos(cycles x), x an angle"),
+    Form.SIDE: Use(("high_end",), ("below", "above", "at", "tau_s", "level"),
+                   "level + above on one side of at and below on the other, even between at - high_end and at + "
+                   "high_end; with tau_s the side is the way in which x moves"),
+    Form.SPAN: Use(("low_end", "high_end", "above"), ("grows", "level"),
+                   "level + above from low_end to high_end (s), growing to it with grows 1"),
+    Form.TABLE: Use((), ("level",), "straight lines through nodes and values, held beyond the ends"),
+}
+POSITIVE = {"tau_s", "cycles"}
+NODES = 8
+ANGLES = {"heading_deg", SHAFT_ANGLE}
+Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+class Variable(BaseModel):
+    """What a term depends on. valid : range in which it was seen; beyond it the term holds its edge value."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    unit: str = ""                      # of a column that is none of the run log's
+    valid: tuple[Number, Number] | None = None
+
+    @model_validator(mode="after")
+    def _agree(self) -> Variable:
+        if self.valid is not None and not self.valid[0] < self.valid[1]:
+            raise PydanticCustomError("size_of_effect", "allowed a lower end below the upper one",
+                                      {"wrong_key": ("valid",)})
+        if self.name in VARIABLES and self.unit not in ("", VARIABLES[self.name]):
+            raise PydanticCustomError("size_of_effect", "{allowed}", {
+                "wrong_key": ("unit",), "allowed": f"allowed {VARIABLES[self.name]} for {self.name}"})
+        return self
+
+    @property
+    def unit_shown(self) -> str:
+        return VARIABLES.get(self.name, self.unit)
+
+
+class Source(BaseModel):
+    """Where a term comes from."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    data: str = ""
+    sha256: str = ""
+    date: str = ""
+    note: str = ""
+
+
+class Interval(NamedTuple):
+    """90 % interval of a coefficient."""
+
+    name: str
+    low: float
+    high: float
+
+
+class Term(BaseModel):
+    """One term of the machine file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    id: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z][a-z0-9_.]*$")]
+    title: str = ""
+    acts_on: Acts
+    form: Form
+    over: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=2)]
+    coefficients: dict[str, Number] = {}
+    intervals: tuple[Interval, ...] = ()
+    nodes: tuple[Number, ...] = ()
+    values: tuple[Number, ...] = ()
+    held_out_gain: float | None = None          # share of the held-out error that it took away
+    source: Source = Source()
+
+    def __hash__(self) -> int:
+        return hash((self.id, self.acts_on, self.form, self.over, tuple(self.coefficients.items()), self.nodes,
+                     self.values))
+
+    @model_validator(mode="after")
+    def _agree(self) -> Term:
+        self._numbers()
+        self._ends()
+        self._variables()
+        self._table()
+        return self
+
+    def _numbers(self) -> None:
+        use = COEFFICIENTS[self.form]
+        allowed = (*use.needs, *use.may)
+        for name in self.coefficients:
+            if name not in allowed:
+                _wrong(("coefficients", name), f"form {self.form.value} has {_listed(allowed)}")
+        for name in use.needs:
+            if name not in self.coefficients:
+                _wrong(("coefficients",), f"{name} is missing: form {self.form.value} needs {_listed(use.needs)}")
+        for name in POSITIVE & self.coefficients.keys():
+            if not self.coefficients[name] > 0.0:
+                _wrong(("coefficients", name), "allowed more than 0")
+
+    def _variables(self) -> None:
+        wanted = 2 if self.form is Form.PRODUCT else 1
+        if len(self.over) != wanted:
+            _wrong(("over",), f"form {self.form.value} has {wanted} variable{'s' if wanted > 1 else ''}")
+        if self.form is Form.PERIODIC and self.over[0].name not in ANGLES:
+            _wrong(("over", 0, "name"), f"form periodic is over an angle: {_listed(sorted(ANGLES))}")
+        if self.form is not Form.PERIODIC and SHAFT_ANGLE in [one.name for one in self.over]:
+            _wrong(("over", 0, "name"), f"{SHAFT_ANGLE} has form periodic")
+        if self.form is Form.SPAN and self.over[0].name != "time_s":
+            _wrong(("over", 0, "name"), "form span is over time_s")
+
+    def _ends(self) -> None:
+        c = self.coefficients
+        if self.form in (Form.SATURATION, Form.DEAD_ZONE, Form.SPAN) and not c["low_end"] < c["high_end"]:
+            _wrong(("coefficients", "high_end"), f"allowed more than low_end, which is {c['low_end']:g}")
+        if self.form is Form.SIDE and not c["high_end"] > 0.0:
+            _wrong(("coefficients", "high_end"), "allowed more than 0")
+
+    def _table(self) -> None:
+        if self.form is not Form.TABLE:
+            for name in ("nodes", "values"):
+                if getattr(self, name):
+                    _wrong((name,), "only form table has nodes and values")
+            return
+        if not 2 <= len(self.nodes) <= NODES:
+            _wrong(("nodes",), f"allowed 2 to {NODES} rising numbers")
+        if any(b <= a for a, b in zip(self.nodes, self.nodes[1:], strict=False)):
+            _wrong(("nodes",), "allowed rising numbers")
+        if len(self.values) != len(self.nodes):
+            _wrong(("values",), f"allowed as many as nodes, {len(self.nodes)}")
+
+    @property
+    def stage(self) -> str:
+        return STAGE_OF[self.acts_on]
+
+    @property
+    def unit(self) -> str:
+        """Of its value."""
+        return UNIT_OF[self.acts_on]
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        return tuple(one.name for one in self.over)
+
+
+def _wrong(key: tuple[str | int, ...], allowed: str) -> None:
+    words = allowed if allowed.startswith("allowed") or " needs " in allowed else f"allowed: {allowed}"
+    raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": key, "allowed": words})
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+@lru_cache(maxsize=256)
+def params_of(term: Term) -> TermParams:
+    """A term as the numbers that its evaluator takes."""
+    low, high = term.over[0].valid or (-1e300, 1e300)
+    second_low, second_high = (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
+    numbers: dict[str, Any] = {name: float(value) for name, value in term.coefficients.items()}
+    found = TermParams(list(Form).index(term.form), float(low), float(high), float(second_low),
+                       float(second_high))._replace(**numbers)
+    if term.form is Form.TABLE:
+        found = found._replace(nodes=_filled(term.nodes, 1.0), values=_filled(term.values, 0.0))
+    return found
+
+
+def _filled(numbers: tuple[float, ...], step: float) -> Table:
+    """Eight numbers: beyond the last node the table is held."""
+    more = NODES - len(numbers)
+    a, b, c, d, e, f, g, h = (*map(float, numbers), *(float(numbers[-1] + step * (k + 1)) for k in range(more)))
+    return a, b, c, d, e, f, g, h
+
+
+def own_command(stage: str, variable: str) -> str:
+    """Name of the value that a term of a stage is asked with: of its own drive, the command that it follows by now."""
+    return {("shaft", "shaft_rpm"): TOLD_RPM, ("gate", "opening_mm"): TOLD_MM}.get((stage, variable), variable)
+
+
+def needed(term: Term) -> tuple[str, ...]:
+    """Names of the values that a term is asked with."""
+    return tuple(own_command(term.stage, name) for name in term.variables)
+
+
+TOLD_RPM, TOLD_MM = "told_rpm", "told_mm"
+
+# -- old machine files -------------------------------------------------------------------------------------------------
+
+_OLD_TABLES = {"shaft": ("table_percent", Acts.SHAFT_PERCENT), "gate": ("table_mm", Acts.GATE_MM),
+               "flow": ("table_percent", Acts.FLOW_PERCENT), "scale": ("table_kg", Acts.SCALE_KG),
+               "speed": ("table_percent", Acts.WHEEL_PERCENT), "heads": ("table_percent", None),
+               "fall": ("table_s", None)}
+OLD_NOTE = "was a table in an older machine file (tables_over)"
+
+
+def without_old_tables(data: dict[str, Any]) -> dict[str, Any]:
+    """A machine file of before there were terms: its tables become terms, those that no variable was named for go."""
+    over = data.get("tables_over")
+    data = {key: value for key, value in data.items() if key != "tables_over"}
+    named: dict[str, Any] = over if isinstance(over, dict) else {}
+    found: list[Any] = []
+    for stage, (field, acts_on) in _OLD_TABLES.items():
+        part = data.get(stage)
+        if not isinstance(part, dict) or not {"table_x", field} & part.keys():
+            continue
+        nodes, values = part.get("table_x"), part.get(field)
+        data[stage] = {key: value for key, value in part.items() if key not in ("table_x", field)}
+        if acts_on is not None and stage in named and nodes is not None and values is not None and any(values):
+            found.append({"id": f"{stage}.table", "acts_on": acts_on.value, "form": Form.TABLE.value,
+                          "over": [{"name": named[stage]}], "nodes": list(nodes), "values": list(values),
+                          "source": {"note": OLD_NOTE}})
+    return {**data, "terms": [*(data.get("terms") or ()), *found]} if found else data
+
+
+# -- written by hand ---------------------------------------------------------------------------------------------------
+
+_ITEM = re.compile(r"(?P<key>[a-z_]+)=(?P<value>\S+)")
+GRAMMAR = "ACTS_ON FORM VARIABLE[,VARIABLE] COEFFICIENT=NUMBER ... [valid=LOW:HIGH[,LOW:HIGH]]"
+EXAMPLE = "flow_percent bend speed_mps bend=-4.4 at=1.2 valid=0.6:2.3"
+
+
+def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
+    """One `--term`. explained : makes the term of plain data. Raises ValueError with one plain line."""
+    words = text.split()
+    items = [_ITEM.fullmatch(word) for word in words[3:]]
+    if len(words) < 3 or any(item is None for item in items):
+        raise ValueError(f"term {text!r}: not understood: allowed {GRAMMAR}, e.g. {EXAMPLE}")
+    given = {item["key"]: item["value"] for item in items if item is not None}
+    valid, numbers = given.pop("valid", ""), {}
+    try:
+        tables = {key: [float(one) for one in given.pop(key).split(",")] for key in ("nodes", "values") if key in given}
+        numbers = {key: float(value) for key, value in given.items()}
+        ranges = [[float(end) for end in part.split(":")] for part in valid.split(",")] if valid else []
+    except ValueError:
+        raise ValueError(f"term {text!r}: coefficients and ranges are numbers, e.g. {EXAMPLE}") from None
+    over: list[dict[str, Any]] = [{"name": name} for name in words[2].split(",")]
+    if len(ranges) > len(over):
+        raise ValueError(f"term {text!r}: valid: allowed one LOW:HIGH for each variable")
+    for one, span in zip(over, ranges, strict=False):
+        one["valid"] = span
+    return explained({"id": f"{words[0]}.{words[1]}", "acts_on": words[0], "form": words[1], "over": over,
+                      "coefficients": numbers, **tables})

@@ -1,0 +1,105 @@
+"""The same terms in the plant, in control's inverse and in the next diagnosis."""
+from __future__ import annotations
+
+import datetime as dt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from control.diagnosis import diagnose_run
+from control.log_row import COLUMNS
+from control.machine.machine import Machine
+from control.machine.term_sums import TermSums, not_compensated
+from control.machine.terms import Term, parse_term
+from control.metering.inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_command, shaft_for
+from control.orders import Strategy
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import Errors, errors
+from drivers.files.setup import load_setup
+
+SETUP = load_setup("huanghai", "demo", dt.date(2026, 3, 1))
+
+
+def made(text: str) -> Term:
+    return parse_term(text, Term.model_validate)
+
+
+def with_terms(*terms: Term) -> Machine:
+    return SETUP.machine.model_copy(update={"terms": terms})
+
+
+def run(known: Machine, terms: list[Term], seconds: float = 300.0) -> tuple[dict[str, Any], Errors]:
+    job = with_simulated_field(SETUP.job.model_copy(update={
+        "strategy": Strategy.BALANCED, "flow_trim": False, "simulated": SETUP.job.simulated.model_copy(update={
+            "roughness_deg": 1.5, "speed_wander_percent": 12.0})}), SETUP.machine)
+    plant = simulated_machine(SETUP.machine, job, 3, 0.05, terms=terms)
+    record, rows = Record(), []
+    for step in simulated_run(plant, control_loop(known, SETUP.crop, SETUP.rule, job), seconds):
+        record.add(step)
+        rows.append(step.tick.row)
+    columns = {name: _column([getattr(row, name, None) for row in rows]) for name in COLUMNS}
+    return columns, errors(record.columns(), record.fired, SETUP.machine.geometry.working_width_m)
+
+
+def _column(values: list[Any]) -> Any:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else str(value) for value in values], object)
+    return np.array([np.nan if value is None else float(value) for value in values])
+
+
+@pytest.mark.parametrize("text", ["flow_percent slope roll_deg slope=4",
+                                  "flow_percent product speed_mps,roll_deg slope=12 at=1.2"])
+def test_what_the_machine_file_knows_is_compensated_and_no_longer_found(text: str) -> None:
+    term = made(text)
+    columns, before = run(SETUP.machine, [term])
+    _, after = run(with_terms(term), [term])
+    assert after.rate_error_percent < before.rate_error_percent - 0.3
+    found = diagnose_run(columns, with_terms(term))
+    assert (found.verdict, found.causes, found.unexplained) == ("none", (), ())
+
+
+def test_a_term_of_the_shaft_is_no_longer_found_either() -> None:
+    term = made("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=3")
+    columns, _ = run(SETUP.machine, [term])
+    assert diagnose_run(columns, SETUP.machine).verdict != "none"
+    assert diagnose_run(columns, with_terms(term)).verdict == "none"
+
+
+def conditions(machine: Machine, **values: float) -> Conditions:
+    sums = TermSums(machine.terms)
+    sums.step(values, 0.0)
+    return Conditions(terms=sums.frozen(values))
+
+
+@pytest.mark.parametrize("text", [
+    "flow_percent slope roll_deg slope=4", "flow_percent hinge opening_mm at=20 below=0.5 above=-0.8",
+    "flow_percent bend shaft_rpm bend=-0.002 at=30", "flow_kg_min slope roll_deg slope=0.3",
+    "flow_percent product opening_mm,roll_deg slope=0.4 at=10"])
+@pytest.mark.parametrize("wanted", [0.06, 0.12, 0.2])
+def test_the_inverse_gives_the_flow_that_was_asked_for(text: str, wanted: float) -> None:
+    machine = with_terms(made(text))
+    c = conditions(machine, roll_deg=1.5, shaft_rpm=60.0, opening_mm=30.0)
+    assert flow_kg_s(machine, 60.0, opening_for(machine, wanted, 60.0, c), c) == pytest.approx(wanted, rel=1e-4)
+    assert flow_kg_s(machine, shaft_for(machine, wanted, 25.0, c), 25.0, c) == pytest.approx(wanted, rel=1e-4)
+
+
+def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
+    machine = with_terms(made("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=3"),
+                         made("shaft_percent slope opening_mm slope=-0.1 at=20"),
+                         made("gate_mm slope opening_mm slope=0.02 at=10"))
+    c = conditions(machine, told_rpm=50.0, told_mm=25.0, opening_mm=30.0)
+    told = shaft_command(machine, 50.0, 30.0, c)
+    assert told * (1.0 - 0.1 * 10.0 / 100.0) - 3.0 == pytest.approx(50.0, abs=0.01)
+    told = gate_command(machine, 25.0, c)
+    assert told + 0.02 * (told - 10.0) == pytest.approx(25.0, abs=0.001)
+
+
+@pytest.mark.parametrize(("text", "why"), [
+    ("flow_percent slope roll_deg slope=4", ""), ("wheel_percent slope roll_deg slope=4", "wheel"),
+    ("flow_percent periodic shaft_angle_deg cycles=6 sine=3", "angle"),
+    ("scale_kg span time_s low_end=1 high_end=9 above=1", "span"), ("flow_percent slope torque slope=4", "torque")])
+def test_what_control_cannot_take_back_is_said(text: str, why: str) -> None:
+    said = not_compensated(made(text))
+    assert (said == "") if not why else (why in said)

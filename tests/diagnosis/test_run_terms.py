@@ -1,0 +1,134 @@
+"""Terms found in run logs: stage, variables, form and size; names first; adopted, nothing is left; nulls stay nulls."""
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from console.reports.diagnosis_text import summary
+from console.reports.term_words import compensation, sentence
+from control.diagnosis import diagnose_run, extend
+from control.diagnosis.extend import adoptable_terms, term_not_adoptable
+from control.diagnosis.result import Diagnosis, TermFound
+from control.machine.compiled import shaft_run, term_run
+from control.machine.machine import Machine
+from control.machine.over_log import input_rows, no_switch
+from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
+from control.machine.term_sums import over_log, told_over_log
+from control.machine.terms import Term, parse_term
+
+ROWS, STEP_S = 6000, 0.1
+NOMINAL = Machine()
+
+
+def slow(rng: np.random.Generator, tau_s: float) -> Any:
+    """A wandering variable of spread 1."""
+    keep = np.exp(-STEP_S / tau_s)
+    kicks = np.sqrt(1.0 - keep ** 2) * rng.standard_normal(ROWS)
+    found = np.empty(ROWS)
+    value = 0.0
+    for k in range(ROWS):
+        value = keep * value + kicks[k]
+        found[k] = value
+    return found
+
+
+def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL) -> dict[str, Any]:
+    """A log of the shaft alone, ten rows a second, of a machine that has terms."""
+    rng = np.random.default_rng(seed)
+    time_s = STEP_S * np.arange(ROWS)
+    command = np.repeat(rng.uniform(20.0, 90.0, ROWS // 60), 60).round(1)
+    columns = {"time_s": time_s, "shaft_rpm_cmd": command, "supply_v": 13.5 + 0.4 * slow(rng, 25.0),
+               "pitch_deg": 1.5 * slow(rng, 6.0), "roll_deg": 1.5 * slow(rng, 5.0),
+               "engine_torque_nm": 300.0 + 40.0 * slow(rng, 12.0)}
+    values = {**columns, "told_rpm": told_over_log(command, time_s, machine.shaft.dead_time_s)}
+    terms = [parse_term(text, Term.model_validate) for text in texts]
+    more = over_log(terms, values, time_s, term_run)
+    rows = input_rows(ShaftInput, ROWS, command_rpm=command, opening_mm=20.0, supply_v=columns["supply_v"],
+                      more_percent=more.get("shaft_percent", 0.0), more_rpm=more.get("shaft_rpm", 0.0))
+    out = shaft_run((machine.shaft,), no_switch(), shaft_start(command[0]), ShaftOutput(command[0], command[0]), rows,
+                    time_s, 0.0125)
+    return columns | {"shaft_rpm": out[:, 1] + 0.3 * rng.standard_normal(ROWS)}
+
+
+def terms_of(found: Diagnosis) -> list[tuple[str, str, list[str]]]:
+    return [(t.term["acts_on"], t.term["form"], sorted(v["name"] for v in t.term["over"])) for t in found.terms]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_where_nothing_is_nothing_is_found(seed: int) -> None:
+    found = diagnose_run(shaft_log(seed=seed), Machine())
+    assert (found.verdict, found.terms) == ("none", ())
+
+
+@pytest.mark.parametrize(("text", "form", "over"), [
+    ("shaft_percent slope roll_deg slope=0.4", "slope", ["roll_deg"]),
+    ("shaft_percent hinge pitch_deg at=0.5 above=0.6", "hinge", ["pitch_deg"]),
+    ("shaft_percent product supply_v,roll_deg slope=1 at=13.5", "product", ["roll_deg", "supply_v"]),
+    ("shaft_percent memory roll_deg bend=1 tau_s=12", "memory", ["roll_deg"]),
+    ("shaft_percent slope engine_torque_nm slope=-0.02 at=300", "slope", ["engine_torque_nm"])])
+def test_a_term_is_found_with_its_variables_and_form(text: str, form: str, over: list[str]) -> None:
+    columns = shaft_log(text)
+    found = diagnose_run(columns, Machine())
+    assert found.verdict == "unexplained"
+    assert found.causes == ()
+    assert terms_of(found)[0] == ("shaft_percent", form, over)
+    assert {u.variable for u in found.unexplained} == set(over)
+    assert found.unexplained[0].channel == "shaft"
+    assert found.terms[0].held_out_gain is not None and found.terms[0].held_out_gain > 0.03
+    json.dumps(found.to_json())
+    adopted = extend(Machine(), found, date="2026-11-22", sha256="0" * 64)
+    assert (adopted.terms[0].form, adopted.terms[0].source.date) == (form, "2026-11-22")
+    again = diagnose_run(columns, adopted)
+    assert (again.verdict, again.terms, again.unexplained) == ("none", (), ())
+    other = diagnose_run(shaft_log(text, seed=9), adopted)
+    assert other.verdict == "none"
+
+
+def test_sizes_are_those_that_were_planted() -> None:
+    found = diagnose_run(shaft_log("shaft_percent product supply_v,roll_deg slope=1.5 at=13.3 second_at=0.5"),
+                         Machine())
+    c = found.terms[0].term["coefficients"]
+    one, other = (v["name"] for v in found.terms[0].term["over"])
+    at = {one: c["at"], other: c["second_at"]}
+    assert c["slope"] == pytest.approx(1.5, rel=0.1)
+    assert at["supply_v"] == pytest.approx(13.3, abs=0.1)
+    assert at["roll_deg"] == pytest.approx(0.5, abs=0.3)
+
+
+def test_a_constant_that_is_lost_of_every_command_is_no_gain() -> None:
+    found = diagnose_run(shaft_log("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=2.5"), Machine())
+    assert found.causes == ()
+    assert terms_of(found) == [("shaft_rpm", "saturation", ["shaft_rpm"])]
+    assert "off by -2.5 r/min whatever it is told" in sentence(found.terms[0].term)
+
+
+def test_a_name_that_explains_the_same_wins() -> None:
+    machine = Machine()
+    sagging = machine.model_copy(update={"shaft": machine.shaft._replace(sag_percent_per_v=3.0)})
+    found = diagnose_run(shaft_log(machine=sagging), machine)
+    assert [cause.id for cause in found.causes] == ["shaft.voltage_sag"]
+    assert found.terms == ()
+
+
+def test_a_box_in_time_is_not_adopted() -> None:
+    term = parse_term("shaft_rpm span time_s low_end=200 high_end=290 above=0.8", Term.model_validate)
+    found = diagnose_run(shaft_log(), Machine())
+    box = replace(found, terms=(TermFound(term.model_dump(mode="json"), "shaft", "r/min", 0.5, 0.1, 200.0, None),))
+    assert term_not_adoptable(box.terms[0]).startswith("it holds for a span")
+    assert adoptable_terms(box) == ()
+    assert extend(Machine(), box) == Machine()
+
+
+def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
+    found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=-0.5"), Machine())
+    term = found.terms[0].term
+    assert sentence(term).startswith("Shaft speed falls by 0.51 % for each deg of roll; seen between -")
+    assert compensation(term) == "Control takes it back"
+    assert any(sentence(term) in line for line in summary(found))
+    assert len(found.terms[0].seen) > 5
+    _, seen, told = np.array(found.terms[0].seen).T
+    assert np.max(np.abs(seen - told)) < 0.4

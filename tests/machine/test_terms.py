@@ -1,0 +1,176 @@
+"""Terms: one evaluator, interpreted equal to compiled; bad ones are refused in a line; old tables become terms."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from control.machine.compiled import term_run
+from control.machine.machine import Machine
+from control.machine.term_step import TermParams, TermState, over_rows, term_step
+from control.machine.term_sums import NOTHING, TermSums, Told, angle_over_log, over_log, told_over_log
+from control.machine.terms import COEFFICIENTS, Form, Term, needed, params_of, parse_term
+from drivers.files.config import ConfigError, load, save, shipped
+from drivers.files.kinds import MACHINE
+
+TEXTS = {
+    Form.SLOPE: "flow_percent slope roll_deg slope=2.5 at=0.3 valid=-2:2",
+    Form.BEND: "flow_percent bend speed_mps bend=-4.4 slope=1.5 at=1.2",
+    Form.HINGE: "shaft_percent hinge supply_v at=13.1 below=2 above=-1 level=0.2",
+    Form.SATURATION: "shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=3",
+    Form.DEAD_ZONE: "gate_mm dead_zone roll_deg slope=0.2 low_end=-0.5 high_end=0.8",
+    Form.THRESHOLD: "gate_mm threshold pitch_deg at=0.3 above=0.6 below=-0.1",
+    Form.PRODUCT: "flow_percent product speed_mps,roll_deg slope=12 at=1.2 second_at=0.4 valid=0.8:1.6,-2:2",
+    Form.MEMORY: "wheel_percent memory roll_deg bend=2 slope=-2 tau_s=7.5",
+    Form.PERIODIC: "flow_percent periodic shaft_angle_deg cycles=3 sine=2 cosine=-1",
+    Form.SIDE: "scale_kg side roll_deg high_end=0.3 above=0.4 below=-0.2 tau_s=1.5",
+    Form.SPAN: "scale_kg_min span time_s low_end=40 high_end=90 above=0.5 grows=1",
+    Form.TABLE: "flow_kg_min table hopper_kg nodes=50,120,200,260,300 values=0.4,0.1,-0.2,0,0.3",
+}
+
+
+def made(text: str) -> Term:
+    return parse_term(text, Term.model_validate)
+
+
+def drive(rows: int = 3000) -> tuple[dict[str, Any], Any]:
+    rng = np.random.default_rng(4)
+    time_s = np.cumsum(rng.uniform(0.03, 0.09, rows))
+    wave = {name: middle + spread * np.sin(time_s / period) + 0.2 * spread * rng.standard_normal(rows)
+            for name, middle, spread, period in (
+                ("shaft_rpm", 50.0, 40.0, 9.0), ("opening_mm", 25.0, 12.0, 14.0), ("hopper_kg", 170.0, 140.0, 60.0),
+                ("pitch_deg", 0.2, 1.5, 5.0), ("roll_deg", -0.1, 1.7, 4.0), ("supply_v", 13.2, 0.6, 17.0),
+                ("speed_mps", 1.2, 0.4, 8.0), ("told_rpm", 50.0, 40.0, 9.0), ("told_mm", 25.0, 12.0, 14.0))}
+    return {**wave, "time_s": time_s, "shaft_angle_deg": angle_over_log(wave["shaft_rpm"], time_s),
+            "heading_deg": np.where(np.arange(rows) % 900 < 450, 10.0, 190.0)}, time_s
+
+
+def test_every_form_has_a_case() -> None:
+    assert set(TEXTS) == set(Form) == set(COEFFICIENTS)
+
+
+@pytest.mark.parametrize("form", Form)
+def test_interpreted_equals_compiled(form: Form) -> None:
+    values, time_s = drive()
+    term = made(TEXTS[form])
+    names = needed(term)
+    given = (params_of(term), values[names[0]], values[names[-1]], time_s)
+    interpreted = over_rows(term_step)(*given)
+    assert np.array_equal(interpreted, term_run(*given))
+    assert np.ptp(interpreted) > 0.0
+
+
+def test_tick_by_tick_equals_over_a_log() -> None:
+    values, time_s = drive(800)
+    terms = [made(text).model_copy(update={"id": form.value}) for form, text in TEXTS.items()]
+    log = over_log(terms, values, time_s, term_run)
+    sums = TermSums(terms)
+    for k in range(len(time_s)):
+        more = sums.step({name: float(series[k]) for name, series in values.items()},
+                         float(time_s[k] - time_s[max(0, k - 1)]))
+        for name, series in log.items():
+            assert getattr(more, name) == series[k]
+
+
+def test_the_values_are_those_of_the_formulas() -> None:
+    """Against the formulas that `topdress effects` says, written here once more."""
+    def value(text: str, x: float, y: float = 0.0) -> float:
+        return term_step(params_of(made(text)), TermState(), x, y, 0.0)[1]
+    assert value("flow_percent bend speed_mps bend=-4.4 slope=1 at=1.2 level=0.5", 2.2) == pytest.approx(-2.9)
+    assert value(TEXTS[Form.HINGE], 12.1) == pytest.approx(0.2 - 2.0)
+    assert value(TEXTS[Form.HINGE], 14.1) == pytest.approx(0.2 - 1.0)
+    assert value(TEXTS[Form.SATURATION], 50.0) == pytest.approx(-3.0)
+    assert value(TEXTS[Form.DEAD_ZONE], 1.8) == pytest.approx(0.2)
+    assert value(TEXTS[Form.DEAD_ZONE], 0.1) == 0.0
+    assert value(TEXTS[Form.PRODUCT], 1.5, 1.4) == pytest.approx(12.0 * 0.3)
+    assert value("flow_percent periodic heading_deg cycles=2 sine=3", 45.0) == pytest.approx(3.0)
+    assert value("flow_percent side roll_deg high_end=0.1 above=2 below=-1", -3.0) == pytest.approx(-1.0)
+    assert value("scale_kg span time_s low_end=10 high_end=20 above=4 grows=1", 15.0) == pytest.approx(2.0)
+    assert value("flow_percent table roll_deg nodes=-1,1 values=0,4", 0.5) == pytest.approx(3.0)
+
+
+def test_outside_its_range_a_term_holds_its_edge_value() -> None:
+    term = params_of(made(TEXTS[Form.SLOPE]))
+    assert term_step(term, TermState(), 9.0, 0.0, 0.0)[1] == term_step(term, TermState(), 2.0, 0.0, 0.0)[1] == 4.25
+
+
+def test_a_table_of_fewer_nodes_is_held_beyond_its_last() -> None:
+    term = params_of(made("flow_percent table roll_deg nodes=0,1,3 values=1,2,8"))
+    assert [term_step(term, TermState(), x, 0.0, 0.0)[1] for x in (-5.0, 2.0, 3.0, 3.5, 99.0)] == [1, 5, 8, 8, 8]
+
+
+def test_memory_follows_with_its_time_constant_whatever_the_step() -> None:
+    p = params_of(made("flow_percent memory roll_deg bend=1 tau_s=5"))
+    for steps in (1, 10, 1000):
+        state, _ = term_step(p, TermState(), 0.0, 0.0, 0.0)
+        state, _ = term_step(p, state, 1.0, 0.0, 0.0)
+        for _ in range(steps):
+            state, value = term_step(p, state, 1.0, 0.0, 5.0 / steps)
+        assert value == pytest.approx(1.0 - np.exp(-1.0))
+
+
+def test_a_term_whose_variable_is_not_there_adds_nothing() -> None:
+    terms = [made(TEXTS[Form.SLOPE])]
+    assert TermSums(terms).step({"pitch_deg": 3.0}, 0.05) == NOTHING
+    assert over_log(terms, {"time_s": np.arange(5.0)}, np.arange(5.0), term_run) == {}
+
+
+def test_told_is_the_mean_of_the_command_a_dead_time_ago() -> None:
+    machine, rng = Machine(), np.random.default_rng(2)
+    time_s = np.arange(400) * 0.05
+    command = np.repeat(rng.uniform(0, 100, 40), 10)
+    told, found = Told(machine, command[0], 20.0), []
+    for now, value in zip(time_s, command, strict=True):
+        found.append(told.step(float(now), float(value), 20.0, 0.05)["told_rpm"])
+    assert told_over_log(command, time_s, machine.shaft.dead_time_s) == pytest.approx(np.array(found))
+
+
+@pytest.mark.parametrize(("change", "line"), [
+    ({"acts_on": "flow"}, "terms[1].acts_on: value flow: allowed shaft_percent, shaft_rpm"),
+    ({"form": "wiggle"}, "terms[1].form: value wiggle: allowed slope, bend"),
+    ({"coefficients": {"slop": 1.0}}, "terms[1].coefficients.slop: value 1.0: allowed: form bend has bend, slope"),
+    ({"coefficients": {"slope": 1.0}}, "terms[1].coefficients: bend is missing"),
+    ({"over": [{"name": "speed_mps", "valid": [2, 1]}]}, "terms[1].over[1].valid: allowed a lower end below"),
+    ({"over": [{"name": "speed_mps", "unit": "km/h"}]}, "terms[1].over[1].unit: value km/h: allowed m/s"),
+    ({"over": [{"name": "speed_mps"}, {"name": "roll_deg"}]}, "terms[1].over: allowed: form bend has 1 variable"),
+    ({"form": "periodic", "coefficients": {"cycles": 1.0}}, "terms[1].over[1].name: value speed_mps: allowed"),
+    ({"form": "memory", "coefficients": {"bend": 1.0, "tau_s": 0.0}}, "tau_s: value 0.0: allowed more than 0"),
+    ({"form": "table", "coefficients": {}, "nodes": [1, 2], "values": [1]}, "terms[1].values: allowed as many"),
+])
+def test_a_bad_term_is_refused_in_one_line(change: dict[str, Any], line: str, tmp_path: Path) -> None:
+    data = yaml.safe_load(shipped("machines")["huanghai"].read_text(encoding="utf-8"))
+    data["terms"] = [{"id": "flow.travel", "acts_on": "flow_percent", "form": "bend", "over": [{"name": "speed_mps"}],
+                      "coefficients": {"bend": -4.4}} | change]
+    path = tmp_path / "m.yaml"
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError) as wrong:
+        load(path, MACHINE)
+    assert len(wrong.value.lines) == 1 and line in wrong.value.lines[0] and "(line " in wrong.value.lines[0]
+
+
+def test_a_machine_with_terms_is_written_and_read_back(tmp_path: Path) -> None:
+    terms = tuple(made(text).model_copy(update={"id": form.value}) for form, text in TEXTS.items())
+    machine = Machine(terms=terms)
+    save(tmp_path / "m.yaml", machine, MACHINE)
+    assert load(tmp_path / "m.yaml", MACHINE).model == machine
+
+
+def test_an_old_file_with_tables_over_becomes_a_term_with_a_note(tmp_path: Path) -> None:
+    data = yaml.safe_load(shipped("machines")["huanghai"].read_text(encoding="utf-8"))
+    nodes, values = [11 + 0.5 * k for k in range(8)], [float(k - 5) for k in range(8)]
+    data |= {"tables_over": {"flow": "supply_v"}}
+    data["flow"] |= {"table_x": nodes, "table_percent": values}
+    data["gate"] |= {"table_x": list(range(8)), "table_mm": [0.0] * 8}
+    (tmp_path / "old.yaml").write_text(yaml.safe_dump(data))
+    machine = load(tmp_path / "old.yaml", MACHINE).model
+    assert [(t.acts_on, t.form, t.variables, t.nodes, t.values) for t in machine.terms] == [
+        ("flow_percent", "table", ("supply_v",), tuple(nodes), tuple(values))]
+    assert machine.warnings == ("term flow.table was a table in an older machine file (tables_over)",)
+
+
+def test_a_machine_without_terms_has_none_to_step() -> None:
+    assert not TermSums(Machine().terms)
+    assert TermParams(0) == TermParams(0)._replace(level=0.0)
