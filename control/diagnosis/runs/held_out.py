@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .channels import ChannelSeries
-from .likelihood import Column, fitted, problem
+from .likelihood import Column, problem, solved
 from .noise import Noise, coefficients, segments
 
 Array = npt.NDArray[np.float64]
@@ -24,7 +24,7 @@ class HeldOut(NamedTuple):
 
     whole: ChannelSeries
     fitted: ChannelSeries               # the same, cut to the blocks that are fitted
-    pieces: tuple[slice, ...]           # of the held-out blocks
+    pieces: tuple[slice, ...]           # of the held-out blocks; none in a log that is shorter than their gaps
 
 
 def held_out(channel: ChannelSeries) -> HeldOut:
@@ -33,25 +33,27 @@ def held_out(channel: ChannelSeries) -> HeldOut:
     edges = np.linspace(0, length, BLOCKS + 1).astype(int)
     gap = int(np.ceil(GAP_S / channel.grid.step_s))
     kept = tuple((int(edges[k]), int(edges[k + 1])) for k in range(BLOCKS) if k not in HELD_OUT)
-    pieces = tuple(slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
-    return HeldOut(channel, channel._replace(cut=segments(length, kept)), pieces)
+    pieces = (slice(int(edges[k]) + gap, int(edges[k + 1]) - gap) for k in HELD_OUT)
+    return HeldOut(channel, channel._replace(cut=segments(length, kept)),
+                   tuple(piece for piece in pieces if piece.start < piece.stop))
 
 
 def amplitudes(blocks: HeldOut, columns: Sequence[tuple[Column, Array]], left: Array,
-                noise: dict[str, Noise]) -> Array:
-    """Amplitudes of columns (given with their series) fitted to the blocks that are not held out."""
+               noise: dict[str, Noise]) -> Array:
+    """Amplitudes of columns (given with their series) fitted to the blocks that are not held out, under the noise of
+    the whole: five blocks alone may take a constant for drift."""
     name, cut = blocks.whole.name, blocks.fitted.cut
     there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
     p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
-    return fitted(p, np.arange(len(there)), noise).amplitude
+    return solved(p, np.arange(len(there)), noise)[0]
 
 
 def errors_of(blocks: HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:
     """Name, unit and held-out errors. The scale is judged by what it is read for: flow, over windows of FLOW_S."""
     channel, pieces = blocks.whole, blocks.pieces
     if channel.name != "scale":
-        return (channel.name, channel.unit, np.concatenate([before[p] for p in pieces]),
-                np.concatenate([after[p] for p in pieces]))
+        rows = np.concatenate([np.arange(p.start, p.stop) for p in pieces]) if pieces else np.empty(0, np.int64)
+        return channel.name, channel.unit, before[rows], after[rows]
     step_s = channel.grid.step_s
     hop = max(1, round(FLOW_S / step_s))
 

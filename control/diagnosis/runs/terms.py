@@ -454,12 +454,15 @@ def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: in
 
 
 def _pays(search: Search, now: Refit, base: Sequence[Column], one: Found) -> bool:
-    """Whether rows that it was not fitted to are likelier with it; a box in time is seen once only."""
+    """Whether rows that it was not fitted to are likelier with it; a box in time is seen once only, and of a log that
+    is too short for such rows no term is told."""
     if one.tried.form is Form.SPAN:
         return True
     name = CHANNEL_OF[one.term.acts_on]
     channel = search.model.channel(name)
     blocks, left = held_out(channel), search.model.residual(now.parts)[name]
+    if not blocks.pieces:
+        return False
     columns = [c for c in base if name in c.coefficients]
     fixed = [(c, series_of(c.coefficients[name], channel.cut)) for c in columns]
     own = [(c, series_of(c.coefficients[name], channel.cut)) for c in one.columns]

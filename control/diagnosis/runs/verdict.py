@@ -105,15 +105,17 @@ def _drifts(one: Judged, channel: ChannelSeries, left: Array) -> bool:
     if blocks < MIN_BLOCKS:
         noise = np.hypot(one.found.noise[channel.name].fast_sd, channel.prior.floor_sd)
         return channel.name != "scale" and bool(np.sqrt(np.mean(left ** 2)) > MAX_SHORT_DRIFT * noise)
-    return drift_of(left, rows) > (MAX_SCALE_DRIFT if channel.name == "scale" else MAX_DRIFT)
+    if channel.name == "scale":                 # its level is free: a hopper begins with what is in it
+        return drift_of(left - left.mean(), rows) > MAX_SCALE_DRIFT
+    return drift_of(left, rows) > MAX_DRIFT
 
 
 def drift_of(left: Array, rows: int) -> float:
-    """S.d. of means over so many rows, beyond what the scatter within them gives, over that scatter."""
+    """R.m.s. of means over so many rows, beyond what the scatter within them gives, over that scatter."""
     blocks = len(left) // rows
     cut = left[:blocks * rows].reshape(blocks, rows)
     within = float(np.sqrt(np.mean(np.var(cut, axis=1, ddof=1))))
-    between = float(np.var(cut.mean(axis=1), ddof=1)) - within ** 2 / rows
+    between = float(np.mean(cut.mean(axis=1) ** 2)) - within ** 2 / rows
     return float(np.sqrt(max(0.0, between)) / within) if within > 0.0 else 0.0
 
 
