@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from control.machine.machine import Adopted, Machine, with_effect
 
@@ -79,8 +79,8 @@ def _head(number: int, k: int, values: Array, blocks: npt.NDArray[np.int64], hea
     gain = float(own.mean() / others.mean() - 1.0)
     off = means[:, 0] / means[:, 1] - 1.0 - gain
     spread = float(off.std(ddof=1) / np.sqrt(len(off)))
-    sure = float(student.ppf(1.0 - 0.005 / heads, len(off) - 1)) * spread
-    half = float(student.ppf(0.95, len(off) - 1)) * spread
+    sure = float(stdtrit(len(off) - 1, 1.0 - 0.005 / heads)) * spread
+    half = float(stdtrit(len(off) - 1, 0.95)) * spread
     slope = offset = None
     if others.std() > 0.03:
         slope = float(np.cov(own, others)[0, 1] / others.var(ddof=1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit  # scipy.stats takes a second to load
 
 from .bench_table import Array
 
@@ -27,7 +27,7 @@ class Fit(NamedTuple):
     dof: int
 
     def interval(self, k: int) -> Interval:
-        value, half = float(self.coefficients[k]), float(student.ppf(0.95, self.dof) * self.se[k])
+        value, half = float(self.coefficients[k]), float(stdtrit(self.dof, 0.95) * self.se[k])
         return Interval(value, value - half, value + half)
 
 
@@ -49,4 +49,4 @@ def fitted(design: Array, y: Array, sd: Array) -> Fit:
     dof = rows - count
     variance = float(np.sum((residuals / sd) ** 2) / dof)
     se = np.sqrt(np.maximum(np.diag(inverse) * variance, 1e-300))
-    return Fit(coefficients, se, 2.0 * student.sf(np.abs(coefficients) / se, dof), residuals, dof)
+    return Fit(coefficients, se, 2.0 * stdtr(dof, -np.abs(coefficients) / se), residuals, dof)

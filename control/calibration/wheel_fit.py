@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from control.geodesy import TangentPlane
 from control.machine.machine import Machine
@@ -92,7 +92,7 @@ def _ratio(stretches: Array) -> Interval:
     gnss, wheel = stretches[:, 0], stretches[:, 1]
     ratio = float(gnss.sum() / wheel.sum())
     off = (gnss - ratio * wheel) / wheel.mean()
-    half = float(student.ppf(0.95, len(off) - 1) * off.std(ddof=1) / np.sqrt(len(off)))
+    half = float(stdtrit(len(off) - 1, 0.95) * off.std(ddof=1) / np.sqrt(len(off)))
     return Interval(ratio, ratio - half, ratio + half)
 
 

@@ -45,6 +45,17 @@ term_run = _compiled(term_step.over_rows(term_step.term_step))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
+    """y[k] = keep y[k - 1] + fresh[k], y before the first being 0: (rows,)."""
+    out = np.empty(len(fresh))
+    y = 0.0
+    for row in range(len(fresh)):
+        y = keep * y + fresh[row]
+        out[row] = y
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
     """A table over a log: (rows,)."""
     out = np.empty(len(at))

@@ -32,6 +32,7 @@ Rename = Callable[[tuple[str, ...]], Renamed]
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _CHUNK_ROWS = 50_000
+HEAD = 1 << 20              # bytes in which a header is looked for
 
 
 class TableError(ValueError):
@@ -99,18 +100,21 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
 
 
 def header_of(path: Path) -> tuple[str, ...]:
-    """The names in a table's header, as they stand. Raises TableError."""
-    data, findings = _utf8(path)
+    """The names in a table's header, as they stand; of a text only its beginning is read. Raises TableError."""
+    data, findings = _utf8(path, HEAD)
     return _layout(path, data, findings).names
 
 
-def _bytes(path: Path) -> bytes:
-    """Raises TableError."""
+def _bytes(path: Path, most: int) -> bytes:
+    """most : bytes of a text, cut at a line's end; -1: all. Raises TableError."""
     try:
         check_file(path)
         if path.suffix.lower() in SUFFIXES:
             return sheet_text(path)
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(most)
+        if len(data) == most:
+            data = data[:data.rfind(b"\n") + 1] or data
         check_text(data.replace(b"\0", b""), str(path))
     except BeyondLimits as error:
         raise TableError(str(error)) from None
@@ -123,8 +127,8 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _utf8(path: Path) -> tuple[bytes, list[Finding]]:
-    data = _bytes(path)
+def _utf8(path: Path, most: int = -1) -> tuple[bytes, list[Finding]]:
+    data = _bytes(path, most)
     findings: list[Finding] = []
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         data = data.decode("utf-16", errors="ignore").encode()
@@ -146,7 +150,7 @@ def _utf8(path: Path) -> tuple[bytes, list[Finding]]:
             encoding = "gb18030" if _decodes(whole, "gb18030") else "latin-1"
             data = data.decode(encoding, errors="ignore").encode()
             findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
-    line = unclosed_quote(data)
+    line = unclosed_quote(data) if most < 0 else None       # a beginning may end within a pair
     if line is not None:
         raise TableError(f"{path}: line {line}: a quote is opened and not closed: allowed are pairs of quotes")
     return data, findings

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
 
 from control.diagnosis import effects
 from control.machine.machine import Machine
@@ -167,8 +166,16 @@ def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArra
 
 
 def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
-    """Places of peaks above MIN_STEP_SD, at least `apart` from each other."""
-    return np.asarray(find_peaks(z, height=MIN_STEP_SD, distance=apart)[0], np.int64)
+    """Places of peaks above MIN_STEP_SD, at least `apart` from each other: the higher ones first."""
+    inner = z[1:-1]
+    tops = 1 + np.flatnonzero((inner > z[:-2]) & (inner >= z[2:]) & (inner >= MIN_STEP_SD))
+    free = np.ones(len(z), bool)
+    kept = []
+    for top in tops[np.argsort(-z[tops], kind="stable")].tolist():
+        if free[top]:
+            kept.append(top)
+            free[max(0, top - apart + 1):top + apart] = False
+    return np.array(sorted(kept), np.int64)
 
 
 def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import lfilter
+
+from control.machine.compiled import remembered_run
 
 from .channels import ChannelSeries
 from .columns import Columns
@@ -47,7 +48,7 @@ def tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     memory = _memory(left, free)
     local = median_filter(left, LOCAL)
     off = left - local
-    fresh = lfilter([1.0, -memory], [1.0], off)
+    fresh = off - memory * np.concatenate(([0.0], off[:-1]))
     scale = float(np.median(np.abs(fresh[free]))) / MEDIAN_TO_SCALE
     if scale <= 0.0:
         return nothing
@@ -59,7 +60,7 @@ def tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     drawn_in = score / slope
     if np.var(fresh[free]) < WORTH * np.var(drawn_in[free]):
         return nothing
-    return np.asarray(lfilter([1.0], [1.0, -memory], np.where(free, fresh - drawn_in, 0.0)))
+    return np.asarray(remembered_run(memory, np.where(free, fresh - drawn_in, 0.0)))
 
 
 def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:

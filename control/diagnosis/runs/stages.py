@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import savgol_filter
+from scipy.ndimage import convolve1d
 
 from control.machine.compiled import term_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
@@ -518,12 +518,25 @@ def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed:
     ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
     both = (1.0 - trust) * gnss[rows] + trust * wheel_there / ratio
     window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
-    smooth = savgol_filter(both, window, 2) if window > 3 else both
+    smooth = _smoothed(both, window) if window > 3 else both
     moving = smooth > MOVING_MPS
     grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step)
     more = every.more.get("wheel_percent")
     return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
                  0.0 if more is None else more[rows])
+
+
+def _smoothed(values: Array, window: int) -> Array:
+    """Quadratics fitted to every `window` (odd) neighbours, at their middle; at the ends those of the first and last
+    window (Savitzky and Golay 1964, Anal. Chem. 36, 1627)."""
+    reach = window // 2
+    at = np.arange(-reach, reach + 1)
+    weights = (3.0 * reach * (reach + 1) - 1.0 - 5.0 * at ** 2) * 3.0 / ((window - 2.0) * window * (window + 2.0))
+    found = convolve1d(values, weights, mode="nearest")
+    for end, ours in ((slice(0, window), slice(0, reach)), (slice(-window, None), slice(-reach, None))):
+        quadratic = np.polynomial.polynomial.polyfit(at, values[end], 2)
+        found[ours] = np.polynomial.polynomial.polyval(at[ours], quadratic)
+    return np.asarray(found)
 
 
 def _fresh(series: Array) -> npt.NDArray[np.bool_]:

@@ -3,9 +3,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from control.diagnosis import effects
+from control.machine.compiled import remembered_run
 from control.machine.terms import TOLD_RPM, Acts
 
 from .hypothesis import Part, Parts
@@ -65,5 +65,6 @@ class ActedOn:
             picked = picked * (told / 100.0 if self.acts is Acts.SHAFT_PERCENT else (told > 0.0).astype(np.float64))
             keep = float(np.exp(-float(np.median(np.diff(drive.time_s))) / (
                 machine.shaft.time_constant_s + machine.shaft.slow_s)))
-            return np.asarray(lfilter([0.0, 1.0 - keep], [1.0, -keep], picked, axis=1))
+            late = np.concatenate((np.zeros((len(picked), 1)), (1.0 - keep) * picked[:, :-1]), axis=1)
+            return np.array([remembered_run(keep, one) for one in late])
         return np.concatenate((picked[:, :1], picked[:, :-1]), axis=1)
