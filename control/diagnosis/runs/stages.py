@@ -43,6 +43,7 @@ REFILL_KG = 3.0
 REFILL_SD = 8.0             # of the scale's noise, at least: a large hopper's share is more, a small one's may be less
 WORKING_RPM = 2.0
 TOLD_WITHIN_S = 120.0       # of a fill: an event so near belongs to it
+MIN_TOLD = 400              # readings from which two sensors' noises are told apart
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
 MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out
 
@@ -513,9 +514,9 @@ def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed:
     at = time[rows]
     step = float(np.median(np.diff(at)))
     wheel_there = wheel[rows]
-    trust = machine.noise.gnss_mps ** 2 / (machine.noise.gnss_mps ** 2 + machine.noise.wheel_mps ** 2 + 1e-12)
     going = (gnss[rows] > MOVING_MPS) & (wheel_there > MOVING_MPS)
     ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
+    trust = _trust(gnss[rows], wheel_there / ratio, machine)
     both = (1.0 - trust) * gnss[rows] + trust * wheel_there / ratio
     window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
     smooth = _smoothed(both, window) if window > 3 else both
@@ -524,6 +525,21 @@ def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed:
     more = every.more.get("wheel_percent")
     return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
                  0.0 if more is None else more[rows])
+
+
+def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
+    """Weight of the wheel in the mean of both speeds: share of GNSS in the variance of their noise.
+
+    Of what changes between two readings, the part that both have in common is the ground's; the rest is each one's own.
+    """
+    if len(gnss) < MIN_TOLD:
+        own = np.array([machine.noise.gnss_mps, machine.noise.wheel_mps]) ** 2 + 1e-12
+    else:
+        steps = np.diff(np.array([gnss, wheel]), axis=1)
+        reach = 4.0 * 1.4826 * np.median(np.abs(steps), axis=1, keepdims=True) + 1e-9
+        spread = np.cov(np.clip(steps, -reach, reach))
+        own = np.maximum(np.diag(spread) - max(0.0, float(spread[0, 1])), 0.01 * np.diag(spread)) + 1e-12
+    return float(own[0] / own.sum())
 
 
 def _smoothed(values: Array, window: int) -> Array:

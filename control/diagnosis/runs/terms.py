@@ -51,6 +51,7 @@ PLAINER = 8.0               # a plainer form may gain less by so much ...
 PLAINER_SHARE = 0.02        # ... or by this share
 MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without the block with most of it
 SURE = 4.0                  # times the threshold, above which drift is not asked any more
+CONSTANT_SURE = 2.0         # the same of a constant loss, which a drift's own level may be
 SHIFTS = 7                  # shifts of slow variables in time: what is gained then is what drift gives
 SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
@@ -431,6 +432,8 @@ def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: F
         return False
     if not slow or (one.gain > SURE * TERM_THRESHOLD and not slow_noise):
         return True
+    if "constant" in one.tried.knobs:       # there is no moving it along the log
+        return one.gain > CONSTANT_SURE * TERM_THRESHOLD
     return one.gain > SHIFT_MARGIN * _gain_elsewhere(search, now, base, held, one, acted, variables)
 
 
