@@ -131,7 +131,7 @@ GATE_OFFSET = Row("gate.offset", probe=0.1, form_over="opening_mm", also_on=("sc
 GATE_HOME_ERROR = Row("gate.home_error", probe=0.1, form_over="opening_mm")
 GATE_BACKLASH = Row("gate.backlash", ladder=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0, move_shaped=True)
 GATE_LOST_STEPS = Row("gate.lost_steps", probe=0.02, may_begin=False, move_shaped=True)
-GATE_SLOW = Row("gate.slow", ladder=(1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True,
+GATE_SLOW = Row("gate.slow", ladder=(0.4, 1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True,
                 costs=Costs.PLACE)
 GATE_STUCK = Row("gate.stuck", found_by=FoundBy.STOP)
 FLOW_GAIN = Row("flow.gain", probe=1.0, loss_begins_as="flow.blocked_outlet", scoped_in=("catch",))

@@ -294,7 +294,8 @@ def _as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column)
 def _begins_as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: Column) -> bool:
     """Whether what begins within the log is no more than its drift gives: too little, or the like begins again."""
     part, gain = found.parts[k], 2.0 * (found.log_likelihood - alone.log_likelihood)
-    if gain > BEGUN_SURE * THRESHOLD or not (_slow(search, trace, alone) or _drifts(search, trace, found)):
+    drifts = part.grows or _slow(search, trace, alone) or _drifts(search, trace, found)     # a drift grows
+    if gain > BEGUN_SURE * THRESHOLD or not drifts:
         return False
     if gain < BEGUN_IN_DRIFT * THRESHOLD:
         return True
