@@ -55,6 +55,8 @@ CONSTANT_SURE = 2.0         # the same of a constant loss, which a drift's own l
 SHIFTS = 7                  # shifts of slow variables in time: what is gained then is what drift gives
 SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
+FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
+STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
 
@@ -150,10 +152,11 @@ def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequen
     """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
     which drift looks like one: of each quantity and variables one form."""
     chosen: dict[tuple[Acts, tuple[str, ...]], _Candidate] = {}
+    still = Ground(search.columns, now.parts, base, _still(noise))
     for start in _starts(search, noise):
         ground = Ground(search.columns, now.parts, base, start)
         found = [one for acts, (acted, _) in dictionary.of.items()
-                 for one in _scan(ground, acted, dictionary.entries(acts))]
+                 for one in _scan(ground, still, acted, dictionary.entries(acts))]
         for one in sorted(found, key=lambda c: -c.score)[:VERIFIED]:
             if one.score > MIN_SCORE:
                 chosen.setdefault((one.acts, one.tried.over), one)
@@ -163,6 +166,12 @@ def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequen
 def _starts(search: Search, noise: dict[str, Noise]) -> list[dict[str, Noise]]:
     quiet = calm(noise, search.model.channels)
     return [noise] if quiet == noise else [noise, quiet]
+
+
+def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
+    """The same with hardly a drift: only then is a box in time told whose edges are half a class off."""
+    return {name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
+            for name, one in noise.items()}
 
 
 def _variables(data: RunData, machine: Machine, acts: Acts) -> _Variables:
@@ -228,11 +237,12 @@ def _kept(series: Array, channel: ChannelSeries, share: float) -> npt.NDArray[np
     return np.ascontiguousarray(every[:, :max(64, int(share * every.shape[1]))], dtype=np.float32)
 
 
-def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
-    """The best form over each variable, or two, under a given noise."""
+def _scan(ground: Ground, still: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
+    """The best form over each variable, or two, under a given noise; boxes in time under a still one."""
     found: list[_Candidate] = []
     for entry in entries:
-        normal, right = ground.kept_products(acted.channel, entry.kept)
+        box = entry.forms[0].form is Form.SPAN
+        normal, right = (still if box else ground).kept_products(acted.channel, entry.kept)
         if entry.level:
             normal, right = without(normal, right, len(right) - 1)
             normal, right = normal[:-1, :-1], right[:-1]
@@ -281,7 +291,7 @@ def _settled(ground: Ground, one: Tried, acted: ActedOn, variables: _Variables, 
     if "constant" in one.knobs:
         return one
     best = gain(one)
-    for fineness in FINENESS:
+    for fineness in FINER if one.form is Form.SPAN else FINENESS:
         for name in term_forms.movable(one):
             for way in (-1.0, 1.0):
                 value = term_forms.moved(one, name, way * fineness, variables.by_name)
@@ -328,7 +338,7 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
               acted: ActedOn, variables: _Variables) -> Found:
     """A candidate with its knobs settled, refitted with the noise."""
     data, channel = search.model.data, acted.channel
-    quiet = _starts(search, noise)[-1]
+    quiet = _still(noise) if one.tried.form is Form.SPAN else _starts(search, noise)[-1]
     form = _settled(Ground(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
     fits = _fits(search, now, base, held, noise, form, acted, variables)
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
@@ -449,7 +459,7 @@ def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: in
         single = len(one.tried.over) == 1
         some = _Variables(moved, one.tried.over if single else (), () if single else one.tried.over,
                           np.roll(variables.work, shift))
-        for candidate in _scan(quiet, acted, list(_entries(acted, some, data))):
+        for candidate in _scan(quiet, quiet, acted, list(_entries(acted, some, data))):
             if candidate.tried.over == one.tried.over and candidate.score > 0.0:
                 fits = _fits(search, now, base, held, now.noise, candidate.tried, acted, some)
                 most = max(most, fits.gain - candidate.tried.price + one.tried.price)
