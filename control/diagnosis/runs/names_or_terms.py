@@ -6,15 +6,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from control.diagnosis.effects import ROWS
+from control.machine.machine import CATALOGUE
+from control.machine.terms import Form
 
-from .hypothesis import Parts
+from .hypothesis import MAX_SWITCHES, Parts
 from .search import Refit, Search
+from .term_columns import CHANNEL_OF
 from .term_forms import PER_AMPLITUDE
 from .terms import Dictionary, Found, found_terms, series_of_term, total_price
 
 NAME_PRICE = 17.0           # of twice the log-likelihood: what a name must gain
 NAME_WINS = 10.0            # a term takes a name's place from so much more on ...
 NAME_WINS_SHARE = 0.05      # ... or from this share of what the names explain
+NAMES_TRIED = 3             # for a box in time
+BOX_SHARE = 0.15            # of a box's gain: an effect for a while may explain so much less
 MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's
 
 
@@ -24,6 +29,11 @@ def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[
     explained = max(0.0, 2.0 * (now.log_likelihood - null.log_likelihood))
     dictionary = Dictionary(search)
     beside = found_terms(search, dictionary, now, explained)
+    for box in [one for one in beside if one.tried.form is Form.SPAN][:1]:
+        named = _for_a_while(search, now, box)
+        if named is not None:
+            more = max(0.0, 2.0 * (named.log_likelihood - null.log_likelihood))
+            return named, tuple(found_terms(search, dictionary, named, more))
     if not now.parts:
         return now, tuple(beside)
     alone = found_terms(search, dictionary, null, 0.0)
@@ -32,6 +42,24 @@ def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[
     superfluous = bool(beside) and _explained(now, beside) - _explained(null, alone) < NAME_PRICE
     least = _worth(now, beside) + max(NAME_WINS, NAME_WINS_SHARE * explained)
     return (null, tuple(alone)) if superfluous or _worth(null, alone) > least else (now, tuple(beside))
+
+
+def _for_a_while(search: Search, now: Refit, box: Found) -> Refit | None:
+    """The hypothesis with an effect that holds for as long as a box in time, where one explains as much as the box."""
+    begin, end = box.term.coefficients["low_end"], box.term.coefficients["high_end"]
+    if len({t for part in now.parts for t in part.switches} | {begin, end}) > MAX_SWITCHES:
+        return None
+    name = CHANNEL_OF[box.term.acts_on]
+    tried = [c._replace(part=c.part._replace(onset_s=begin, until_s=end)) for c in search.candidates
+             if name in ROWS[c.part.id].channels and ROWS[c.part.id].may_begin and not ROWS[c.part.id].threshold
+             and c.part.onset_s is None and not CATALOGUE[c.part.id].effect.onset_only]
+    refits = [search.refit((*now.parts, one.part), now.noise)
+              for one in search.scan(now.parts, box.noise, tried)[:NAMES_TRIED] if one.gain > NAME_PRICE]
+    best = max(refits, key=lambda one: one.log_likelihood, default=None)
+    least = box.gain - max(NAME_WINS, BOX_SHARE * box.gain)
+    if best is None or 2.0 * (best.log_likelihood - now.log_likelihood) < least:
+        return None
+    return best
 
 
 def _explained(now: Refit, terms: Sequence[Found]) -> float:

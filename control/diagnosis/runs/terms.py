@@ -197,11 +197,11 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> _Variables:
 
 
 def _names(data: RunData, acts: Acts) -> list[str]:
-    """What a quantity may depend on. Boxes in time only where no effect of the catalogue has them."""
+    """What a quantity may depend on; of the shaft, boxes in time are looked for in r/min."""
     stage = STAGE_OF[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
     names = [name for name in (*MIN_RANGE, *further) if name not in DOWNSTREAM[stage]]
-    if acts not in (Acts.SHAFT_RPM, Acts.GATE_MM, Acts.SCALE_KG):
+    if acts is Acts.SHAFT_PERCENT:
         names.remove("time_s")
     return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
 
