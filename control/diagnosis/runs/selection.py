@@ -270,7 +270,7 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None
     kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(seen, 0)
     if kept < least or gain < THRESHOLD * spread ** 0.5:
         return Refused(part, gain, Doubt.STRETCH, gain / (spread * tone))
-    if gain < THRESHOLD * tone:
+    if gain < THRESHOLD * tone * spread:
         return Refused(part, gain, Doubt.CHANCE, gain / (spread * tone))
     tried = [c for c in search.candidates if (c.part.id, c.part.member) != (part.id, part.member)]
     traces = [search.columns.of_candidate(others, c.part) for c in tried]
