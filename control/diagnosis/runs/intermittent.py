@@ -37,6 +37,7 @@ MAX_UNSEEN = 6.0            # of the mass of the steps seen: further standstills
 UNSEEN_SD = 0.2             # of that mass
 
 # Missing pulses of the wheel, as dips of its speed over the GNSS speed.
+SWELL = 41                  # samples over which noise grows and shrinks
 MIN_DIPS = 6                # and three more for each rise of the same size
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 MIN_DIP = 0.1               # of the speed
@@ -135,7 +136,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None
     rose = rose - median_filter(rose, 8 * side + 1)
     sd = 1.4826 * float(np.median(np.abs(rose))) + 1e-6
     used = predicted[at] - predicted[at + gap]              # kg that a standstill of the whole gap keeps back
-    z = np.where((used > 0.0) & ~_near_refill(h, at, side + gap), rose / sd, 0.0)
+    z = np.where((used > 0.0) & ~_near_refill(h, at, side + gap), rose / (sd * _swell(left)[at]), 0.0)
     ups, downs = _peaks(z, side), _peaks(-z, side)
     if len(ups) < MIN_STEPS_SEEN + 2 * len(downs):
         return None
@@ -155,6 +156,12 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None
     sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
     seen = ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
     return h._replace(reading_kg=h.reading_kg - stayed), seen
+
+
+def _swell(left: Array) -> Array:
+    """How much louder the noise is around each sample of a residual (m,) than usually, at least 1: (m,)."""
+    steps = np.abs(np.diff(left, append=left[-1:]))
+    return np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
 
 
 def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArray[np.bool_]:
@@ -193,7 +200,7 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     for j in jumps:
         fell[max(0, j - 12):j + 4] = 0.0
     sd = 1.4826 * float(np.median(np.abs(rose - np.median(rose)))) + 0.02
-    score = (2.0 * rose * fell - fell ** 2) / (2.0 * sd ** 2)
+    score = (2.0 * rose * fell - fell ** 2) / (2.0 * (sd * _swell(left)[marks]) ** 2)
     score = np.clip(np.where(fell > sd, score, -1.0), -MAX_BLOCK_SCORE, MAX_BLOCK_SCORE)
     on, gain = _spells(score)
     starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
