@@ -12,6 +12,7 @@ from console.cli import (
     devices,
     diagnose,
     effects,
+    history,
     import_log,
     replay,
     run,
@@ -45,6 +46,7 @@ app.command("run")(guarded(run.run))
 app.command("replay")(guarded(replay.replay))
 app.command("simulate")(guarded(simulate.simulate))
 app.command("diagnose")(guarded(diagnose.diagnose))
+app.command("history")(guarded(history.history))
 app.command("calibrate")(guarded(calibrate.calibrate))
 app.command("effects")(guarded(effects.effects))
 app.command("decode")(guarded(decode.decode))

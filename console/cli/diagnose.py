@@ -129,6 +129,7 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
+    from console.cli.history import side_by_side
     from console.reports.term_words import compensation
     from console.reports.words import name_of
     from control.diagnosis.extend import (
@@ -158,6 +159,8 @@ def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> D
         typer.echo(f"note: term {one.term['id']} {word}", err=True)
     extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE)
+    typer.echo(f"{out}, before -> after (topdress history {out} --undo --out FILE takes it back):", err=True)
+    typer.echo("\n".join(side_by_side(extended.history[-1])), err=True)
     return dataclasses.replace(found, extended_machine=str(out))
 
 

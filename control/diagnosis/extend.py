@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
 from control.machine.terms import Form, Source, Term
@@ -45,6 +46,7 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
     >>> effect_sizes(extend(Machine(), found, date="2026-07-01"))
     {'flow.gain': 6.0}
     """
+    was = machine
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in adoptable(diagnosis):
@@ -58,7 +60,10 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
         source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
         term = Term.model_validate(found.term)
         terms.append(term.model_copy(update={"id": _free(term.id, [one.id for one in terms]), "source": source}))
-    return machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
+    extended = machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
+    if extended == was:
+        return was
+    return noted(was, extended, data=diagnosis.data.path, sha256=sha256, date=date)
 
 
 def _free(name: str, taken: Sequence[str]) -> str:

@@ -100,8 +100,29 @@ class Adopted(Part):
     valid: dict[str, tuple[float, float]] = {}
 
 
+class Resized(Part):
+    """An effect whose size a change set, in its catalogue unit."""
+
+    id: str
+    member: int | None = None
+    before: float
+    after: float
+
+
+class Change(Part):
+    """What a diagnosis changed in this file, and the data that it comes from; `undone`: the day it was taken back."""
+
+    date: str = ""
+    data: str = ""
+    sha256: str = ""
+    effects: tuple[Resized, ...] = ()
+    terms: tuple[Term, ...] = ()
+    undone: str = ""
+
+
 class Machine(Part):
-    """The machine file. Effects are stage parameters with a neutral default; `adopted` says where they come from."""
+    """The machine file. Effects are stage parameters with a neutral default; `adopted` says where they come from, and
+    `history` what was changed, so that it can be taken back."""
 
     format: Literal["topdress-machine/1"] = "topdress-machine/1"
     id: str = "huanghai"
@@ -120,6 +141,7 @@ class Machine(Part):
     tolerance: Tolerance = Tolerance()
     terms: tuple[Term, ...] = ()
     adopted: tuple[Adopted, ...] = ()
+    history: tuple[Change, ...] = ()
 
     @model_validator(mode="after")
     def _agree(self) -> Machine:

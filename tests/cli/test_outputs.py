@@ -27,6 +27,7 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "calibrate": ("catch", "catch.csv", "--machine", "machine.yaml"),
     "map": ("run.csv", "--machine", "machine.yaml"),
     "check": ("machine.yaml", "machine.json"),
+    "history": ("machine.yaml", "--undo"),
     "serve-machine": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT, "--port", "0"),
     "effects": (),
     "reproduce": (),
@@ -41,6 +42,7 @@ READ = {             # and the files that it reads with them
     "calibrate": ("catch.csv", "machine.yaml"),
     "map": ("run.csv", "run.yaml", "machine.yaml"),
     "check": ("machine.yaml", "machine.json"),
+    "history": ("machine.yaml",),
     "serve-machine": (*OF_JOB, "machine.yaml"),
     "import": ("other.csv", "import.yaml"),
     "import --guess": ("other.csv",),
@@ -48,7 +50,7 @@ READ = {             # and the files that it reads with them
 WRITES = {           # every option that names an output
     ("simulate", "--out"), ("replay", "--out"), ("diagnose", "--json"), ("diagnose", "--report"),
     ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
-    ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
+    ("history", "--out"), ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
     ("import", "--out"), ("import --guess", "--mapping")}
 ELSEWHERE = {("run", "--log"), ("serve", "--token-file")}       # the worker takes a free name; never written over
 LOGS = {"simulate", "replay", "import"}                         # their --out is a run log, whose name ends in .csv

@@ -1,0 +1,56 @@
+"""`topdress history`: what diagnoses changed in a machine file, side by side; the last of it taken back."""
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.outputs import Force, Output, named, refuse_collisions
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from control.machine.machine import Change
+
+
+def history(
+    machine: Annotated[str, typer.Argument(help="Machine file, or name of a shipped one.")],
+    undo: Annotated[bool, typer.Option("--undo", help="Take the last change back.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="Of --undo: where the machine without it goes; "
+                                             "the file itself stays as it is.")] = None,
+    force: Force = False,
+) -> None:
+    """Say what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
+    from control.machine.history import last_change, undone
+    from drivers.files.config import load, save
+    from drivers.files.kinds import MACHINE
+    if undo != (out is not None):
+        raise CommandError("history: --undo and --out NEW.yaml are given together: the file itself is not written over")
+    loaded = load(machine, MACHINE).model
+    if out is not None:
+        refuse_collisions([named(machine, MACHINE.folder)], [Output((out,))], force)
+        last = last_change(loaded)
+        try:
+            save(out, undone(loaded, date=dt.date.today().isoformat()), MACHINE)
+        except ValueError as error:
+            raise CommandError(str(error)) from None
+        assert last is not None
+        typer.echo(f"taken back, {out} is without it:")
+        typer.echo("\n".join(side_by_side(last)))
+        return
+    if not loaded.history:
+        typer.echo(f"{machine}: no diagnosis changed this file")
+    for one in loaded.history:
+        state = f", taken back {one.undone}" if one.undone else ""
+        typer.echo(f"{one.date or 'no date'}, from {one.data or 'unknown data'}{state}")
+        typer.echo("\n".join(side_by_side(one)))
+
+
+def side_by_side(change: Change) -> list[str]:
+    """Each thing before and after, a line each."""
+    from console.reports.term_words import sentence
+    from control.machine.machine import CATALOGUE
+    lines = [f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> {one.after:.4g} "
+             f"{CATALOGUE[one.id].effect.unit}" for one in change.effects]
+    return [*lines, *(f"  term {term.id}: none -> {sentence(term.model_dump(mode='json'))}" for term in change.terms)]
