@@ -161,7 +161,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None
 def _swell(left: Array) -> Array:
     """How much louder the noise is around each sample of a residual (m,) than usually, at least 1: (m,)."""
     steps = np.abs(np.diff(left, append=left[-1:]))
-    return np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
+    return np.asarray(np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9)))
 
 
 def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArray[np.bool_]:

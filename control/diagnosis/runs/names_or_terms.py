@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,15 @@ BOX_SHARE = 0.15            # of a box's gain: an effect for a while may explain
 MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's
 
 
-def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[Found, ...]]:
+class Beyond(NamedTuple):
+    """A hypothesis, what is beyond it, and which of its parts a box in time explains as well."""
+
+    now: Refit
+    terms: tuple[Found, ...]
+    or_boxes: tuple[str, ...] = ()      # ids
+
+
+def beyond_names(search: Search, now: Refit, null: Refit) -> Beyond:
     """The hypothesis and the terms beyond it; its names are given up where terms alone explain more, or where the names
     gain nothing beside the terms."""
     explained = max(0.0, 2.0 * (now.log_likelihood - null.log_likelihood))
@@ -33,15 +42,18 @@ def beyond_names(search: Search, now: Refit, null: Refit) -> tuple[Refit, tuple[
         named = _for_a_while(search, now, box)
         if named is not None:
             more = max(0.0, 2.0 * (named.log_likelihood - null.log_likelihood))
-            return named, tuple(found_terms(search, dictionary, named, more))
+            better = 2.0 * (named.log_likelihood - now.log_likelihood) > box.gain + NAME_WINS
+            return Beyond(named, tuple(found_terms(search, dictionary, named, more)),
+                          () if better else (named.parts[-1].id,))
     if not now.parts:
-        return now, tuple(beside)
+        return Beyond(now, tuple(beside))
     alone = found_terms(search, dictionary, null, 0.0)
     if not alone or not _may_replace(search, now.parts, alone):
-        return now, tuple(beside)
+        return Beyond(now, tuple(beside))
     superfluous = bool(beside) and _explained(now, beside) - _explained(null, alone) < NAME_PRICE
     least = _worth(now, beside) + max(NAME_WINS, NAME_WINS_SHARE * explained)
-    return (null, tuple(alone)) if superfluous or _worth(null, alone) > least else (now, tuple(beside))
+    instead = superfluous or _worth(null, alone) > least
+    return Beyond(null, tuple(alone)) if instead else Beyond(now, tuple(beside))
 
 
 def _for_a_while(search: Search, now: Refit, box: Found) -> Refit | None:
@@ -76,6 +88,8 @@ def _worth(now: Refit, terms: Sequence[Found]) -> float:
 def _may_replace(search: Search, parts: Parts, terms: Sequence[Found]) -> bool:
     """Whether terms say something else than the names: not a name's own dependence in another form, nor a constant."""
     if any(ROWS[part.id].threshold or not ROWS[part.id].has_slope for part in parts):
+        return False
+    if any(one.tried.form is Form.SPAN for one in terms):      # what begins, or holds for a while, has a name
         return False
     data = search.model.data
     for one in terms:

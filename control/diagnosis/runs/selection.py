@@ -122,6 +122,7 @@ class Judged(NamedTuple):
     refused: tuple[Refused, ...] = ()           # at the end: evidence for more parts, that did not hold
     structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted; drift's share off
     terms: tuple[Found, ...] = ()               # beyond the catalogue
+    or_boxes: tuple[str, ...] = ()              # ids that a box in time explains as well
 
 
 def judged(search: Search) -> Judged:
@@ -135,14 +136,15 @@ def judged(search: Search) -> Judged:
         current, dropped = _without_doubtful(search, current)
         refused = [*refused, *dropped]
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
-    current, terms = beyond_names(search, current, null)
+    current, terms, or_boxes = beyond_names(search, current, null)
     left = None if terms else unexplained(search.columns, current, explained)
     if left is not None:
         beside = _beside(search, current, left)
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
     gains, rivals = _rivals(search, current)
-    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms)
+    return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms,
+                  or_boxes)
 
 
 def _nothing(search: Search) -> Refit:

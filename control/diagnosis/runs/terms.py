@@ -56,6 +56,8 @@ SHIFTS = 7                  # shifts of slow variables in time: what is gained t
 SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
+WORSE = -0.05               # of the held-out error: what makes it worse than the scale's own noise may is not told
+SPAN_AGAIN = 4.0            # times what a further box gains
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
@@ -143,7 +145,9 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
         enough = found.gain - found.tried.price > _threshold(found, explained) and _worth(found)
         if enough and _holds(search, now, base, len(held), found, *dictionary.of[found.term.acts_on]) \
                 and _pays(search, now, base, found):
-            return found._replace(held_out=held_out_gain(search, now, base, found))
+            found = found._replace(held_out=held_out_gain(search, now, base, found))
+            if found.tried.form is Form.SPAN or found.held_out > WORSE:
+                return found
     return None
 
 
@@ -434,9 +438,11 @@ def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: F
     seen = ground.blocks(channel, own)
     slow, slow_noise = as_drift(channel, one.trace.coefficients[name], now.noise[name], one.noise[name])
     whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
-    if one.tried.form is Form.SPAN:         # not one moment of it
-        return without_best_block(seen, 0) > MIN_WITHOUT_BLOCK * whole and float(
-            seen.energy.max()) < MAX_IN_A_BLOCK * float(seen.energy.sum())
+    if one.tried.form is Form.SPAN:         # not one moment of it, nor one box of many, as drift has them
+        long = without_best_block(seen, 0) > MIN_WITHOUT_BLOCK * whole and \
+            float(seen.energy.max()) < MAX_IN_A_BLOCK * float(seen.energy.sum())
+        return long and one.gain > SPAN_AGAIN * _gain_of_another(
+            search, now, [*base, *one.columns], held + 1, one, acted, variables)
     blocks = coarser(seen)
     if without_best_block(blocks, 0) < MIN_WITHOUT_BLOCK * whole or one.gain < TERM_THRESHOLD * spread_over(seen, 0):
         return False
@@ -445,6 +451,17 @@ def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: F
     if "constant" in one.tried.knobs:       # there is no moving it along the log
         return one.gain > CONSTANT_SURE * TERM_THRESHOLD
     return one.gain > SHIFT_MARGIN * _gain_elsewhere(search, now, base, held, one, acted, variables)
+
+
+def _gain_of_another(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,
+                     variables: _Variables) -> float:
+    """What a further box in time gains beside one that is among the base."""
+    still, data = Ground(search.columns, now.parts, base, _still(one.noise)), search.model.data
+    boxes = variables._replace(one=("time_s",), two=())
+    best = max(_scan(still, still, acted, list(_entries(acted, boxes, data))), key=lambda c: c.score)
+    if best.tried.form is not Form.SPAN or best.score <= MIN_SCORE:
+        return 0.0
+    return _verified(search, now, base, held, one.noise, best, acted, variables).gain
 
 
 def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,

@@ -144,12 +144,13 @@ def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
 def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bool:
     """Whether the k-th name may be something else.
 
-    It is, where its channel's rest is not noise or shows a term, its size stands at a bound, or it makes rows worse
-    that it was not fitted to (by the 90 % interval: a drift hides what a small effect gains).
+    It is, where its channel's rest is not noise or shows a term, a box in time explains as much, its size stands at a
+    bound, or it makes rows worse that it was not fitted to (by the 90 % interval: a drift hides what a small effect
+    gains).
     """
     part = one.found.parts[k]
     channels = ROWS[part.id].channels
-    if any(r.channel in channels for r in left):
+    if any(r.channel in channels for r in left) or part.id in one.or_boxes:
         return True
     if any(CHANNEL_OF[t.term.acts_on] in channels and t.gain > BESIDE * one.gains[k] for t in one.terms):
         return True             # something unknown is at work in the same place
