@@ -129,7 +129,7 @@ def _progress() -> Any:
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
-    from console.cli.history import side_by_side
+    from console.reports.history_words import side_by_side
     from console.reports.term_words import compensation
     from console.reports.words import name_of
     from control.diagnosis.extend import (

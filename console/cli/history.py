@@ -3,15 +3,12 @@ from __future__ import annotations
 
 import datetime as dt
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from console.cli.outputs import Force, Output, named, refuse_collisions
 from console.cli.plain_errors import CommandError
-
-if TYPE_CHECKING:
-    from control.machine.machine import Change
 
 
 def history(
@@ -22,6 +19,7 @@ def history(
     force: Force = False,
 ) -> None:
     """Say what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
+    from console.reports.history_words import side_by_side
     from control.machine.history import last_change, undone
     from drivers.files.config import load, save
     from drivers.files.kinds import MACHINE
@@ -45,12 +43,3 @@ def history(
         state = f", taken back {one.undone}" if one.undone else ""
         typer.echo(f"{one.date or 'no date'}, from {one.data or 'unknown data'}{state}")
         typer.echo("\n".join(side_by_side(one)))
-
-
-def side_by_side(change: Change) -> list[str]:
-    """Each thing before and after, a line each."""
-    from console.reports.term_words import sentence
-    from control.machine.machine import CATALOGUE
-    lines = [f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> {one.after:.4g} "
-             f"{CATALOGUE[one.id].effect.unit}" for one in change.effects]
-    return [*lines, *(f"  term {term.id}: none -> {sentence(term.model_dump(mode='json'))}" for term in change.terms)]

@@ -33,6 +33,7 @@ from console.services.free_path import free_path
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
+    from control.machine.machine import Machine
     from drivers.files.config import Loaded
 
 MOST_FILES = 200
@@ -160,6 +161,29 @@ class DiagnosisFiles:
         if not found.adoptable or not made.exists():
             raise ValueError("nothing here can be adopted" + "".join(f"; {why}" for why in found.refused))
         return _kept(made, self.own / "machines", f"{found.machine}-{dt.date.today().isoformat()}", ".yaml")
+
+    def last_change(self, machine: str | None) -> tuple[str, ...]:
+        from console.reports.history_words import side_by_side
+        from control.machine.history import last_change
+        change = last_change(self._machine(machine))
+        return () if change is None else (f"{change.date}, {change.data}", *side_by_side(change))
+
+    def take_back(self, machine: str | None) -> str:
+        from control.machine.history import undone
+        from drivers.files.config import save
+        from drivers.files.kinds import MACHINE
+        today = dt.date.today().isoformat()
+        back = undone(self._machine(machine), date=today)
+        path = free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(path, back, MACHINE)
+        return str(path)
+
+    def _machine(self, machine: str | None) -> Machine:
+        from drivers.files.config import load
+        from drivers.files.kinds import MACHINE
+        found: Machine = load(machine or self.machine, MACHINE).model
+        return found
 
     def export(self, found: Found, what: Export) -> str:
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)

@@ -135,9 +135,9 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
         tools = {"tables": tables, "machine": machine}
     tell(0.86, "pictures")
     view = found_of(found, tools, name, target, order.planted)
-    _extended(found, view.adoptable, machine, data, folder / MACHINE_FILE)
+    changes = _extended(found, view.adoptable, machine, data, folder / MACHINE_FILE)
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
-    write_atomically(folder / VIEW, json.dumps(to_plain(view)))
+    write_atomically(folder / VIEW, json.dumps(to_plain(view._replace(changes=changes))))
     tell(0.9, "report")
     _report(found, tools, folder / REPORT)
 
@@ -153,20 +153,24 @@ def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, data: Path, path: Path) -> None:
-    """The machine file with what may be adopted, for the page to put in its place when the operator says so."""
+def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, data: Path, path: Path
+              ) -> tuple[str, ...]:
+    """The machine file with what may be adopted, for the page to put in its place when the operator says so; and what
+    changed in it, a line each."""
+    from console.reports.history_words import side_by_side
     from control.diagnosis.extend import extend
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     path.unlink(missing_ok=True)
     if not adoptable:
-        return
+        return ()
     kept = dataclasses.replace(found, causes=tuple(cause for cause in found.causes if cause.id in adoptable),
                                terms=tuple(one for one in found.terms if one.term["id"] in adoptable))
     extended = extend(machine, kept, date=dt.date.today().isoformat(), sha256=sha256_of(data))
     comment = "\n".join([f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",
                          *(f"  {one}" for one in adoptable)])
     save(path, extended, MACHINE, comment)
+    return tuple(side_by_side(extended.history[-1]))
 
 
 def told() -> Tell:

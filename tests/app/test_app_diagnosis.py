@@ -130,6 +130,32 @@ async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown
         assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in "\n".join(shown(desk))
 
 
+async def test_both_sides_of_the_file_stand_in_the_question(desk, service, shown):
+    service.found = service.found._replace(changes=("  flow.fill_falloff: 0 -> 11.8 %",))
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        await pilot.press("k")
+        await pilot.pause()
+        text = "\n".join(shown(desk))
+        assert "Machine file, before -> after:" in text and "flow.fill_falloff: 0 -> 11.8 %" in text
+
+
+async def test_the_last_change_is_taken_back_after_a_question(desk, service, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await found_shown(desk, pilot)
+        await pilot.press("u")
+        await pilot.pause()
+        assert not isinstance(desk.screen, Confirm)         # the shipped file has no history
+        page.machine = "bench"
+        await pilot.press("u")
+        await pilot.pause()
+        assert isinstance(desk.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(desk))
+        await pilot.press("escape", "u", "enter")
+        await pilot.pause()
+        assert service.asked[1:] == ["take back bench"]
+        assert isinstance(desk.screen, TextDialog) and "bench-2026-03-19.yaml" in "\n".join(shown(desk))
+
+
 async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, shown):
     service.found = sample_found("named")._replace(
         adoptable=(), refused=("flow.gain: holds in the rows of before.csv only",))
@@ -311,7 +337,7 @@ async def test_every_action_is_in_the_palette(desk):
         await opened(desk, pilot)
         titles = {command.title for command in desk.get_system_commands(desk.screen)}
         wanted = {action.label for action in actions.ACTIONS if action.where == DIAGNOSIS}
-        assert len(wanted) == 13 and wanted <= titles
+        assert len(wanted) == 14 and wanted <= titles
 
 
 # --- words and views -------------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ def test_it_says_both_sides(extended: Path) -> None:
     assert said.exit_code == 0
     assert "2026-07-09, from run.csv" in said.output
     assert "flow.gain: 0 -> 3 %" in said.output
-    assert f"term {TERM.id}: none -> Flow falls by 0.5 % for each deg of roll" in said.output
+    assert f"{TERM.id}: none -> Flow falls by 0.5 % for each deg of roll" in said.output
 
 
 def test_undo_writes_another_file(extended: Path, tmp_path: Path) -> None:

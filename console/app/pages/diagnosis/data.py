@@ -137,6 +137,7 @@ class Found(NamedTuple):
     folder: str = ""
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
     not_judged: tuple[str, ...] = ()    # channels
+    changes: tuple[str, ...] = ()       # of the machine file, before and after, a line each
 
 
 class Stop:
@@ -196,6 +197,12 @@ class DiagnosisService(Protocol):
     def adopt(self, found: Found) -> str:
         """Writes the new machine file; its path."""
 
+    def last_change(self, machine: str | None) -> tuple[str, ...]:
+        """What a diagnosis changed last in a machine file, before and after, a line each; () where nothing is left."""
+
+    def take_back(self, machine: str | None) -> str:
+        """Writes a new machine file without the last change; its path."""
+
     def export(self, found: Found, what: Export) -> str:
         """Writes the report or the data beside the log; the path."""
 
@@ -224,7 +231,8 @@ def found_from(plain: dict[str, Any]) -> Found:
         "gains": tuple(GainShown(**one) for one in plain["gains"]),
         "next_run": None if plain["next_run"] is None else RunPlan(**plain["next_run"]),
         "left_curve": _curve(plain["left_curve"]),
-        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged")}})
+        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged",
+                                                    "changes")}})
 
 
 def _curve(plain: dict[str, Any] | None) -> Curve | None:

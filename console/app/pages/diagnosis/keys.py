@@ -87,6 +87,7 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
     lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
+    lines += [_("Machine file, before -> after:"), *found.changes] if found.changes else []
     lines += [_("Left out: {why}").format(why=why) for why in found.refused]
     lines += [_("{what} is taken up, though this data cannot tell it from: {others}").format(
         what=cause.id, others=words.rivals(cause)) for cause in found.causes if cause.rivals and
@@ -100,6 +101,25 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
             page.write(_("The new machine file"), partial(page.served.adopt, found))
 
     page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
+
+
+def take_back(page: DiagnosisScreen) -> None:
+    """Of the machine file that is held against."""
+    try:
+        lines = page.served.last_change(page.machine)
+    except (ValueError, OSError) as error:
+        page.app.notice(str(error))
+        return
+    if not lines:
+        page.app.notice(_("no diagnosis changed this machine file: nothing to take back"))
+        return
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.write(_("The new machine file"), partial(page.served.take_back, page.machine))
+
+    text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
+    page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
 
 
 @_of_found
@@ -152,6 +172,8 @@ ACTIONS = (
     Action("dia_adopt", "k", "K", N_("adopt"),
            N_("Writes a new machine file with what was found; asked once. The running job keeps its own."), adopt,
            DIAGNOSIS, 6),
+    Action("dia_back", "u", "U", N_("take back"),
+           N_("Writes the machine file without what a diagnosis changed last; asked once."), take_back, DIAGNOSIS),
     Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7),
     Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS),
     Action("dia_run_file", "w", "W", N_("job file"), N_("Writes the separating run as a job file."), job_file,

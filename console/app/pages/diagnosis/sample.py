@@ -120,6 +120,13 @@ class MadeUpDiagnosis:
         self.asked.append(f"adopt {', '.join(found.adoptable)}")
         return "/data/machines/huanghai-2026-03-18.yaml"
 
+    def last_change(self, machine: str | None) -> tuple[str, ...]:
+        return () if machine is None else ("2026-03-18, from 20260317-134500.csv", "  flow.gain: 0 -> 3 %")
+
+    def take_back(self, machine: str | None) -> str:
+        self.asked.append(f"take back {machine}")
+        return "/data/machines/bench-2026-03-19.yaml"
+
     def export(self, found: Found, what: Export) -> str:
         self.asked.append(f"export {what}")
         return "/data/reports/20260317-134500-diagnosis.html"
