@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+from verdict import exit_code
 
 from console.frame import Frame
 from console.link import Link, Where, WorkerFailed, WorkerGone, find_running
@@ -310,7 +311,7 @@ def worker_dies(folder: Path) -> Death:
         console.end_worker()
 
 
-def run() -> None:
+def run() -> int:
     parser = argparse.ArgumentParser(description="Deaths of console and worker.")
     parser.add_argument("--long", action="store_true", help="also wait for the worker's own end after 60 s")
     given = parser.parse_args()
@@ -318,12 +319,15 @@ def run() -> None:
         (console_dies, ("SIGSTOP",)), (console_dies, ("SIGKILL",)), (console_dies, ("hang-up",)), (worker_dies, ())]
     if given.long:
         cases.append((console_dies, ("SIGKILL", True)))
+    found = []
     for case, arguments in cases:
         with tempfile.TemporaryDirectory() as folder:
             d = case(Path(folder), *arguments)
+        found.append(d)
         print(f"{d.what:36}{d.after_s or float('nan'):6.2f} s  {'ok' if d.ok else 'SHORT':6}{d.happened}\n"
               f"{'':44}      log: {d.log}", flush=True)
+    return exit_code({f"{d.what}: as it should be": d.ok for d in found})
 
 
 if __name__ == "__main__":
-    run()
+    sys.exit(run())
