@@ -18,12 +18,13 @@ from console.worker.resume_ground import unpacked
 from drivers.files import limits
 from drivers.files.config import ConfigError
 from drivers.files.imports.read import read_raw
-from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_sheets, check_text, read_json
+from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
 from drivers.files.log_values import _chords
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log
 from drivers.files.setup import by_kind
+from drivers.files.sheet_limits import check_sheets
 
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
 

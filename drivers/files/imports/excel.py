@@ -15,7 +15,8 @@ from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.limits import BeyondLimits, check_sheets
+from drivers.files.limits import BeyondLimits
+from drivers.files.sheet_limits import check_sheets
 
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
