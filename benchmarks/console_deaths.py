@@ -31,7 +31,8 @@ from console.link import Link, Where, WorkerFailed, WorkerGone, find_running
 from drivers.files.read_log import read_log
 
 SIZE = (120, 40)
-TAKES_ITS_TERMINAL = ("import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+TAKES_ITS_TERMINAL = ("import fcntl, os, signal, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+                      "signal.signal(signal.SIGHUP, signal.SIG_DFL); "          # nohup hands on that it is ignored
                       "os.execv(sys.argv[1], sys.argv[1:])")
 _SEQUENCE = re.compile(r"\x1b\[([0-9;?=<>]*)([ -/]*[@-~])|\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)|\x1b[P_^][^\x1b]*\x1b\\"
                        r"|\x1b[()][0-9A-Za-z]|\x1b[0-9=>A-Z\\a-z]|([^\x1b]+)", re.DOTALL)
