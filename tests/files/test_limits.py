@@ -62,7 +62,7 @@ def test_the_page_shows_the_table() -> None:
     ([("a.shp", b"x")] * 2, {}, "a.shp: stands twice"),
     ([(f"{k}", b"") for k in range(5001)], {}, "5001 entries: allowed up to 5000 entries"),
     ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"method": 99}, "compression 99: allowed are stored and deflated"),
-    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"flag": 1}, "encrypted")])
+    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"flag": 1}, "encrypted: allowed is a zip without")])
 @pytest.mark.parametrize("read", [read_prescription, read_raw])
 def test_a_zip_is_judged_by_its_directory(tmp_path: Path, read, entries, how, said) -> None:
     path = zipped(tmp_path / "map.zip", entries, **how)
