@@ -24,13 +24,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+from verdict import exit_code
 
 from console.frame import Frame
 from console.link import Link, Where, WorkerFailed, WorkerGone, find_running
 from drivers.files.read_log import read_log
 
 SIZE = (120, 40)
-TAKES_ITS_TERMINAL = ("import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+TAKES_ITS_TERMINAL = ("import fcntl, os, signal, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+                      "signal.signal(signal.SIGHUP, signal.SIG_DFL); "          # nohup hands on that it is ignored
                       "os.execv(sys.argv[1], sys.argv[1:])")
 _SEQUENCE = re.compile(r"\x1b\[([0-9;?=<>]*)([ -/]*[@-~])|\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)|\x1b[P_^][^\x1b]*\x1b\\"
                        r"|\x1b[()][0-9A-Za-z]|\x1b[0-9=>A-Z\\a-z]|([^\x1b]+)", re.DOTALL)
@@ -310,7 +312,7 @@ def worker_dies(folder: Path) -> Death:
         console.end_worker()
 
 
-def run() -> None:
+def run() -> int:
     parser = argparse.ArgumentParser(description="Deaths of console and worker.")
     parser.add_argument("--long", action="store_true", help="also wait for the worker's own end after 60 s")
     given = parser.parse_args()
@@ -318,12 +320,15 @@ def run() -> None:
         (console_dies, ("SIGSTOP",)), (console_dies, ("SIGKILL",)), (console_dies, ("hang-up",)), (worker_dies, ())]
     if given.long:
         cases.append((console_dies, ("SIGKILL", True)))
+    found = []
     for case, arguments in cases:
         with tempfile.TemporaryDirectory() as folder:
             d = case(Path(folder), *arguments)
+        found.append(d)
         print(f"{d.what:36}{d.after_s or float('nan'):6.2f} s  {'ok' if d.ok else 'SHORT':6}{d.happened}\n"
               f"{'':44}      log: {d.log}", flush=True)
+    return exit_code({f"{d.what}: as it should be": d.ok for d in found})
 
 
 if __name__ == "__main__":
-    run()
+    sys.exit(run())

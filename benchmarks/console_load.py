@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -15,7 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 from console_deaths import Console, at_work
+from verdict import exit_code
 
+from console.frame import Frame
 from console.link import Link, Where, WorkerGone
 
 SAMPLE_S = 10.0
@@ -44,13 +47,13 @@ def share(pid: int, seconds: float) -> float:
     return 100.0 * (taken(pid).cpu_s - before.cpu_s) / (time.monotonic() - begun_s)
 
 
-async def loop_figures(where: Where) -> dict[str, float]:
-    """What the worker says of its own punctuality."""
+async def loop_figures(where: Where) -> tuple[dict[str, float], Frame | None]:
+    """What the worker says of its own punctuality, and how far it is."""
     link = Link(where)
     run = asyncio.create_task(link.run())
     try:
         await asyncio.wait_for(link.attached.wait(), 5.0)
-        return await link.stats()
+        return await link.stats(), link.newest
     finally:
         run.cancel()
         try:
@@ -59,7 +62,7 @@ async def loop_figures(where: Where) -> dict[str, float]:
             pass
 
 
-def measure(minutes: float) -> None:
+def measure(minutes: float) -> int:
     with tempfile.TemporaryDirectory() as folder:
         console = Console(Path(folder))
         try:
@@ -81,12 +84,17 @@ def measure(minutes: float) -> None:
                 print(f"  {name:8} {100 * (last.cpu_s - first[name].cpu_s) / last_s:5.1f} % of a core, "
                       f"{settled[0][1]:.1f} MB after {settled[0][0]:.0f} s, {last.resident_mb:.1f} MB at the end, "
                       f"slope {slope:+.3f} MB/min")
-            found = asyncio.run(loop_figures(where))
+            found, frame = asyncio.run(loop_figures(where))
             print("  loop     " + ", ".join(f"{name} {value:.3g}" for name, value in found.items()))
             for page, keys in PAGES:
                 console.terminal.type(keys)
                 time.sleep(2.0)
                 print(f"{page:8} page: console {share(pids['console'], PAGE_S):5.1f} % of a core", flush=True)
+            return exit_code({
+                "at least one sample": samples,
+                "the machine works at the end": frame is not None and frame.row.state == "working",
+                "something was spread: above 0 kg": frame is not None and frame.applied_kg > 0.0,
+                "the console lives at the end": console.terminal.process.poll() is None})
         finally:
             console.terminal.end()
             console.end_worker()
@@ -95,4 +103,4 @@ def measure(minutes: float) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=15.0)
-    measure(parser.parse_args().minutes)
+    sys.exit(measure(parser.parse_args().minutes))

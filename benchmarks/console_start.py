@@ -8,11 +8,13 @@ from __future__ import annotations
 import argparse
 import re
 import statistics
+import sys
 import tempfile
 import time
 from pathlib import Path
 
 from console_deaths import Console, wait
+from verdict import exit_code
 
 ELAPSED = re.compile(r"\d\d:\d\d  \d\d:\d\d:\d\d")
 
@@ -42,21 +44,24 @@ def once() -> tuple[float, float]:
             console.end_worker()
 
 
-def run() -> None:
+def run() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=5)
-    times = parser.parse_args().times
-    cold = [once() for _ in range(times) if empty_the_cache()]
-    if not cold:
+    parser.add_argument("--warm", action="store_true", help="leave the cold starts out")
+    given = parser.parse_args()
+    cold = [once() for _ in range(given.times) if not given.warm and empty_the_cache()]
+    if not cold and not given.warm:
         print("cold: the file cache cannot be emptied here")
     once()
-    for name, found in (("cold", cold), ("warm", [once() for _ in range(times)])):
+    warm = [once() for _ in range(given.times)]
+    for name, found in (("cold", cold), ("warm", warm)):
         for what, place in (("numbers shown", 0), ("first number moved", 1)):
             seconds = [one[place] for one in found]
             if seconds:
                 print(f"{name:5} {what:20} median {statistics.median(seconds):.2f} s, {min(seconds):.2f} to "
                       f"{max(seconds):.2f} s, {len(seconds)} times")
+    return exit_code({"started at least once": warm, "a number moved after it was shown": all(m >= s for s, m in warm)})
 
 
 if __name__ == "__main__":
-    run()
+    sys.exit(run())

@@ -15,6 +15,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from verdict import exit_code
+
 from console.worker.assemble import assemble
 from console.worker.host import Host
 from console.worker.program import Options
@@ -79,11 +81,11 @@ def through_bytes(seconds: float, strategy: str, folder: Path) -> Path:
     return parts.writer.path                                       # type: ignore[attr-defined, no-any-return]
 
 
-def too_little(states: Counter[str], rows: int, kg: float) -> list[str]:
-    """Why this was no day of work, whatever the alarms: nothing spread, or the machine hardly worked."""
+def promised(states: Counter[str], rows: int, kg: float, alarmed: int) -> dict[str, object]:
+    """A day of work: something spread, the machine at work, no alarm."""
     worked = states["working"] / max(1, rows)
-    return [f"{worked:.0%} of the rows at work: at least {LEAST_WORKED:.0%}"] * (worked < LEAST_WORKED) + [
-        f"{kg:.2f} kg spread: above 0 where anything was worked"] * (not kg > 0.0)
+    return {f"{worked:.0%} of the rows at work: at least {LEAST_WORKED:.0%}": worked >= LEAST_WORKED,
+            f"{kg:.2f} kg spread: above 0": kg > 0.0, f"{alarmed} rows with an alarm: none": not alarmed}
 
 
 def run() -> None:
@@ -113,13 +115,11 @@ def run() -> None:
                 if event:
                     events[event.split(" ")[0]] += 1
         size = log.stat().st_size
-        print(f"wall time {took_s:.0f} s; log {size / 1e6:.1f} MB, {rows} rows, {size / rows:.0f} bytes a row; "
+        print(f"wall time {took_s:.0f} s; log {size / 1e6:.1f} MB, {rows} rows, {size / max(1, rows):.0f} bytes a row; "
               f"rows with an alarm: {alarmed}")
-        print("states: " + ", ".join(f"{name} {100.0 * n / rows:.2f} %" for name, n in states.most_common())
+        print("states: " + ", ".join(f"{name} {100.0 * n / max(1, rows):.2f} %" for name, n in states.most_common())
               + "; events: " + (", ".join(f"{name} {n}" for name, n in events.most_common()) or "none"))
-    short = too_little(states, rows, read_kg)
-    print("\n".join(f"FAILED: {why}" for why in short), end="\n" if short else "")
-    sys.exit(1 if alarmed or short else 0)
+    sys.exit(exit_code(promised(states, rows, read_kg, alarmed)))
 
 
 if __name__ == "__main__":

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import argparse
 import datetime as dt
+import sys
 import tempfile
 import time
 from collections import Counter
 from pathlib import Path
+
+from verdict import exit_code
 
 from control.loop import ControlLoop, Tick
 from control.orders import Do, Order
@@ -46,11 +49,20 @@ class Watch:
             if state == "working" and (name, "fault") in self.seen:
                 self.seen.setdefault((name, "working again"), now_s - begin_s)
 
+    def missed(self) -> list[str]:
+        """Devices whose loss was not reacted to, or after which work did not go on."""
+        return [name for name in self.plan if (name, self.reaction(name)) not in self.seen
+                or (name == "board" and (name, "working again") not in self.seen)]
+
+    @staticmethod
+    def reaction(name: str) -> str:
+        return {"gnss": "gnss_silent", "board": "fault"}.get(name, f"head {name[-1]} dropped")
+
     def table(self) -> str:
         lines = ["| device | unplugged at s | for s | reaction | after s | working again after s |",
                  "|---|---|---|---|---|---|"]
         for name, (begin_s, lasts_s) in self.plan.items():
-            reaction = {"gnss": "gnss_silent", "board": "fault"}.get(name, f"head {name[-1]} dropped")
+            reaction = self.reaction(name)
             after, again = self.seen.get((name, reaction)), self.seen.get((name, "working again"))
             lines.append(f"| {name} | {begin_s:.0f} | {lasts_s:.0f} | {reaction} | "
                          f"{'-' if after is None else f'{after:.2f}'} | "
@@ -68,7 +80,7 @@ def start_again(loop: ControlLoop, tick: Tick) -> None:
     loop.order(Order(Do.START if state == "ready" else Do.READY))
 
 
-def run(seconds: float, log: Path) -> None:
+def run(seconds: float, log: Path) -> int:
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
     job = with_simulated_field(setup.job, setup.machine)
     now = [0.0]
@@ -110,10 +122,14 @@ def run(seconds: float, log: Path) -> None:
           + ", ".join(f"{state} {count}" for state, count in states.most_common())
           + f"; {tick.area_ha:.3f} ha, {tick.applied_kg:.1f} kg")
     print("rejected:", {status.name: status.rejected for status in cab.status(now[0]) if status.rejected} or "none")
+    return exit_code({
+        f"{round(seconds / DT_S)} ticks, {rows} rows in the log: as many": rows == round(seconds / DT_S) > 0,
+        f"{tick.applied_kg:.1f} kg: above 0": tick.applied_kg > 0.0,
+        f"each loss is reacted to, and work goes on: not {', '.join(watch.missed())}": not watch.missed()})
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3600.0)
     with tempfile.TemporaryDirectory() as place:
-        run(parser.parse_args().seconds, Path(place) / "run.csv")
+        sys.exit(run(parser.parse_args().seconds, Path(place) / "run.csv"))

@@ -15,6 +15,8 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from verdict import exit_code
+
 from control.targets.prescription import statistics
 from drivers.files.any_log import open_log
 from drivers.files.prescriptions.csv_zones import holds_polygons
@@ -93,7 +95,7 @@ def main() -> int:
     parser.add_argument("--lines", action="store_true", help="What was said of each file.")
     told = parser.parse_args()
     counts: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
-    valid, lines = schema(), []
+    valid, lines, wrong = schema(), [], 0
     for path in [path for folder in told.folders for path in files_in(folder)]:
         kind, what, line, read = tried(path)
         counts[kind][what] += 1
@@ -102,7 +104,9 @@ def main() -> int:
             with tempfile.TemporaryDirectory() as place:
                 try:
                     write_prescription(read.data, Path(place) / "task")
-                    more.append(f"{len(list(valid.iter_errors(str(Path(place) / 'task/TASKDATA.XML'))))} schema errors")
+                    errors = len(list(valid.iter_errors(str(Path(place) / "task/TASKDATA.XML"))))
+                    wrong += errors
+                    more.append(f"{errors} schema errors")
                 except PrescriptionError as error:
                     more.append(str(error))
         lines.append(f"{what:9} {path.name}: {'; '.join(one for one in (line, *more) if one)}")
@@ -111,7 +115,10 @@ def main() -> int:
         print(f"{kind:14} {sum(found.values()):6} {found['imported']:9} {found['asked']:6} {found['refused']:8}")
     for line in lines if told.lines else [line for line in lines if not line.startswith("imported")]:
         print(line)
-    return 0
+    return exit_code({
+        f"files found in {', '.join(map(str, told.folders))}": lines,
+        "at least one is imported": any(found["imported"] for found in counts.values()),
+        f"{wrong} schema errors: none": wrong == 0})
 
 
 if __name__ == "__main__":

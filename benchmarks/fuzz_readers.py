@@ -28,9 +28,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from verdict import exit_code
+
 ROOT = Path(__file__).resolve().parents[1]
 MEMORY_BYTES = 4 << 30
 SECONDS_A_TURN = 60
+HANGS = 70  # libFuzzer's exit code where one input took longer than its timeout
 LONGEST = 8192
 MOST_OF_ALL = 0.1           # of the inputs: a quick target shall not stand for the slow ones
 Target = Callable[[bytes], object]
@@ -301,6 +304,7 @@ def child(given: argparse.Namespace) -> None:
             f"-max_len={LONGEST}",
             f"-max_total_time={SECONDS_A_TURN}",
             "-rss_limit_mb=0",
+            f"-timeout={SECONDS_A_TURN}",  # of one input: kept as timeout-... in FOLDER, and a finding
             f"-seed={given.seed}",
             "-print_final_stats=1",
             f"-artifact_prefix={given.state}/",
@@ -328,22 +332,28 @@ def turn(name: str, given: argparse.Namespace, inputs: int, seed: int) -> dict[s
         *(["--plain"] if given.plain else []),
     ]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        env=environment,
-        errors="replace",
-        check=False,
-        timeout=SECONDS_A_TURN * 5,
-    )
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            env=environment,
+            errors="replace",
+            check=False,
+            timeout=SECONDS_A_TURN * 5,
+        )
+        code, said = done.returncode, done.stderr
+    except subprocess.TimeoutExpired:
+        code, said = None, "did not end"
     found: dict[str, Any] = (
         json.loads(out.read_text()) if out.exists() else {"inputs": 0, "accepted": 0, "findings": []}
     )
-    covered = re.findall(r"\bcov: (\d+)", done.stderr)
-    if not out.exists() or (done.returncode not in (0, 77) and given.plain):
-        found["findings"] = [*found["findings"], f"process ended with {done.returncode}: {done.stderr.strip()[-120:]}"]
-    return found | {"covered": int(covered[-1]) if covered else 0}
+    covered = re.findall(r"\bcov: (\d+)", said)
+    if code == HANGS or (out.exists() and code is None) or (not out.exists() and code is not None) or (
+        code not in (0, 77, None) and given.plain
+    ):
+        found["findings"] = [*found["findings"], f"process ended with {code}: {said.strip()[-120:]}"]
+    return found | {"covered": int(covered[-1]) if covered else 0, "late": code is None and not out.exists()}
 
 
 def main() -> None:
@@ -386,7 +396,7 @@ def main() -> None:
             before["covered"] = max(before["covered"], found["covered"])
             before["findings"] = sorted({*before["findings"], *found["findings"]})
             before["seconds"] += time.monotonic() - began_s
-            if found["inputs"] == 0:
+            if found["inputs"] == 0 and not found["late"]:  # a busy computer may not even get it started in a turn
                 dead.add(name)
                 before["findings"] = sorted({*before["findings"], "does not run"})
             kept.write_text(json.dumps(done, indent=1))
@@ -398,7 +408,12 @@ def main() -> None:
             f"{one['covered']} | {'; '.join(one['findings']) or '-'} |"
         )
     print(f"inputs altogether: {sum(done[name]['inputs'] for name in names if name in done)}")
-    sys.exit(any(done.get(name, {}).get("findings") for name in names))
+    sys.exit(
+        exit_code(
+            {f"{name}: no findings": not done.get(name, {}).get("findings") for name in names}
+            | {f"{name}: at least one input": done.get(name, {}).get("inputs") for name in names}
+        )
+    )
 
 
 if __name__ == "__main__":

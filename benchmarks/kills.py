@@ -7,7 +7,8 @@ the job's totals do not know when it goes on, and the length of ground that has 
 (negative: that has none and would get none).
 
 With `--state FILE` it is resumable: cuts are kept there, and a further call goes on until N are done. The exit code is
-1 where a log is damaged, or the job could not be gone on with, or no material flowed.
+1 where a log is damaged, or the job could not be gone on with, or no material flowed, or more was lost or given twice
+than is promised.
 """
 from __future__ import annotations
 
@@ -30,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from verdict import exit_code
 
 from console.link import Link, WorkerGone, start_worker
 from console.worker import resume
@@ -47,6 +49,7 @@ KILLS_A_PART = 20               # cuts of one job on one machine
 SHORTEST_S, LONGEST_S = 2.0, 9.0
 ENDS_WITHIN_S = 5.0             # after a kill
 STOPPED = 0.02                  # of the flow before: less is none
+LEAST_GOING_ON, MOST_LOST_S, MOST_SECOND_M = 0.95, 2.5, 1.0      # a job cut off in its first seconds is none yet
 WORKS_WITHIN_S = 40.0           # after a start: a turn at the field's end takes its time
 
 
@@ -227,6 +230,21 @@ def told(cuts: list[dict[str, Any]]) -> Iterator[str]:
     yield f"the same by its size, m: {percentiles([abs(value) for value in of('second_m')])}"
 
 
+def promised(cuts: list[dict[str, Any]]) -> dict[str, object]:
+    """Of all cuts."""
+    worked = [cut for cut in cuts if cut["worked"]]
+    second_m = [cut["second_m"] for cut in cuts if cut.get("second_m") is not None]
+    lost_s = [cut["lost_s"] for cut in cuts if cut.get("lost_s") is not None]
+    return {
+        "material flowed before at least one kill": worked,
+        "no log is damaged": not any(cut["damaged"] for cut in cuts),
+        f"{sum(cut['resumable'] for cut in worked)} of {len(worked)} can go on: at least {LEAST_GOING_ON:.0%}":
+            sum(cut["resumable"] for cut in worked) >= LEAST_GOING_ON * len(worked),
+        f"at most {MOST_LOST_S:g} s of rows lost": lost_s and max(lost_s) <= MOST_LOST_S,
+        f"second dose at most {MOST_SECOND_M:g} m at the median": second_m and statistics.median(
+            second_m) <= MOST_SECOND_M}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=1000)
@@ -244,7 +262,7 @@ def main() -> None:
             given.state.write_text(json.dumps(cuts), encoding="utf-8")
         print(f"{len(cuts)} of {given.kills}", file=sys.stderr, flush=True)
     print("\n".join(told(cuts)))
-    sys.exit(any(cut["damaged"] for cut in cuts) or not any(cut["worked"] for cut in cuts))
+    sys.exit(exit_code(promised(cuts)))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from thread_host import ThreadHost
+from verdict import exit_code
 
 from console.link import Link, start_worker
 from console.worker.assemble import assemble
@@ -42,6 +43,7 @@ COLUMNS = ("p50_ms", "p99_ms", "p999_ms", "max_ms", "busy_p50_ms", "busy_max_ms"
            "load", "drawn_kB")
 ROWS, COLUMNS_WIDE = 40, 120
 START_EVERY_S = 0.5             # the operator tries again until it works
+LEAST_TICKS = 0.8               # the console's start and end take some; skipped ones are told
 
 
 def host_of(given: argparse.Namespace) -> Host:
@@ -166,7 +168,7 @@ def _in_a_terminal(command: list[str], environment: dict[str, str], longest_s: f
     return bytes(drawn)
 
 
-def run() -> None:
+def run() -> int:
     parser = argparse.ArgumentParser(description="Period error of the control loop: bare, thread, worker.")
     parser.add_argument("--hz", type=float, default=100.0)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
@@ -178,10 +180,10 @@ def run() -> None:
     if given.place == "bare":
         take_priority(os.environ.get("TOPDRESS_FIFO"))
         (Path(given.folder) / "said.json").write_text(json.dumps(measure_bare(given)), encoding="utf-8")
-        return
+        return 0
     if given.place:
         measure_under_the_console(given)
-        return
+        return 0
     found = []
     print(f"{given.hz:g} Hz, {given.seconds:g} s each, {os.cpu_count()} cores, "
           f"real-time priority {'wanted' if os.environ.get('TOPDRESS_FIFO') else 'off'}")
@@ -195,7 +197,10 @@ def run() -> None:
                 sys.exit(f"{place}: the machine was not working at the end")
     if given.json:
         given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    ticks = given.hz * given.seconds
+    return exit_code({f"{one['place']}: {one['ticks']:.0f} ticks: {LEAST_TICKS:.0%} of those due at least":
+                      one["ticks"] >= LEAST_TICKS * ticks > 0.0 for one in found})
 
 
 if __name__ == "__main__":
-    run()
+    sys.exit(run())

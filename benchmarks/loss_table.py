@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from verdict import exit_code
+
 from console.worker.host import Host
 from console.worker.parts import Assembly, Names
 from console.worker.simulated_bench import SimulatedBench
@@ -516,7 +518,7 @@ def run() -> None:
     short = [f.row for f in found if not f.ok]
     print(f"{len(found) - len(short)} of {len(found)} as they should be"
           + (f"; short: {', '.join(short)}" if short else ""))
-    sys.exit(1 if short else 0)
+    sys.exit(exit_code({f"{f.row}: as expected": f.ok for f in found}))
 
 
 if __name__ == "__main__":

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import argparse
 import datetime as dt
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from verdict import exit_code
 
 from control.field.job import Simulated
 from control.machine.elements import Array
@@ -28,6 +30,8 @@ from drivers.files.setup import Setup, load_setup
 DT_S = 0.05
 GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))
 PASS_BEGINS_M = 15.0            # of a pass belong to its start
+HEAD = (f"{'manoeuvre':38}{'strategy':15}{'rate error %':>13}{'bias %':>8}{'place m':>9}{'p95 m':>7}{'steps':>7}"
+        f"{'lost':>6}{'outside m':>11}")
 
 
 class Manoeuvre(NamedTuple):
@@ -146,14 +150,28 @@ def measured(what: Manoeuvre, strategy: Strategy, seeds: int, setup: Setup, look
                         width_m) for seed in range(1, seeds + 1)])
 
 
-def table(setup: Setup, chosen: Sequence[Manoeuvre], seeds: int, look_ahead: bool) -> Iterator[str]:
-    yield (f"{'manoeuvre':38}{'strategy':15}{'rate error %':>13}{'bias %':>8}{'place m':>9}{'p95 m':>7}{'steps':>7}"
-           f"{'lost':>6}{'outside m':>11}")
+class Row(NamedTuple):
+    """One manoeuvre with one strategy."""
+
+    name: str
+    strategy: str
+    judged: Judged
+
+    def line(self) -> str:
+        j = self.judged
+        return (f"{self.name:38}{self.strategy:15}{j.rate_percent:13.2f}{j.bias_percent:+8.2f}{j.place_m:9.3f}"
+                f"{j.place_p95_m:7.3f}{len(j.places_m):7d}{j.lost:6d}{j.outside_m / max(1, j.crossings):11.3f}")
+
+    def promises(self) -> dict[str, object]:
+        j, who = self.judged, f"{self.name}, {self.strategy}"
+        return {f"{who}: something was wanted and landed": j.target_kg_ha.sum() > 0.0 and j.rate_percent < 100.0,
+                f"{who}: {j.lost} steps lost: fewer than found": j.lost <= len(j.places_m)}
+
+
+def table(setup: Setup, chosen: Sequence[Manoeuvre], seeds: int, look_ahead: bool) -> Iterator[Row]:
     for what in chosen:
         for strategy in Strategy:
-            j = measured(what, strategy, seeds, setup, look_ahead)
-            yield (f"{what.name:38}{strategy.value:15}{j.rate_percent:13.2f}{j.bias_percent:+8.2f}{j.place_m:9.3f}"
-                   f"{j.place_p95_m:7.3f}{len(j.places_m):7d}{j.lost:6d}{j.outside_m / max(1, j.crossings):11.3f}")
+            yield Row(what.name, strategy.value, measured(what, strategy, seeds, setup, look_ahead))
 
 
 def strategies(setup: Setup, seconds: float) -> Iterator[str]:
@@ -166,7 +184,7 @@ def strategies(setup: Setup, seconds: float) -> Iterator[str]:
                f"{m.steps:7d}{m.shaft_moves_per_h:15.0f}{m.gate_moves_per_h:14.0f}{m.gate_travel_mm_per_h:18.0f}")
 
 
-def run() -> None:
+def run() -> int:
     parser = argparse.ArgumentParser(description="Rate and place error by manoeuvre and strategy.")
     parser.add_argument("--seeds", type=int, default=3, help="canopies each manoeuvre is driven on")
     parser.add_argument("--only", default="", help="manoeuvres whose name contains this")
@@ -176,17 +194,20 @@ def run() -> None:
     given = parser.parse_args()
     setup = the_setup()
     chosen = [m for m in MANOEUVRES if given.only in m.name]
-    lines = []
-    for line in table(setup, chosen, given.seeds, given.look_ahead == "on"):
-        print(line, flush=True)
-        lines.append(line)
+    lines, promises = [HEAD], dict[str, object]()
+    print(HEAD)
+    for row in table(setup, chosen, given.seeds, given.look_ahead == "on"):
+        print(row.line(), flush=True)
+        lines.append(row.line())
+        promises |= row.promises()
     if given.strategies_seconds:
         for line in ("", *strategies(setup, given.strategies_seconds)):
             print(line, flush=True)
             lines.append(line)
     if given.out:
         given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return exit_code(promises)
 
 
 if __name__ == "__main__":
-    run()
+    sys.exit(run())

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from math import sin
 
 import numpy as np
 from textual.app import App, ComposeResult
+from verdict import exit_code
 
 from console.app import themes
 from console.app.camera import Camera, fit
@@ -69,7 +71,8 @@ def median_ms(do: Callable[[], None]) -> float:
     return statistics.median(took)
 
 
-async def measure(size: tuple[int, int], near: bool) -> None:
+async def measure(size: tuple[int, int], near: bool) -> float:
+    """Prints a row; how many rows of the map were drawn anew after a second on, in the mean."""
     spots = driven(POINTS + 5 * REPEATS + 5)
     worked, picture = Worked(WIDTH_M), field()
     for begin in range(0, POINTS, 10_000):
@@ -111,9 +114,10 @@ async def measure(size: tuple[int, int], near: bool) -> None:
         screen_ms = median_ms(lambda: app.screen._compositor.render_strips())
         print(f"{size[0]:>3} x {size[1]:<3} {'near' if near else 'whole':>5} {camera.metres:>7.2f} {full_ms:>9.1f} "
               f"{next_ms:>10.2f} {changed:>9.1f} {screen_ms:>12.1f}")
+        return changed
 
 
-def main() -> None:
+def main() -> int:
     begun = time.process_time()
     worked = Worked(WIDTH_M)
     spots = driven(POINTS)
@@ -128,10 +132,12 @@ def main() -> None:
     print(f"entered: {POINTS} points in {1000 * (entered - made):.0f} ms in slices of 10,000; one by one "
           f"{1000 * (one - entered - (made - begun)):.0f} us each; {tiles} tiles, {tiles * 28_672 / 1e6:.1f} MB")
     print("size         view m/pixel   full ms  1 s on ms rows drawn  on screen ms")
-    for size in ((120, 40), (240, 60)):
-        for near in (False, True):
-            asyncio.run(measure(size, near))
+    changed = {(size, near): asyncio.run(measure(size, near)) for size in ((120, 40), (240, 60))
+               for near in (False, True)}
+    return exit_code({"points entered lie in tiles": tiles > 0} | {
+        f"{size[0]} x {size[1]}, {'near' if near else 'whole'}: {rows:g} rows drawn anew a second: some, not all":
+            0.0 < rows < size[1] for (size, near), rows in changed.items()})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

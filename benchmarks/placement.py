@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import shapefile
+from verdict import exit_code
 
 from control.field.job import Camera, Job, Plants, Simulated, SpeedChange, Wanted
 from control.geodesy import TangentPlane
@@ -35,7 +36,7 @@ from control.simulation.tractor import Leg
 from control.simulation.tractor import Path as Way
 from control.targets.map_profile import MapProfile
 from control.targets.point import fastest_mps, point_lag
-from control.targets.prescription import Fallbacks, Prescription, on_plane
+from control.targets.prescription import Fallbacks, Prescription, on_plane, statistics
 from control.targets.rate_map import GridMap, frame_m
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.setup import Setup, load_setup
@@ -51,7 +52,8 @@ SHAFTS_RPM = (10.0, 40.0, 70.0, 100.0)
 HEADINGS_DEG = (8.0, 23.0, 37.0, 52.0, 61.0, 82.0)
 
 
-def correction() -> None:
+def correction() -> dict[str, object]:
+    promises: dict[str, object] = {}
     machine, rng = Machine(), np.random.default_rng(1)
     exact, in_phase = READINGS[0], next(r for r in READINGS if r.shared_phase)
     print("first granules past the boundary, m; before / after the correction")
@@ -60,6 +62,7 @@ def correction() -> None:
         ideal = [float(misses_m(machine, rpm, exact, on, 1, rng).mean()) for on in (False, True)]
         ours = misses_m(machine, rpm, in_phase, True, 4000, rng)
         low, high = np.percentile(ours, (5, 95))
+        promises[f"{rpm} r/min: the correction makes the miss smaller"] = abs(ideal[1]) < abs(ideal[0])
         print(f"{rpm:5d}   {before:5.2f} / {after:5.2f}   {ideal[0]:5.2f} / {ideal[1]:5.2f}   "
               f"{misses_m(machine, rpm, in_phase, False, 4000, rng).mean():5.2f} / {ours.mean():5.2f} "
               f"({low:+.2f} to {high:+.2f})")
@@ -68,9 +71,11 @@ def correction() -> None:
     for fit in explain(machine, CORRECTED_M):
         print(f"{fit.reading.name:52} mean {fit.mean_m:6.3f}  replicates {fit.within_m:.3f}  means {fit.means_m:.3f}  "
               f"log likelihood {fit.log_likelihood:8.2f} a value")
+    return promises
 
 
-def oblique(pass_m: float = PASS_M) -> None:
+def oblique(pass_m: float = PASS_M) -> dict[str, object]:
+    promises: dict[str, object] = {}
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     print("place error over a 10 m grid, oblique passes, m: p50 / p95 (steps, lost); speed constant | changing")
     for rpm in SHAFTS_RPM:
@@ -80,9 +85,13 @@ def oblique(pass_m: float = PASS_M) -> None:
                 found = [oblique_run(setup, rpm, kmh, changing, look_ahead, k, pass_m)
                          for k, kmh in enumerate(SPEEDS_KMH)]
                 cells += [f"{_told(misses, lost)}" for misses, lost in found]
+                steps, lost = sum(len(misses) for misses, _ in found), sum(lost for _, lost in found)
+                promises[f"{rpm:g} r/min, look-ahead {look_ahead}, changing {changing}: {steps} steps found, "
+                         f"{lost} lost: more found than lost"] = steps > lost
                 cells.append("|")
             print(f"{rpm:4.0f} r/min, look-ahead {'on ' if look_ahead else 'off'}  {'  '.join(cells[:-1])}", flush=True)
     print(f"speeds {', '.join(f'{kmh:g}' for kmh in SPEEDS_KMH)} km/h; changing: 30 % down and up again within 2.5 s")
+    return promises
 
 
 def oblique_run(setup: Setup, shaft_rpm: float, speed_kmh: float, changing: bool, look_ahead: bool, seed: int,
@@ -149,7 +158,8 @@ def _told(misses: np.ndarray, lost: int) -> str:
     return f"{p50:.2f}/{p95:.2f} ({len(misses)},{lost})"
 
 
-def point(plants: int = 300) -> None:
+def point(plants: int = 300) -> dict[str, object]:
+    promises: dict[str, object] = {}
     lag = point_lag(120.0, 99.8, 1.0)
     print(f"one dose: {lag.link_s:.2f} s link, {lag.turn_s:.2f} s turning, {lag.fall_s:.2f} s falling")
     print("dose error p50 / p95, m, and doses missed, without and with the learned threshold; after 100 doses")
@@ -161,13 +171,16 @@ def point(plants: int = 300) -> None:
                 run = point_run(lag, spacing, speed, plants, 1, learn)
                 size = np.abs(run.error_m[min(100, len(run.error_m) // 2):])
                 missed = 100.0 * run.missed / plants
+                promises[f"spacing {spacing:g} m, {speed:g} m/s: doses were given"] = len(run.error_m) > 0
                 cells.append(f"{np.median(size):.3f} / {np.percentile(size, 95):.3f}, {missed:4.1f} %")
             print(f"  {speed:4.2f} m/s   {'     '.join(cells)}")
+    return promises
 
 
-def point_loop(plants: int = 300, hz: float = 20.0) -> None:
+def point_loop(plants: int = 300, hz: float = 20.0) -> dict[str, object]:
     """On the shipped bench, with 0.1 s and 0.05 s that control does not know; the camera as far ahead as each speed
     needs (farther, and the way until the dose is counted wrongly by more)."""
+    promises: dict[str, object] = {}
     setup = load_setup("bench", "points_demo", dt.date(2026, 5, 1))
     planted = [parse_planted(text) for text in ("shaft.dead_time=0.1", "lag.offset=0.05")]
     print(f"whole loop at {hz:g} Hz: dose error p50 / p95, m, and plants missed, without and with the learned "
@@ -182,8 +195,11 @@ def point_loop(plants: int = 300, hz: float = 20.0) -> None:
             for learn in (False, True):
                 found = point_loop_run(setup, planted, spacing, speed, learn, plants, hz)
                 share = 100.0 * found.missed / max(1, found.plants)
+                promises[f"spacing {spacing:g} m, {speed:g} m/s: plants were there, doses were given"] = (
+                    found.plants > found.missed)
                 cells.append(f"{found.p50_m:.3f} / {found.p95_m:.3f}, {share:4.1f} %")
             print(f"  {speed:4.2f} m/s   {'     '.join(cells)}", flush=True)
+    return promises
 
 
 def point_loop_run(setup: Setup, planted: list[Planted], spacing_m: float, speed_mps: float, learn: bool, plants: int,
@@ -203,7 +219,8 @@ def point_loop_run(setup: Setup, planted: list[Planted], spacing_m: float, speed
     return watch.errors(settle=100)
 
 
-def large_maps() -> None:
+def large_maps() -> dict[str, object]:
+    promises: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as folder:
         cells, zones = Path(folder) / "cells", Path(folder) / "zones.shp"
         _write_grid(cells, 500, 500)
@@ -220,10 +237,12 @@ def large_maps() -> None:
             begun = time.process_time()
             for k in range(400):
                 profile.look(0.1 * k, -100.0 + 0.03 * k, -100.0 + 0.095 * k, 17.5, 0.1 * k - 5.0)
+            promises[f"{name}: some cell has a rate"] = sum(s.mass_kg for s in statistics(read.data)) > 0.0
             look_us = (time.process_time() - begun) / 400 * 1e6
             peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
             print(f"{name}: read {read_s:.2f} s of CPU, laid on the plane {laid_s:.2f} s, look {look_us:.0f} us a "
                   f"tick, peak memory so far {peak_mb:.0f} MB")
+    return promises
 
 
 def _write_grid(folder: Path, rows: int, columns: int) -> None:
@@ -251,6 +270,11 @@ def _write_zones(path: Path, rows: int, columns: int) -> None:
 ALL = {"correction": correction, "oblique": oblique, "point": point, "point_loop": point_loop, "import": large_maps}
 
 if __name__ == "__main__":
-    for wanted in ALL if sys.argv[1:] in ([], ["all"]) else sys.argv[1:]:
+    asked = list(ALL) if sys.argv[1:] in ([], ["all"]) else sys.argv[1:]
+    if unknown := [word for word in asked if word not in ALL]:
+        sys.exit(f"{unknown[0]}: allowed: all, {', '.join(ALL)}")
+    kept: dict[str, object] = {}
+    for wanted in asked:
         print(f"\n== {wanted}")
-        ALL[wanted]()
+        kept |= ALL[wanted]()
+    sys.exit(exit_code(kept))

@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 import numpy as np
+from verdict import exit_code
 
 from control.machine.flow import Flow, FlowInput, FlowOutput, flow_start, flow_step
 from control.machine.gate import Gate, GateInput, GateOutput, gate_start, gate_step
@@ -20,7 +21,7 @@ from drivers.files.read_log import read_log
 REPEATS = 5
 
 
-def main(path: str) -> None:
+def main(path: str) -> int:
     log = read_log(path)
     known = ~np.isnan(log.numbers("shaft_rpm")) & ~np.isnan(log.numbers("opening_mm"))
     begin = int(np.argmax(known))
@@ -42,6 +43,8 @@ def main(path: str) -> None:
         ("flow", flow_step, compiled.flow_run, Flow(), flow_start(hopper0, time_s[0]), FlowOutput(0.0, hopper0),
          input_rows(FlowInput, n, shaft_rpm=np.maximum(0.0, column["shaft_rpm"]), opening_mm=column["opening_mm"],
                     pitch_deg=column["pitch_deg"]))]
+    promises: dict[str, object] = {f"{n} rows with shaft and gate: at least 2": n > 1, "the shaft turns": column[
+        "shaft_rpm"].max(initial=0.0) > 0.0}
     for name, step, run, params, state, first, rows in stages:
         arguments = ((params,), no_switch(), state, first, rows, time_s, MOST_STEP_S)
         begun = time.perf_counter()
@@ -57,9 +60,11 @@ def main(path: str) -> None:
         fast = sorted(times)[REPEATS // 2]
         steps = (n - 1) * LEAST_STEPS
         equal = np.array_equal(interpreted, fast_out)
+        promises[f"{name}: interpreted and compiled are equal to the bit"] = equal
         print(f"{name:6s} interpreted {1e9 * slow / steps:8.0f} ns/step, compiled {1e9 * fast / steps:6.1f} ns/step, "
               f"ratio {slow / fast:5.0f}, equal to the bit: {equal}, largest difference "
               f"{np.abs(interpreted - fast_out).max():g}")
+    return exit_code(promises)
 
 
 def _fresh(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -72,4 +77,6 @@ def _fresh(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    if len(sys.argv) != 2:
+        sys.exit("usage: python benchmarks/prediction.py RUN_LOG.csv")
+    sys.exit(main(sys.argv[1]))

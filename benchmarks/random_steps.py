@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from shapely import Point, Polygon
+from verdict import exit_code
 
 from console.frame import Frame
 from console.worker.parts import TOLD
@@ -281,7 +282,9 @@ def main() -> None:
         done.keep()
     for name, said in done.items():
         print(f"{name}: {said}")
-    sys.exit(1 if done["broken"] or done["exceptions"] or not done["flowing"] else 0)
+    sys.exit(exit_code({"no interlock was broken": not done["broken"], "nothing was raised": not done["exceptions"],
+                        f"{done['flowing']} steps with flow: above 0": done["flowing"] > 0,
+                        f"{done['steps']} steps: {given.steps}": done["steps"] >= given.steps > 0}))
 
 
 if __name__ == "__main__":

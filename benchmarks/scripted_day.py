@@ -19,6 +19,7 @@ from pathlib import Path
 
 import yaml
 from console_deaths import SIZE, Console, Terminal, Watcher, wait
+from verdict import exit_code
 
 from console.frame import Frame
 from drivers.files.read_log import read_log
@@ -219,17 +220,19 @@ class Day:
         self.press("Enter", "Ctrl+Q")
         self.until("the console's end", lambda: self.console.terminal.process.poll() is not None)
 
-    def run(self) -> None:
+    def run(self) -> int:
         try:
             for part in (self.morning, self.strategy, self.sensor_loss, self.refill, self.power_cut, self.evening,
                          self.learn):
                 self.say(f"-- {part.__name__}")
                 part()
+            done = {f"{self.frame.applied_kg:.2f} kg spread: above 0": self.frame.applied_kg > 0.0}
             self.say(f"-- done, terminal {SIZE[0]} x {SIZE[1]}, {self.pictures} screens")
+            return exit_code(done)
         except TimeoutError as error:
             self.picture("stuck")
             self.say(f"STUCK: {str(error).splitlines()[0]}")
-            raise SystemExit(1) from None
+            return exit_code({"the day's end was reached": False})
         finally:
             self.console.terminal.end()
             self.console.end_worker()
@@ -239,4 +242,4 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     with tempfile.TemporaryDirectory() as own:
-        Day(Path(own), parser.parse_args().out).run()
+        sys.exit(Day(Path(own), parser.parse_args().out).run())

@@ -21,12 +21,15 @@ import threading
 import time
 from pathlib import Path
 
+from verdict import exit_code
+
 from control.readings import DriveCommand
 from drivers.board.slave import Pins, Settings, Slave
 from drivers.cab import Cab, CabConfig
 from drivers.devices.point_dose import DoseState
 
 ROOT = Path(__file__).parents[1]
+OFF_S = 1.3                     # the board's own 1 s after its last frame, and a thread's turn
 SCENARIOS = ROOT / "tests" / "board" / "board_scenarios.py"
 BOARD_FILES = ("__init__.py", "framing.py", "motion.py", "parts.py", "slave.py", "lag_rig.py")
 TOLD = ("safe_stop", "stop_at_once", "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand",
@@ -160,10 +163,11 @@ def kill() -> float:
             host.wait()
 
 
-def doses() -> None:
+def doses() -> dict[str, object]:
     """Steps put out for doses of several angles, by the real driver over the terminal."""
     print("\n| angle, degrees | doses | steps put out | angle x 400 / 360 x doses | told as turned, degrees |")
     print("|---|---|---|---|---|")
+    promises: dict[str, object] = {}
     with board() as pins:
         cab = Cab(CabConfig.model_validate({"board": {"port": pins.name}}), time.monotonic)
         begun_s = time.monotonic()
@@ -187,7 +191,10 @@ def doses() -> None:
                     tick()
                 told += cab.dose.turned_deg or 0.0
             print(f"| {angle_deg:g} | 20 | {pins.doses - before} | {20 * angle_deg * 400 / 360:.1f} | {told:.1f} |")
+            promises[f"20 doses of {angle_deg:g} degrees: as many steps as they ask for, a step each at most"] = (
+                abs(pins.doses - before - 20 * angle_deg * 400 / 360) <= 20.0)
         cab.close()
+    return promises
 
 
 def under_micropython(folder: Path) -> dict[str, object]:
@@ -200,7 +207,7 @@ def under_micropython(folder: Path) -> dict[str, object]:
     return dict(json.loads(line) for line in done.stdout.splitlines())
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--micropython", type=Path, help="folder of micropython.mjs")
@@ -209,19 +216,24 @@ def main() -> None:
     here = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT,
                           env=os.environ | {"PYTHONPATH": str(ROOT)})
     plain = dict(json.loads(line) for line in here.stdout.splitlines())
+    promises: dict[str, object] = {"scenarios were played": plain}
     for name in TOLD:
         print(f"{name:24} {json.dumps(plain[name])}")
     if given.micropython:
         micro = under_micropython(given.micropython)
         same = [name for name in plain if micro[name] == plain[name]]
         print(f"MicroPython: {len(same)} of {len(plain)} scenarios give the same numbers")
+        promises["every scenario gives the same numbers under MicroPython"] = len(same) == len(plain)
     if sys.platform == "win32":
-        return
+        return exit_code(promises)
+    if given.kills < 1:
+        return exit_code(promises | {"the host was killed at least once": False})
     took_s = sorted(kill() for _ in range(given.kills))
     print(f"\nhost killed {given.kills} times: motors off after {took_s[0]:.3f} to {took_s[-1]:.3f} s, median "
           f"{took_s[len(took_s) // 2]:.3f} s")
-    doses()
+    promises[f"motors off {took_s[-1]:.2f} s after the host's death: at most {OFF_S:g} s"] = took_s[-1] <= OFF_S
+    return exit_code(promises | doses())
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

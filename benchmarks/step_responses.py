@@ -10,7 +10,10 @@ drives do not do as they are told (the host's trim has to bring them there).
 from __future__ import annotations
 
 import datetime as dt
+import sys
 from typing import NamedTuple
+
+from verdict import exit_code
 
 from control.loop import ControlLoop
 from control.machine.planting import parse_planted
@@ -22,6 +25,8 @@ from drivers.virtual.machine import virtual_cab
 DT_S, PLANT_S = 0.05, 0.01
 STEPS_KG_HA = ((200.0, 300.0), (300.0, 200.0))
 CASES = (("nominal", ()), ("shaft 5 % slow", ("shaft.gain=-5",)), ("gate 1 mm off, read back", ("gate.home_error=1",)))
+
+ERROR_SHARE, SLOW_S = 0.1, 2.0
 
 
 class Response(NamedTuple):
@@ -85,7 +90,8 @@ def step(run: Run, before_kg_ha: float, after_kg_ha: float, width_m: float, spee
     return Response(first(0.1), first(0.9) - first(0.1), overshoot, end - wanted)
 
 
-def main() -> None:
+def main() -> int:
+    promises: dict[str, object] = {}
     print("| machine | strategy, drive | step kg/ha | delay, s | rise 10-90 %, s | overshoot | steady error |")
     print("|---|---|---|---|---|---|---|")
     for name, effects in CASES:
@@ -97,7 +103,13 @@ def main() -> None:
                 print(f"| {name} | {strategy.value}, {'shaft' if run.shaft else 'gate'} | {before:g} to {after:g} | "
                       f"{found.delay_s:.2f} | {found.rise_s:.2f} | {found.overshoot:.2f} {unit} | "
                       f"{found.error:+.2f} {unit} |", flush=True)
+                wanted = abs(after - before) * (70.0 if run.shaft else 25.0) / 300.0        # some: of the step
+                promises[f"{name}, {strategy.value}, {before:g} to {after:g}: steady error {found.error:+.2f} {unit}: "
+                         f"at most {ERROR_SHARE:.0%} of the step"] = abs(found.error) <= ERROR_SHARE * wanted
+                promises[f"{name}, {strategy.value}, {before:g} to {after:g}: there after {SLOW_S:g} s"] = (
+                    0.0 < found.delay_s + found.rise_s <= SLOW_S)
+    return exit_code(promises)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

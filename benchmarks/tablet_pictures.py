@@ -19,9 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
+from verdict import exit_code
 
 SIZES = {"landscape": (1280, 800), "portrait": (800, 1280)}
 SETTLE_S = 4.0
+BLANK_BYTES = 20_000            # an empty page takes a third of it
 OPEN_S = 60.0
 KEY_CODES = {"Enter": 13, "Escape": 27} | {f"F{n}": 111 + n for n in range(1, 13)}
 
@@ -32,6 +34,7 @@ class Tab:
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self._socket = socket
         self._numbers = itertools.count(1)
+        self.sizes: dict[Path, int] = {}                # of the pictures, bytes
 
     async def ask(self, method: str, **params: Any) -> dict[str, Any]:
         number = next(self._numbers)
@@ -69,10 +72,11 @@ class Tab:
     async def shoot(self, path: Path) -> None:
         said = await self.ask("Page.captureScreenshot", format="png")
         path.write_bytes(base64.b64decode(said["data"]))
+        self.sizes[path] = path.stat().st_size
         print(path)
 
 
-async def pictures(address: str, folder: Path, keys: list[str], port: int) -> None:
+async def pictures(address: str, folder: Path, keys: list[str], port: int) -> dict[Path, int]:
     async with aiohttp.ClientSession() as session:
         tabs = {}
         for name in SIZES:
@@ -95,6 +99,7 @@ async def pictures(address: str, folder: Path, keys: list[str], port: int) -> No
             await asyncio.sleep(SETTLE_S)
             for name, tab in tabs.items():
                 await tab.shoot(folder / f"tablet-{name}-{number}.png")
+        return {path: size for tab in tabs.values() for path, size in tab.sizes.items()}
 
 
 def browser_port(profile: Path) -> int:
@@ -107,7 +112,7 @@ def browser_port(profile: Path) -> int:
     sys.exit("the browser does not answer")
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("address")
     parser.add_argument("folder", type=Path)
@@ -123,11 +128,13 @@ def main() -> None:
                                     "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
                                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            asyncio.run(pictures(given.address, given.folder, given.keys, browser_port(Path(profile))))
+            sizes = asyncio.run(pictures(given.address, given.folder, given.keys, browser_port(Path(profile))))
         finally:
             browser.terminate()
             browser.wait()
+    return exit_code({f"{path}: {size} bytes: a console is drawn, at least {BLANK_BYTES}": size >= BLANK_BYTES
+                      for path, size in sizes.items()})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

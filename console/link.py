@@ -186,9 +186,9 @@ class Link:
         self._send(next(self._numbers), {"ask": "look"})
         alive = asyncio.create_task(self._keep_alive())
         try:
-            while line := await reader.readline():
+            while (line := await reader.readline()).endswith(b"\n"):      # a worker may be killed in the middle of one
                 self._take(json.loads(line))
-        except OSError:
+        except (OSError, ValueError):                                       # a line that is none: not our worker
             pass
         finally:
             alive.cancel()

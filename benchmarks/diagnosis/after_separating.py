@@ -17,9 +17,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "diagnosis"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from run import ROOT, code_hash, done_in
+from verdict import exit_code
 
 
 def again(kept: dict[str, Any]) -> dict[str, Any] | None:
@@ -98,7 +100,7 @@ def report(first: list[dict[str, Any]], second: list[dict[str, Any] | None], min
     return "\n".join(out) + "\n"
 
 
-def main() -> None:
+def main() -> int:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--seed", type=int, default=1)
     a.add_argument("--most", type=int, default=60, help="ambiguous answers asked again")
@@ -121,7 +123,8 @@ def main() -> None:
         print(text)
     else:
         args.out.write_text(text, encoding="utf-8", newline="\n")
+    return exit_code({"at least one answer is ambiguous": first, "at least one manoeuvre was driven": any(second)})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from run import Task, examine, tasks_of
+from verdict import exit_code
 
 SHOWN = 12                  # differences of a case that are printed
 
@@ -47,7 +48,7 @@ def _answers(tasks: list[Task], jobs: int) -> Iterator[tuple[int, Any]]:
             yield one["number"], one["answer"]
 
 
-def main() -> None:
+def main() -> int:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--cases", type=int, default=1200)
     a.add_argument("--start", type=int, default=0)
@@ -72,8 +73,10 @@ def main() -> None:
     print(file=sys.stderr)
     if args.out is not None:
         args.out.write_text("".join(json.dumps({"number": k, "answer": new[k]}) + "\n" for k in sorted(new)), "utf-8")
+    raised = sum(answer is None for answer in new.values())
+    asked: dict[str, object] = {"at least one case is asked": new, f"{raised} answers raised: none": not raised}
     if args.against is None:
-        return
+        return exit_code(asked)
     changed = 0
     for number in sorted(new):
         found = list(differences(old[number], new[number]))
@@ -83,9 +86,8 @@ def main() -> None:
         if found:
             print(f"case {number}: " + "; ".join(found[:SHOWN]) + ("; ..." if len(found) > SHOWN else ""))
     print(f"{len(new)} answers, {changed} differ")
-    if changed:
-        sys.exit(1)
+    return exit_code(asked | {f"{changed} answers differ: none": not changed})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT)]
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 PLANTED = {"shaft.load_droop": 3.0, "flow.fill_falloff": 8.0}
 STEP_S = 0.05
@@ -50,7 +50,9 @@ def log_of(rows: int) -> tuple[dict[str, Any], Any]:
     return runs.a_run(planted, seed=3, seconds=rows * STEP_S), machine
 
 
-def main() -> None:
+def main() -> int:
+    from verdict import exit_code
+
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--rows", type=int, default=1_000_000)
     args = a.parse_args()
@@ -71,7 +73,10 @@ def main() -> None:
         print(f"{c.id} {c.size.value:.3g} [{c.size.low:.3g}, {c.size.high:.3g}] {c.size.unit}"
               + (f" or {', '.join(r.id for r in c.rivals)}" if c.rivals else ""))
     print(f"planted: {PLANTED}; verdict {found.verdict}")
+    said = {name for c in found.causes for name in (c.id, *(r.id for r in c.rivals))}
+    return exit_code({f"{found.data.rows} rows read: {args.rows}": found.data.rows == args.rows,
+                      "each planted effect is among what is said": said >= set(PLANTED)})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

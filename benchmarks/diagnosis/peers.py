@@ -23,6 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "diagnosis"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import peers_methods as peers
@@ -31,6 +32,7 @@ from hidden.report import FIGURES, Figure
 from hidden.score import Mark, mark
 from peers_cases import NULLS, Job, prepared, tasks
 from peers_methods import Small, small
+from verdict import exit_code
 
 SHOWN = (0, 1, 2, 6, 7, 8, 11, 12)        # of the examination's figures, those that every method can be asked
 
@@ -186,14 +188,17 @@ def _table(lines: Sequence[tuple[str, list[Mark], str]], figures: Sequence[Figur
 
 
 def compared(test: int, nulls: int, seed: int, jobs: int, sysident: Path | None,
-             ours: dict[int, dict[str, Any]] | None) -> str:
-    """Prepares, asks all peers, reports."""
+             ours: dict[int, dict[str, Any]] | None) -> tuple[str, dict[str, object]]:
+    """Prepares, asks all peers, reports; and what should be so of it."""
     everything = prepared(tasks(test, nulls, seed), jobs)
     found = all_peers(everything[:test], everything[test:], seed, sysident)
-    return report(found, everything[:test], nulls, seed, ours)
+    return report(found, everything[:test], nulls, seed, ours), {
+        f"{len(everything)} runs prepared: {test + nulls}": len(everything) == test + nulls > 0,
+        "at least one peer is installed and answered": found,
+        "at least one peer named something": any(a["causes"] for peer in found for a in peer.answers)}
 
 
-def main() -> None:
+def main() -> int:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--test", type=int, default=200)
     a.add_argument("--nulls", type=int, default=NULLS)
@@ -204,14 +209,14 @@ def main() -> None:
     a.add_argument("--out", type=Path)
     args = a.parse_args()
     if args.prepare:
-        prepared(tasks(args.test, args.nulls, args.seed), args.jobs)
-        return
-    text = compared(args.test, args.nulls, args.seed, args.jobs, args.sysident, None)
+        return exit_code({"at least one run is prepared": prepared(tasks(args.test, args.nulls, args.seed), args.jobs)})
+    text, promises = compared(args.test, args.nulls, args.seed, args.jobs, args.sysident, None)
     if args.out:
         args.out.write_text(text, encoding="utf-8", newline="\n")
     else:
         print(text)
+    return exit_code(promises)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks"), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
 
 # They neither make a case nor answer it.
 AFTERWARDS = ("score.py", "report.py", "class_report.py", "make.py", "write.py")
@@ -109,9 +109,10 @@ def _results(tasks: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
         yield from pool.imap_unordered(examine, tasks)
 
 
-def main() -> None:
+def main() -> int:
     from hidden.cases import CATEGORIES
     from hidden.classes import CLASSES
+    from verdict import exit_code
 
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--cases", type=int, default=1200)
@@ -170,15 +171,20 @@ def main() -> None:
     else:
         args.out.write_text(text, encoding="utf-8", newline="\n")
         print(f"\n{args.out}: {len(marks)} cases", file=sys.stderr)
+    raised = sum(bool(o["trouble"]) for o in kept.values())
+    promises: dict[str, object] = {"at least one case is asked": kept,
+                                   f"{raised} of {len(kept)} cases raised: none": not raised}
     if args.peers:
         from peers import NULLS, compared
 
-        told = compared(args.peer_cases, NULLS, args.seed, args.jobs, args.sysident, kept)
+        told, more = compared(args.peer_cases, NULLS, args.seed, args.jobs, args.sysident, kept)
         if args.out is None:
             print(told)
         else:
             args.out.with_stem(f"{args.out.stem}-peers").write_text(told, encoding="utf-8", newline="\n")
+        promises |= more
+    return exit_code(promises)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT)]
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 TICK_S = 0.02
 SAMPLE_TIMES_S = (0.02, 0.1, 0.5, 1.0)
@@ -61,8 +61,10 @@ def rewritten(columns: dict[str, Any], seed: int) -> list[Rewritten]:
     return found
 
 
-def line(one: Rewritten, machine: Any, effects: list[tuple[str, float]]) -> str:
-    """One row of the table; where an effect is not named, the smallest size that this log would have shown.
+def line(one: Rewritten, machine: Any, effects: list[tuple[str, float]]) -> tuple[str, bool]:
+    """One row of the table, and whether each effect is named in it or said not to show.
+
+    Where an effect is not named, the smallest size that this log would have shown.
 
     What the diagnosis itself says against its verdict stands beside it.
     """
@@ -77,10 +79,14 @@ def line(one: Rewritten, machine: Any, effects: list[tuple[str, float]]) -> str:
            for name, _ in effects if name in least]
     doubts = [said for said in found.findings if "a command given between two rows" in said]
     beside = "; ".join([*why, *doubts]) or "-"
-    return f"| {one.word} | {found.data.rows} | {found.verdict} | {named or '-'} | {beside} |"
+    said = {name for c in found.causes for name in (c.id, *(r.id for r in c.rivals))} | set(least)
+    told = all(name in said for name, _ in effects)
+    return f"| {one.word} | {found.data.rows} | {found.verdict} | {named or '-'} | {beside} |", told
 
 
-def main() -> None:
+def main() -> int:
+    from verdict import exit_code
+
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--effect", action="append", help="ID=SIZE, may be given again; default shaft.load_droop=4")
     a.add_argument("--seconds", type=float, default=900.0)
@@ -92,9 +98,13 @@ def main() -> None:
     planted = ", ".join(f"{name} = {size:g}" for name, size in effects)
     print(f"{planted}; {args.seconds:g} s simulated, seed {args.seed}\n")
     print("| rows every | rows | verdict | named, 90 % interval | not named, or doubted |\n|---|---|---|---|---|")
+    promises: dict[str, object] = {}
     for one in rewritten(columns, args.seed):
-        print(line(one, machine, effects), flush=True)
+        row, told = line(one, machine, effects)
+        print(row, flush=True)
+        promises[f"{one.word}: each effect is named, or said from where on this log shows it"] = told
+    return exit_code(promises)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -23,6 +23,7 @@ MOST_COLUMNS, MOST_ROWS = 400, 200
 MESSAGE_BYTES = 16_384      # of a tab's message: a paste
 MESSAGES_S = 100.0          # a second, each tab
 PING_CHARACTERS = 100
+ENDS_WITHIN_S = 5.0         # a tab's console that was told to end; then it is killed: its place is wanted
 _PAGE = Path(__file__).with_name("page.html")
 
 
@@ -78,8 +79,7 @@ class TabletServer(Server):
         except (ValueError, KeyError, IndexError, TypeError, AssertionError, RecursionError):
             await tab.close(code=WSCloseCode.POLICY_VIOLATION, message=b"not a message of the page")
         finally:
-            await service.stop()
-
+            await _ended(service)
 
     async def _process_messages(self, tab: web.WebSocketResponse, service: AppService) -> None:
         """As the page sends them, one after the other and no faster than anybody types, every number in its range.
@@ -101,6 +101,16 @@ class TabletServer(Server):
                 await tab.send_json(["pong", str(rest[0])[:PING_CHARACTERS]])
             elif kind in ("blur", "focus"):
                 await getattr(service, kind)()
+
+
+async def _ended(service: AppService) -> None:
+    """Tell a tab's console to end, and end it where it does not: it may hang, or not read any more."""
+    process = service._process
+    try:
+        await asyncio.wait_for(service.stop(), ENDS_WITHIN_S)
+    except TimeoutError:
+        if process is not None and process.returncode is None:
+            process.kill()
 
 
 class Pace:

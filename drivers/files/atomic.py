@@ -21,7 +21,7 @@ def write_atomically(path: Path, content: str | bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        _allow_what_the_umask_allows(name)
+        os.chmod(name, 0o666 & ~_UMASK)
         os.replace(name, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -120,10 +120,14 @@ def sidecar(log: Path) -> Path:
     return log.with_suffix(".yaml")
 
 
-def _allow_what_the_umask_allows(name: str) -> None:
-    umask = os.umask(0)
+def _umask() -> int:
+    """Only to be had by setting it, for all threads: what another one creates at that moment is open to everybody."""
+    umask = os.umask(0o077)
     os.umask(umask)
-    os.chmod(name, 0o666 & ~umask)
+    return umask
+
+
+_UMASK = _umask()               # before there are threads
 
 
 def _sync_folder(folder: Path) -> None:

@@ -4,8 +4,13 @@ from __future__ import annotations
 import csv
 import datetime as dt
 import io
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
+
+from drivers.files.limits import BeyondLimits
+from drivers.files.sheet_limits import cells_of, check_sheets
 
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
@@ -18,9 +23,10 @@ def sheet_text(path: Path) -> bytes:
     """The sheet that holds a table, dates as ISO 8601. Raises SheetError, OSError."""
     from python_calamine import CalamineError, CalamineWorkbook
     try:
+        check_sheets(path)
         with CalamineWorkbook.from_path(str(path)) as book:
-            tables = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
-    except CalamineError as error:
+            tables = {name: cells_of(book.get_sheet_by_name(name), f"sheet {name}") for name in book.sheet_names}
+    except (CalamineError, BeyondLimits, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
         raise SheetError(f"not readable as a workbook: {error}") from None
     filled = {name: rows for name, rows in tables.items() if any(cell != "" for row in rows for cell in row)}
     if len(filled) != 1:

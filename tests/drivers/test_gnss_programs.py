@@ -159,6 +159,7 @@ def test_what_follows_a_flood_is_heard():
     decoder = AgOpenGpsDecoder()
     decoder.feed(b"\x80\x81\x7f\x64\x00\x00" * 5000, 0.0)
     assert len(decoder.feed(PLACE, 0.0)) == 1
+    assert len(decoder.feed(b"\x80\x81\x7f\x64\x00\x00" * 5000 + PLACE + b"\x80", 0.0)) == 1, "in the same piece too"
 
 
 def test_agopengps_over_the_cab(clock):

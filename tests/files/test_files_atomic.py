@@ -1,4 +1,5 @@
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,30 @@ def test_the_old_file_stays_when_the_new_one_cannot_be_kept(tmp_path: Path, monk
         write_atomically(place, "new")
     assert place.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
+
+
+def test_writing_leaves_the_umask_of_the_other_threads_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = tmp_path / "usual"
+    usual.touch()
+
+    def touched(_mask: int) -> int:
+        raise AssertionError("what another thread creates now is open to everybody")
+
+    monkeypatch.setattr(os, "umask", touched)
+    write_atomically(tmp_path / "a.yaml", "x")
+    assert (tmp_path / "a.yaml").stat().st_mode == usual.stat().st_mode
+
+
+def test_who_reads_while_a_file_is_replaced_finds_one_of_both_whole(tmp_path: Path) -> None:
+    place, found = tmp_path / "a.resume.json", set()
+    contents = ["a" * 200_000, "b" * 300_000]
+    write_atomically(place, contents[0])
+    with ThreadPoolExecutor(1) as pool:
+        writing = pool.submit(lambda: [write_atomically(place, contents[k % 2]) for k in range(60)])
+        while not writing.done():
+            found.add(place.read_text())
+        writing.result()
+    assert found <= set(contents)
 
 
 def test_a_taken_name_is_never_taken_again(tmp_path: Path) -> None:

@@ -16,14 +16,16 @@ import pytest
 from console.worker import resume
 from console.worker.resume_ground import unpacked
 from drivers.files import limits
+from drivers.files.bench_table import read_bench_table
 from drivers.files.config import ConfigError
 from drivers.files.imports.read import read_raw
-from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_sheets, check_text, read_json
+from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
 from drivers.files.log_values import _chords
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log
 from drivers.files.setup import by_kind
+from drivers.files.sheet_limits import check_sheets
 
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
 
@@ -60,7 +62,7 @@ def test_the_page_shows_the_table() -> None:
     ([("a.shp", b"x")] * 2, {}, "a.shp: stands twice"),
     ([(f"{k}", b"") for k in range(5001)], {}, "5001 entries: allowed up to 5000 entries"),
     ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"method": 99}, "compression 99: allowed are stored and deflated"),
-    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"flag": 1}, "encrypted")])
+    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"flag": 1}, "encrypted: allowed is a zip without")])
 @pytest.mark.parametrize("read", [read_prescription, read_raw])
 def test_a_zip_is_judged_by_its_directory(tmp_path: Path, read, entries, how, said) -> None:
     path = zipped(tmp_path / "map.zip", entries, **how)
@@ -162,8 +164,86 @@ def sheet(path: Path, cells: bytes) -> Path:
     b'<row><c r="A1"/></row><row><c r="XFD1048576"/></row>', b'<row r="4000000"><c r="Z4000000"/></row>'])
 def test_a_sheet_of_two_cells_far_apart_is_not_made(tmp_path: Path, cells: bytes) -> None:
     """Its reader would make every cell between them, and end the program when it cannot."""
-    with pytest.raises(ValueError, match="cells: allowed up to 40000000 cells"):
+    with pytest.raises(ValueError, match="cells: allowed up to 16777216 cells"):
         read_raw(sheet(tmp_path / "x.xlsx", cells))
+
+
+@pytest.mark.parametrize("cells", [
+    b"<row>" + b"<c/>" * 16_000 + b"</row>" + b"<row><c/></row>" * 2_000,
+    b"<x:row>" + b"<x:c/>" * 16_000 + b"</x:row>" + b"<x:row><x:c/></x:row>" * 2_000,
+    b"<row>" + b"<c/>" * 3_000 + b" " * (5 << 20) + b"<c/>" * 3_000 + b"</row>" + b"<row/>" * 3_000],
+    ids=["no references", "prefixed", "a row of two pieces"])
+def test_cells_without_a_place_are_counted(tmp_path: Path, cells: bytes) -> None:
+    with pytest.raises(ValueError, match="cells: allowed up to 16777216 cells"):
+        read_raw(sheet(tmp_path / "x.xlsx", cells))
+
+
+def test_a_sheet_under_any_name_is_looked_through(tmp_path: Path) -> None:
+    """A workbook says itself where its sheets are."""
+    far = b'<worksheet><row r="1"><c r="A1"/></row><row r="1048576"><c r="XFD1048576"/></row></worksheet>'
+    with pytest.raises(ValueError, match="elsewhere: 17179869184 cells"):
+        read_raw(zipped(tmp_path / "x.xlsx", [("elsewhere", far)]))
+
+
+def test_a_workbook_that_lies_about_its_sizes_is_refused(tmp_path: Path) -> None:
+    """Its reader would unpack all there is: the checksum is made for as much as the directory says."""
+    begin = b"<worksheet><sheetData>" + b" " * 1000
+    path = zipped(tmp_path / "x.xlsx", [("xl/worksheets/sheet1.xml", begin + b" " * (8 << 20))], declares=len(begin))
+    data = bytearray(path.read_bytes())
+    central = data.find(b"PK\x01\x02")
+    data[central + 16:central + 20] = struct.pack("<I", zlib.crc32(begin))
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"unpacks to more than|CRC"):
+        read_raw(path)
+    with pytest.raises(ValueError, match="900 MB: allowed up to 256 MB"):
+        read_raw(zipped(path, [("xl/worksheets/sheet1.xml", begin)], declares=900 << 20))
+
+
+def document(path: Path, rows: str) -> Path:
+    text = ('<office:document-content xmlns:office="urn:oasis:names:tc:opendocument:xmlns:office:1.0" '
+            'xmlns:tableable="urn:oasis:names:tc:opendocument:xmlns:table:1.0"><office:body><office:spreadsheet>'
+            '<table:table table:name="S">'
+            f'{rows}</table:table></office:spreadsheet></office:body></office:document-content>')
+    return zipped(path, [("mimetype", b"application/vnd.oasis.opendocument.spreadsheet"),
+                         ("content.xml", text.encode()), ("META-INF/manifest.xml", b"<manifest/>")])
+
+
+CELL = '<table:table-cell office:value-type="float" office:value="1" table:number-columns-repeated="{}"/>'
+EMPTY = '<table:table-cell table:number-columns-repeated="16000"/>'
+
+
+@pytest.mark.parametrize("rows", [
+    f'<table:table-row table:number-rows-repeated="9000">{CELL.format(9000)}</table:table-row>',
+    f'<table:table-row table:number-rows-repeated="9000">{EMPTY}{CELL.format(1)}</table:table-row>',
+    f'<table:table-row table:number-rows-repeated="900000">{EMPTY}</table:table-row>'
+    f'<table:table-row>{EMPTY}{CELL.format(1)}</table:table-row>'],
+    ids=["repeated", "far right", "far down"])
+@pytest.mark.parametrize("read", [read_raw, lambda path: read_bench_table(path, "lag")])
+def test_a_document_of_few_bytes_and_many_cells_is_not_made(tmp_path: Path, read, rows: str) -> None:
+    """900 000 x 16 000 empty cells before the one that is there ended the program: 48 GB were asked for."""
+    with pytest.raises(ValueError, match="cells: allowed up to 16777216 cells"):
+        read(document(tmp_path / "x.ods", rows))
+
+
+def test_rows_that_fill_the_end_of_a_document_do_not_count(tmp_path: Path) -> None:
+    rows = (f'<table:table-row>{CELL.format(20)}</table:table-row>'
+            f'<table:table-row table:number-rows-repeated="1048575">{EMPTY}</table:table-row>')
+    check_sheets(document(tmp_path / "x.ods", rows))
+
+
+def test_records_of_a_binary_sheet_are_looked_through(tmp_path: Path) -> None:
+    def record(kind: int, number: int) -> bytes:
+        return bytes([kind, 8]) + struct.pack("<II", number, 0)
+
+    near = [record(0, 0), record(1, 0), record(0, 9), record(2, 3)]
+    for records, most in ((near, None), ([*near, record(0, 1_048_575), record(5, 16_383)], "17179869184 cells")):
+        data = b"\x81\x01\x00" + b"".join(records)
+        path = zipped(tmp_path / "x.xlsb", [("xl/worksheets/sheet1.bin", data)])
+        if most is None:
+            check_sheets(path)
+        else:
+            with pytest.raises(ValueError, match=most):
+                read_raw(path)
 
 
 def test_a_long_sheet_is_read(tmp_path: Path) -> None:

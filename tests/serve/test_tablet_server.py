@@ -24,7 +24,17 @@ from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
-from console.serve.server import MOST_COLUMNS, MOST_ROWS, Pace, TabletServer, host_allowed, number  # noqa: E402
+from console.serve import server as tablet_server  # noqa: E402
+from console.serve.server import (  # noqa: E402
+    MESSAGE_BYTES,
+    MOST_COLUMNS,
+    MOST_ROWS,
+    TABS,
+    Pace,
+    TabletServer,
+    host_allowed,
+    number,
+)
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
 
@@ -216,11 +226,54 @@ async def test_a_window_stays_bounded_after_the_first_message_too(width, height,
     assert tab.sizes == [told]
 
 
-@pytest.mark.parametrize("message", ["[", "{}", "7", "[]", "[" * 5000, '["resize", 7]', '["stdin"]', '["resize", {}]'])
-async def test_what_is_no_message_of_the_page_ends_the_tab_alone(message):
-    tab = Said(message)
-    with pytest.raises((ValueError, KeyError, IndexError, TypeError, RecursionError)):
-        await TabletServer("x", "127.0.0.1", 0)._process_messages(tab, tab)
+@contextlib.asynccontextmanager
+async def socket_of(server):
+    """The server's socket alone, its consoles a program that says nothing."""
+    app = aiohttp.web.Application()
+    app.router.add_get("/ws", server.handle_websocket)
+    runner = aiohttp.web.AppRunner(app)
+    await runner.setup()
+    site = aiohttp.web.TCPSite(runner, "127.0.0.1", 0)
+    await site.start()
+    try:
+        async with aiohttp.ClientSession() as session:
+            yield session, f"http://127.0.0.1:{runner.addresses[0][1]}/ws"
+    finally:
+        await runner.cleanup()
+
+
+@posix
+async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
+    """Also where its console hangs: it is killed, and its place is free again."""
+    monkeypatch.setattr(tablet_server, "ENDS_WITHIN_S", 0.3)
+    server = TabletServer("sleep 60", "127.0.0.1", 0)
+    wrong = {"[": 1008, "{}": 1008, "7": 1008, "[]": 1008, "[" * 5000: 1008, '["resize", 7]': 1008, '["stdin"]': 1008,
+             '["resize", {}]': 1008, f'["stdin", "{"x" * MESSAGE_BYTES}"]': 1009}
+    async with socket_of(server) as (session, address), asyncio.timeout(120.0):
+        other = await session.ws_connect(address)
+        for message, code in wrong.items():
+            tab = await session.ws_connect(address)
+            await tab.send_str(message)
+            assert (await tab.receive()).type == aiohttp.WSMsgType.CLOSE and tab.close_code == code, message[:20]
+            await tab.close()
+            while server.tabs > 1:              # until its console has ended
+                await asyncio.sleep(0.02)
+        await other.send_json(["ping", "still here"])
+        assert await other.receive_json() == ["pong", "still here"]
+        await other.close()
+        while server.tabs:
+            await asyncio.sleep(0.02)
+
+
+@posix
+async def test_no_more_tabs_than_the_computer_carries(monkeypatch):
+    monkeypatch.setattr(tablet_server, "ENDS_WITHIN_S", 0.3)
+    async with socket_of(TabletServer("sleep 60", "127.0.0.1", 0)) as (session, address), asyncio.timeout(120.0):
+        tabs = [await session.ws_connect(address) for _ in range(TABS)]
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+            await session.ws_connect(address)
+        for tab in tabs:
+            await tab.close()
 
 
 async def test_text_and_pings_are_taken_as_they_are():

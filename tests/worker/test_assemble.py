@@ -106,6 +106,15 @@ def test_what_is_wrong_is_said(tmp_path, monkeypatch, files, more, said):
     assert not (tmp_path / "run.csv").exists()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="symbolic links")
+def test_a_log_in_a_loop_of_links_is_said(tmp_path):
+    (tmp_path / "a").symlink_to(tmp_path / "b")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    log = tmp_path / "a" / "run.csv"
+    with pytest.raises(ValueError, match=f"--log {log}: its folder cannot be made"):
+        assemble(Options((), tmp_path / "w.json", log=str(log)), lambda: 0.0)
+
+
 def test_a_wrong_option_reaches_the_console_as_one_line(tmp_path):
     with pytest.raises(WorkerFailed, match=r"did not start: topdress worker: --log run\.txt: allowed is a name"):
         start_worker(["--log", "run.txt"], tmp_path / "trouble", run_file=tmp_path / "w.json")

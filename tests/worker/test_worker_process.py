@@ -170,6 +170,21 @@ async def test_worker_killed_is_told_at_once(running, attach):
             raise WorkerGone("answered before the kill")
 
 
+@pytest.mark.parametrize("last", [b'{"frame": "cut off he', b"no message\n", b"x" * 2_000_000])
+async def test_a_worker_that_ends_in_the_middle_of_a_line_is_gone(last):
+    """Killed while it sends; what raised another error left the console without word of it."""
+    async def cut_off(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        writer.write(last)
+        await writer.drain()
+        writer.close()
+
+    async with await asyncio.start_server(cut_off, "127.0.0.1", 0) as server:
+        link = Link(Where(server.sockets[0].getsockname()[1], "", 0))
+        with pytest.raises(WorkerGone):
+            await asyncio.wait_for(link.run(), 10.0)
+
+
 @posix
 async def test_a_frozen_worker_costs_an_order_only_its_time_limit(running, attach):
     where = running()

@@ -15,7 +15,8 @@ from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.limits import BeyondLimits, check_sheets
+from drivers.files.limits import BeyondLimits
+from drivers.files.sheet_limits import cells_of, check_sheets
 
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
@@ -31,8 +32,8 @@ def read_excel(path: Path, said: Source) -> RawTable:
             sheets = [said.sheet] if said.sheet else book.sheet_names
             if said.sheet and said.sheet not in book.sheet_names:
                 raise ImportTrouble(f"{path}: source.sheet {said.sheet}: allowed {listed(book.sheet_names)}")
-            tables = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in sheets}
-    except CalamineError as error:
+            tables = {name: cells_of(book.get_sheet_by_name(name), f"sheet {name}") for name in sheets}
+    except (CalamineError, BeyondLimits) as error:
         raise ImportTrouble(f"{path}: not readable as a workbook: {error}") from None
     found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
     if not found:
