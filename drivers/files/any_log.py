@@ -9,7 +9,7 @@ from pathlib import Path
 from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
 from drivers.files.limits import read_json
-from drivers.files.read_log import RunLog, read_rows
+from drivers.files.read_log import LogError, RunLog, read_rows
 from drivers.files.sheet_text import SUFFIXES as SHEETS
 from drivers.files.table import TableError, header_of
 
@@ -22,7 +22,11 @@ KNOWN_SHARE = 0.5               # of the columns; fewer are another program's lo
 def open_log(path: Path) -> RunLog:
     """Raises LogError, ImportTrouble (the open questions, where the import is not sure of all), OSError."""
     if not is_foreign(path):
-        return read_rows(path)
+        try:
+            return read_rows(path)
+        except LogError:
+            if "time_s" in [name.strip().lower() for name in header_of(path)]:
+                raise                       # our own; of another's with names as ours the import knows more
     from drivers.files.imports.convert import convert
     from drivers.files.imports.guess import guess
     from drivers.files.imports.join import joined
