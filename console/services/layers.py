@@ -49,7 +49,7 @@ class MapLayers:
             log = _opened(Path(path))
             return laid(log, plane_of(frame, meta), _width_m(meta), frame)
         except OpenQuestions as asked:
-            raise ValueError(f"{Path(path).name}: {asked.questions[0]}: Diagnosis asks about it") from None
+            raise ValueError(_asked(Path(path), asked.questions[0])) from None
         except (ValueError, OSError) as error:
             raise ValueError(str(error).splitlines()[0].replace(f"{path}", Path(path).name)) from None
 
@@ -65,10 +65,15 @@ def _opened(path: Path) -> RunLog:
         except ImportTrouble as trouble:
             said = str(trouble).splitlines()
             if len(said) > 1 and "not opened" in said[-1]:
-                raise ValueError(f"{said[0]}: Diagnosis asks about it and keeps the answer beside the file") from None
+                raise ValueError(_asked(path, said[0])) from None
             raise
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         return read_rows(brought_in(path, Path(folder))[0])
+
+
+def _asked(path: Path, question: str) -> str:
+    """The Diagnosis page asks, and keeps the answer beside the file, where it is found here too."""
+    return f"{path.name}: Diagnosis asks about it first: {question.removeprefix(f'{path}: ')}"
 
 
 def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:

@@ -50,7 +50,7 @@ def lay_file(page: MapScreen) -> None:
 
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
     if page.laid.path:
-        choices.insert(0, Choice("", _("none: take the file off")))
+        choices.append(Choice("", _("none: take the file off")))
     page.app.push_screen(ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), answer)
 
 
