@@ -15,6 +15,7 @@ from console.app.pages.calibrate.poses import pose
 from console.app.pages.diagnosis.page import DiagnosisScreen
 from console.app.pages.diagnosis.sample import OPEN
 from console.app.pages.job.sample import CUT_OFF, SampleDesk
+from console.app.pages.map.page import MapScreen
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
@@ -89,6 +90,9 @@ PICTURES = (
     Picture("map-near-120x40-day", (120, 40), screen="map-near"),
     Picture("map-80x24-day", (80, 24), screen="map", alarms=True),
     Picture("map-120x40-zh", (120, 40), language="zh", screen="map"),
+    Picture("map-laid-120x40-day", (120, 40), screen="map-laid"),
+    Picture("map-laid-80x24-night", (80, 24), "night", screen="map-laid"),
+    Picture("map-laid-80x24-zh", (80, 24), language="zh", screen="map-laid", alarms=True),
     Picture("trends-120x40-day", (120, 40), screen="trends"),
     Picture("trends-120x40-night", (120, 40), "night", screen="trends"),
     Picture("trends-read-100x30-day", (100, 30), screen="trends-read"),
@@ -185,10 +189,12 @@ async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitabl
     if where in (DEVICES, CALIBRATE) and isinstance(app.source, StillSource) and app.source.newest is not None:
         app.source.newest = pose(app, picture.screen, app.source.newest)
         app.tick()
+    if picture.screen == "map-laid" and isinstance(app.page, MapScreen):
+        app.page.lay("/logs/autumn.geojson")
     await _lay_over(app, picture)
     await wait()
     await wait()
-    for worker in [worker for worker in app.workers if worker.group in ("field", "job-look")]:
+    for worker in [worker for worker in app.workers if worker.group in ("field", "laid", "job-look")]:
         await worker.wait()
     app.page.hurry()
     app.tick()

@@ -44,8 +44,9 @@ class LayerScale(NamedTuple):
         return error_colour(share) if self.layer is Layer.ERROR else colour(share)
 
 
-def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: Units) -> LayerScale:
-    """Applied and target share one scale, which also holds what is planned."""
+def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: Units,
+             laid: tuple[float, float] | None = None) -> LayerScale:
+    """Applied and target share one scale, which also holds what is planned, and the rates of a laid file."""
     if layer is Layer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
     if layer is Layer.NDVI:
@@ -53,7 +54,8 @@ def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: 
         return LayerScale(layer, low, high, 1.0, 2, "")
     planned = picture.planned.ends if picture is not None and picture.planned is not None else None
     per_si = units.rate.per_si
-    low, high = calm_ends(value * per_si for ends in (worked.rate_ends, planned) for value in ends or ())
+    low, high = calm_ends(value * per_si for ends in (worked.rate_ends, planned, laid)
+                          for value in ends or ())
     return LayerScale(layer, low / per_si, high / per_si, per_si, 0, units.rate.name)
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture, Ring
+from console.app.laid import LaidView
 from console.app.layers import RATES, Layer, LayerScale
 from console.app.scale import STEPS
 from console.app.view import RATE_FLOOR_KG_HA
@@ -20,7 +21,8 @@ Values = npt.NDArray[np.float32]
 EMPTY, PASSAGE, OUTLINE = 0, 1, 2
 DONE = 3                                # DONE + step: worked ground
 PLAN = DONE + STEPS                     # PLAN + step: planned ground
-ENTRIES = PLAN + STEPS
+LAID = PLAN + STEPS                     # LAID + step: ground of a laid file
+ENTRIES = LAID + STEPS
 
 
 class Ground(NamedTuple):
@@ -46,21 +48,32 @@ def ground(worked: Worked, pixels: Pixels) -> Ground:
     return Ground(applied, target, ndvi, planes[2 * KINDS] > 0.0)
 
 
-def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixels: Pixels, plan: bool = True) -> Image:
-    """The palette entries of all pixels. plan: planned rates lie under the worked ground (rate layers only)."""
+def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixels: Pixels, plan: bool = True,
+          laid: LaidView | None = None) -> Image:
+    """The palette entries of all pixels. plan: planned rates lie under the worked ground (rate layers only).
+
+    A laid file lies over the plan and under the worked ground.
+    """
     seen = np.full((pixels.rows, pixels.columns), EMPTY, dtype=np.uint8)
     if picture is not None and picture.planned is not None and plan and scale.layer in RATES:
         _colour(seen, picture.planned.seen(pixels), scale, PLAN)
+    if laid is not None:
+        values = ground(laid.worked, pixels).layer(laid.scale.layer)
+        _colour(seen, np.where(_nothing(values, laid.scale), np.float32(np.nan), values), laid.scale, LAID)
     here = ground(worked, pixels)
     seen[here.passed] = PASSAGE
     values = here.layer(scale.layer)
-    if scale.layer in RATES:
-        seen[values < NOTHING_KG_HA] = PASSAGE
-        values = np.where(values < NOTHING_KG_HA, np.float32(np.nan), values)
-    _colour(seen, values, scale, DONE)
+    nothing = _nothing(values, scale)
+    seen[nothing] = PASSAGE
+    _colour(seen, np.where(nothing, np.float32(np.nan), values), scale, DONE)
     for ring in picture.rings_m if picture is not None else ():
         _outline(seen, ring, pixels)
     return seen
+
+
+def _nothing(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
+    """Where rates are those of a passage without application."""
+    return np.asarray(values < NOTHING_KG_HA) & (scale.layer in RATES)
 
 
 def _colour(seen: Image, values: Values, scale: LayerScale, first: int) -> None:

@@ -8,11 +8,15 @@ from random import Random
 import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned
+from console.app.laid import LaidFile
+from console.app.layers import Layer
 from console.app.pages.calibrate.sample import sample_calibrate_job
 from console.app.pages.diagnosis.sample import MadeUpDiagnosis
 from console.app.pages.job.sample import SampleDesk
+from console.app.pages.replay.log_files import LogFile
 from console.app.services import Services
 from console.app.settings import SettingsStore
+from console.app.worked import Spot, Worked
 from console.frame import DeviceView, Frame, Tally
 from control.field.totals import Totaliser
 from control.log_row import LogRow
@@ -105,6 +109,23 @@ def sample_field() -> FieldPicture:
                         Planned(-4.0, -7.0, 3.0, np.array(rates, dtype=np.float32)))
 
 
+class SampleLayers:
+    """`console.app.pages.map.layer_files.LayerFiles`: one file that was applied crosswise, and one that is none."""
+
+    def files(self, running_log: str) -> tuple[LogFile, ...]:
+        return (LogFile("/logs/autumn.geojson", "autumn.geojson", "2025-10-02 17:20", "0.4 MB"),
+                LogFile("/logs/zones.geojson", "zones.geojson", "2025-09-30 08:05", "12.0 kB"))
+
+    def lay(self, path: str, frame: Frame) -> LaidFile:
+        if not path.endswith("autumn.geojson"):
+            raise ValueError("zones.geojson: shapes of type Polygon: allowed Point")
+        worked = Worked(6.0)
+        for lap in range(11):
+            worked.add([Spot(60.0 * along, 6.0 * lap, 90.0, 220.0 + 12.0 * lap + 40.0 * along, 300.0, float("nan"))
+                        for along in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)])
+        return LaidFile("autumn.geojson", worked, frozenset({Layer.APPLIED, Layer.TARGET, Layer.ERROR}))
+
+
 def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: float) -> bool:
     """Inside a convex outline whose corners run against the clock."""
     return all((b[0] - a[0]) * (north_m - a[1]) >= (b[1] - a[1]) * (east_m - a[0])
@@ -116,4 +137,4 @@ def sample_services() -> Services:
     settings = SettingsStore(Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None,
                              "~/.config/topdress/settings.yaml")
     return Services(calibrate=sample_calibrate_job(), diagnosis=MadeUpDiagnosis(), field=lambda _frame: sample_field(),
-                    settings=settings, job=SampleDesk())
+                    settings=settings, job=SampleDesk(), layers=SampleLayers())

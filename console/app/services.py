@@ -8,6 +8,7 @@ from console.app.field_picture import FieldPicture
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.diagnosis.data import DiagnosisService
 from console.app.pages.job.desk import JobDesk
+from console.app.pages.map.layer_files import LayerFiles
 from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
 from console.frame import Frame
@@ -29,3 +30,5 @@ class Services:
     diagnosis: DiagnosisService | None = None
 
     logs: LogFiles | None = None
+
+    layers: LayerFiles | None = None

@@ -62,7 +62,7 @@ def diagnose(
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
-    if found.verdict == "not_judged":
+    if found.verdict == "not_judged" and not found.rates:
         raise typer.Exit(NOT_JUDGED)
 
 

@@ -19,7 +19,8 @@ SHOWN_RATES = 20
 
 def map_files(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
-                                           "shapefile; GeoJSON; CSV of polygons), or a run log (.csv).")],
+                                           "shapefile; GeoJSON; CSV of polygons; points of even cells), or a run log "
+                                           "(.csv).")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
                                              "folder (ISOXML task); of a run log also .csv and .html (the job's "
                                              "report). None: IN is only told.")
@@ -64,17 +65,18 @@ def map_files(
 
 def _is_log(source: Path) -> bool:
     """What was applied, not what is to be: a run log, or another program's points or task that was worked."""
-    from drivers.files.any_log import TABLES, holds_points
+    from drivers.files.point_files import TABLES, holds_points
     from drivers.files.prescriptions.csv_zones import holds_polygons
+    from drivers.files.prescriptions.lattice import is_map_of_points
     if source.suffix.lower() in TABLES:
-        return not holds_polygons(source)
-    return holds_points(source)
+        return not holds_polygons(source) and not is_map_of_points(source)
+    return holds_points(source) and not is_map_of_points(source)
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
-    from drivers.files.any_log import TABLES
     from drivers.files.file_set import files_of
     from drivers.files.kinds import MACHINE
+    from drivers.files.point_files import TABLES
     if not is_log or source.suffix.lower() not in TABLES:
         return (*files_of(source), *(() if machine is None else (named(machine, MACHINE.folder),)))
     return (*log_files(source), *(() if machine is None else (named(machine, MACHINE.folder),)))

@@ -64,14 +64,17 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     from console.services.calibrate import calibrate_job
     from console.services.diagnosis import diagnosis_files
     from console.services.field import field_picture
+    from console.services.layers import MapLayers
     from console.services.logs import RunLogs
     from drivers.files.kinds import CAB
     cab = found.get(CAB.format)
     board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
+    files = diagnosis_files(found, effects)
     return Services(
-        diagnosis=diagnosis_files(found, effects),
+        diagnosis=files,
         field=field_picture,
         logs=RunLogs(),
+        layers=MapLayers(files),
         calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None),
     )
 
@@ -92,11 +95,13 @@ def show_replay(recorded: RunLog) -> None:
     from console.app.app import TopdressApp
     from console.app.services import Services
     from console.services.field import field_picture
+    from console.services.layers import MapLayers
     from console.services.logs import RunLogs
     from console.services.replay_frames import replay_job
     from console.services.settings import settings_store
     TopdressApp(None, replay=replay_job(recorded),
-                services=Services(field=field_picture, logs=RunLogs(), settings=settings_store())).run()
+                services=Services(field=field_picture, logs=RunLogs(), layers=MapLayers(),
+                                   settings=settings_store())).run()
 
 
 def trouble_path() -> Path:

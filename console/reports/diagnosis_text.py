@@ -5,6 +5,7 @@ from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
 from control.diagnosis.result import Cause, Diagnosis, Unexplained
+from control.diagnosis.runs.rates import told
 from control.machine.machine import CATALOGUE
 
 SHOWN_LIMIT = 8
@@ -23,6 +24,10 @@ def summary(found: Diagnosis) -> list[str]:
         lines.append(f"{'channel':8s} {'rows':>9s} {'bias':>10s} {'rmse':>10s} {'noise':>10s}  p(structure)")
         lines += [f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  {_p(c.structure_p)} "
                   f"({c.unit})" for c in found.channels]
+    if len(found.rates) > 1:
+        lines += ["", f"{'pass':>4s} {'from s':>9s} {'to s':>9s} {'rows':>6s}  applied against target"]
+        lines += [f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {told(fit)}"
+                  for fit in found.rates if fit.number is not None]
     for cause in found.causes:
         lines += ["", *_cause(cause)]
     for left in found.unexplained:
@@ -45,7 +50,8 @@ def _head(found: Diagnosis) -> str:
     span = "" if data.duration_s is None else f", {data.duration_s:.0f} s"
     words = {"none": "nothing beyond noise", "named": "named", "ambiguous": "found, but not told apart",
              "unexplained": "structure that no known effect explains",
-             "not_judged": "not judged: no channel of this data could be held against the model"}
+             "not_judged": "not judged: no channel of this data could be held against the model"
+                           + ("; applied against target was" if found.rates else "")}
     return f"{data.path} ({data.kind}, {data.rows} rows{span}) on {data.machine}: {words[found.verdict]}"
 
 

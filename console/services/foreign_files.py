@@ -1,23 +1,36 @@
 """Files of other machines and programs: which these are, and how one becomes a run log of the user's own folder."""
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from console.app.pages.diagnosis.data import OpenQuestions
 from console.services.free_path import free_path
 
 LISTED = frozenset({".csv", ".tsv", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", ".geojson", ".shp", ".parquet", ".pq"})
 READ = LISTED | {".txt", ".log", ".dat", ".json", ".xml", ".zip"}       # may be logs, and often are something else
-TASK = "taskdata.xml"
+TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
 IMPORT_FILE = ".import.yaml"
 YAML = (".yaml", ".yml")
 
 
 def is_listed(path: Path) -> bool:
-    """Whether the name alone makes it likely that this is a log or a table, or how one is read."""
+    """Whether the name, or for folders and zips what lies in them, makes it likely that this is a log or a table, or
+    how one is read."""
     name = path.name.lower()
     return not name.startswith(".") and not name.endswith(".truth.csv") and (
-        path.suffix.lower() in LISTED or name == TASK or name.endswith(IMPORT_FILE))
+        path.suffix.lower() in LISTED or name == TASK or name.endswith(IMPORT_FILE) or _holds_points(path))
+
+
+def _holds_points(path: Path) -> bool:
+    """A folder or a zip with the log of a task that was worked."""
+    from drivers.files.archives import ArchiveError, files_at
+    if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
+        return False
+    try:
+        names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
+    except (ArchiveError, OSError):
+        return False
+    return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 
 
 def may_be_brought_in(path: Path) -> bool:

@@ -31,15 +31,20 @@ def replay_job(recorded: RunLog) -> ReplayJob:
                      tuple(shipped("crops")), tuple(shipped("machines")))
 
 
-def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4) -> Iterator[Frame]:
-    """One frame a row. Area and mass are summed from the rows; alarms begin where they first stand."""
+def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4, plane: TangentPlane | None = None
+              ) -> Iterator[Frame]:
+    """One frame a row. Area and mass are summed from the rows; alarms begin where they first stand.
+
+    plane: of the places; None: that on which the loop of the log worked, else of its first fix. Where the log does not
+    tell its machine, places are taken for those of the outlets.
+    """
     meta = recorded.meta
     machine = dict(meta.machine or {}) if meta else {}
     crop = dict(meta.crop or {}) if meta else {}
     job = dict(meta.job or {}) if meta else {}
     width_m = float(dict(machine.get("geometry", {})).get("working_width_m", width_m))
-    ahead_m = float(dict(machine.get("geometry", {})).get("antenna_m", 2.0))
-    plane = plane_of_job(meta, recorded.path.parent) if meta is not None else None
+    ahead_m = float(dict(machine.get("geometry", {})).get("antenna_m", 2.0 if machine else 0.0))
+    plane = plane or (plane_of_job(meta, recorded.path.parent) if meta is not None else None)
     since: dict[str, float] = {}
     area = mass = 0.0
     last_s: float | None = None

@@ -163,6 +163,23 @@ class TermFound:
 
 
 @dataclass(frozen=True, slots=True)
+class RateFit:
+    """Applied against target, of data that hold rates and no drives: the applied rate is `gain` times the target `lag`
+    before. `number`: of the pass, from 1; None: all of them. `place_m`: the lag at the pass's speed. `differ`: the
+    passes' gains differ by more than their noise, and the interval holds that."""
+
+    number: int | None
+    passes: int
+    begin_s: float
+    end_s: float
+    rows: int
+    lag: Size                           # s, late positive; None: the target changes too little
+    gain: Size                          # applied over target
+    place_m: float | None
+    differ: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel could be judged.
 
@@ -182,6 +199,7 @@ class Diagnosis:
     tables: tuple[TableFit, ...] = ()   # smooth extensions, one for each entry of unexplained
     excited: dict[str, tuple[float, float]] = field(default_factory=dict)   # recorded variable -> range of the data
     terms: tuple[TermFound, ...] = ()       # what no effect explains, as terms of the machine file
+    rates: tuple[RateFit, ...] = ()     # where no channel could be judged and both rates are there; all passes first
 
     def to_json(self) -> dict[str, Any]:
         return {"format": FORMAT, **asdict(self)}

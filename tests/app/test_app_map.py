@@ -10,11 +10,13 @@ from console.app.app import TopdressApp
 from console.app.field_picture import FieldPicture, Planned
 from console.app.gallery import Picture, StillSource, settle, still_app
 from console.app.layers import Layer
+from console.app.map_image import DONE, LAID, OUTLINE, PASSAGE, PLAN, image
 from console.app.pages.map.map_pane import MapPane
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_field, sample_services
 from console.app.services import Services
+from console.app.widgets.canvas import Canvas
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.map_legend import MapLegend
 from console.app.widgets.panel import Panel
@@ -43,6 +45,15 @@ def states(app) -> tuple[str, ...]:
 async def opened(app, pilot):
     await settle(app, ON_MAP, pilot.pause)
     return app.page.query_one("#map-pane", MapPane)
+
+
+async def laid(app, pilot):
+    await pilot.pause()
+    for worker in [worker for worker in app.workers if worker.group == "laid"]:
+        await worker.wait()
+    app.page.hurry()
+    app.tick()
+    await pilot.pause()
 
 
 async def test_colours_by_key_and_by_click(still):
@@ -136,6 +147,71 @@ async def test_what_lies_under_the_pointer_is_told(still):
         await pilot.hover("#status")
         await pilot.pause()
         assert reading(still) == at_machine
+
+
+async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, shown):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        before = [pane.render_line(row).text for row in range(pane.content_size.height)]
+        legend = still.page.query_one("#map-laid", Canvas)
+        assert not legend.display and "file" not in reading(still)
+        await pilot.press("y")
+        await pilot.pause()
+        assert any("autumn.geojson" in row for row in shown(still))
+        await pilot.press("enter")
+        await laid(still, pilot)
+        assert legend.display and pane.view.laid is not None
+        assert any("file autumn.geojson: applied 100" in row and "kg/ha" in row for row in shown(still))
+        column, row = pane.pixels().at(54.0, 30.0)                  # not worked yet, and there in autumn
+        await pilot.hover("#map-pane", offset=(column, row // 2))
+        await pilot.pause()
+        east, north = pane.pixels().place(column, 2 * (row // 2) + 0.5)
+        told = float(reading(still)["file"].removesuffix(" kg/ha"))
+        assert told == pytest.approx(220.0 + 12.0 * round(north / 6.0) + 40.0 * east / 60.0, abs=8.0)
+        assert reading(still)["applied"] == "-- kg/ha"
+        await pilot.press("l", "l", "l")
+        await pilot.pause()
+        assert pane.view.laid is None, "no NDVI in it"
+        assert any("file autumn.geojson: no NDVI in it" in row for row in shown(still))
+        await pilot.press("l", "y", "up", "enter")
+        await pilot.pause()
+        assert not legend.display and pane.view.laid is None
+        assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
+
+
+async def test_escape_leaves_the_map_as_it_is(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        await pilot.press("y", "escape")
+        await pilot.pause()
+        assert pane.view.laid is None and not still.page.laid.path
+        await pilot.press("y", "enter")
+        await laid(still, pilot)
+        await pilot.press("y", "escape")
+        await pilot.pause()
+        assert pane.view.laid is not None
+
+
+async def test_what_is_no_such_file_is_said_in_one_line(still, shown):
+    async with still.run_test(size=(80, 24)) as pilot:
+        pane = await opened(still, pilot)
+        await pilot.press("y", "2", "enter")
+        await laid(still, pilot)
+        assert "zones.geojson: shapes of type Polygon" in shown(still)[-1]
+        assert pane.view.laid is None and not still.page.query_one("#map-laid", Canvas).display
+
+
+async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(still):
+    async with still.run_test(size=SIZE) as pilot:
+        pane = await opened(still, pilot)
+        still.page.lay("/logs/autumn.geojson")
+        await laid(still, pilot)
+        view = pane.view
+        seen = image(view.worked, view.picture, view.scale, pane.pixels(), True, view.laid)
+        bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
+        done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE) | (bare == OUTLINE)
+        assert (seen[done] == bare[done]).all()
+        assert (seen[~done] >= LAID).sum() > 100 and ((seen[~done] >= PLAN) & (seen[~done] < LAID)).any()
 
 
 async def test_the_plan_can_be_hidden_and_its_legend_goes_with_it(still, shown):

@@ -34,11 +34,20 @@ def written(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-@pytest.fixture(scope="session")
-def dialects() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("topdress_dialects", HERE / "dialects.py")
+def _beside(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"topdress_{name}", HERE / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["topdress_dialects"] = module
+    sys.modules[f"topdress_{name}"] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="session")
+def dialects() -> ModuleType:
+    return _beside("dialects")
+
+
+@pytest.fixture(scope="session")
+def dresses() -> ModuleType:
+    return _beside("dresses")

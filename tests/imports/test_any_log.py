@@ -9,8 +9,9 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.services.logs import RunLogs
-from drivers.files.any_log import holds_points, open_log
+from drivers.files.any_log import open_log
 from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.point_files import holds_points
 
 UNITS = ("applied_rate_kg_ha", "target_rate_kg_ha", "speed_mps")
 

@@ -5,6 +5,7 @@ from console.app import words
 from console.app.camera import Camera, around
 from console.app.field_picture import FieldPicture
 from console.app.history import TREND_SPAN_S, LogHistory, Point, points_of
+from console.app.laid import LaidFile, LaidView
 from console.app.layers import Layer, LayerScale, scale_of
 from console.app.pages.page import Page
 from console.app.replay_job import ReplayJob
@@ -93,12 +94,16 @@ class LogPage(Page):
             worked.width_m = picture.width_m
         return worked, picture
 
-    def map_view(self, frame: Frame | None, age_s: float, layer: Layer, camera: Camera) -> MapView:
-        """What a map shows of a frame."""
+    def map_view(self, frame: Frame | None, age_s: float, layer: Layer, camera: Camera,
+                 laid: LaidFile | None = None) -> MapView:
+        """What a map shows of a frame, and of a file that is laid on it."""
         worked, picture = self.ground(frame)
-        return MapView(worked, worked.version, picture, scale_of(layer, worked, picture, self.app.units), camera,
+        scale = scale_of(layer, worked, picture, self.app.units, laid.rate_ends if laid is not None else None)
+        by = laid.scale(scale) if laid is not None else None
+        return MapView(worked, worked.version, picture, scale, camera,
                        frame.place_m if frame else None, frame.row.heading_deg if frame else None,
-                       stale=age_s > STALE_S)
+                       stale=age_s > STALE_S,
+                       laid=LaidView(laid.worked, by) if laid is not None and by is not None else None)
 
     def whole(self, frame: Frame | None) -> Box | None:
         """What a map of everything holds: field, worked ground, machine."""

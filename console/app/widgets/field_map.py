@@ -14,8 +14,9 @@ from textual.strip import Strip
 
 from console.app.camera import Camera, Pixels
 from console.app.field_picture import FieldPicture
+from console.app.laid import LaidView
 from console.app.layers import Layer, LayerScale
-from console.app.map_image import DONE, EMPTY, ENTRIES, OUTLINE, PASSAGE, PLAN, Image, image
+from console.app.map_image import DONE, EMPTY, ENTRIES, LAID, OUTLINE, PASSAGE, PLAN, Image, image
 from console.app.scale import STEPS, Rgb
 from console.app.terminal import few_colours
 from console.app.widgets.canvas import Canvas
@@ -30,7 +31,8 @@ _AHEAD_PIXELS = 4
 _PAIR = 256                              # a cell's code: upper entry x _PAIR + lower entry
 _MACHINE, _CROSS = _PAIR * _PAIR, _PAIR * _PAIR + 4
 _PLANNED_SHARE = 0.38                    # of its colour, the rest is background: planned ground is fainter than worked
-LEVELS_DONE, LEVELS_PLAN, LEVELS_ERROR = "░▒▓█", "1234", "Ll.hH"     # where colours are few
+LAID_SHARE = 0.62                        # a laid file stands between the two
+LEVELS_DONE, LEVELS_PLAN, LEVELS_ERROR, LEVELS_LAID = "░▒▓█", "1234", "Ll.hH", "abcd"     # where colours are few
 
 
 class MapView(NamedTuple):
@@ -46,6 +48,7 @@ class MapView(NamedTuple):
     plan: bool = True
     cross: tuple[float, float] | None = None
     stale: bool = False
+    laid: LaidView | None = None
 
 
 class FieldMap(Canvas[MapView]):
@@ -107,7 +110,7 @@ class FieldMap(Canvas[MapView]):
 
     def _cells(self, width: int, height: int) -> Codes:
         view, pixels = self.view, self.pixels()
-        seen = image(view.worked, view.picture, view.scale, pixels, view.plan)
+        seen = image(view.worked, view.picture, view.scale, pixels, view.plan, view.laid)
         machine = pixels.at(*view.place) if view.place is not None else None
         if machine is not None and view.heading_deg is not None:
             _draw_ahead(seen, machine, view.heading_deg)
@@ -135,21 +138,24 @@ class FieldMap(Canvas[MapView]):
 
     def _dress(self) -> None:
         """Forget segments that were made for other colours."""
-        wanted = (self.view.scale.layer, self.app.theme, self.view.stale, few_colours(self.app))
+        laid = self.view.laid.scale if self.view.laid is not None else self.view.scale
+        wanted = (self.view.scale.layer, laid.layer, self.app.theme, self.view.stale, few_colours(self.app))
         if wanted == self._dressed_for:
             return
         self._dressed_for = wanted
         self._segments.clear()
         self._codes = None
         base = self.rich_style
-        ground = _rgb_of(base.bgcolor, (0, 0, 0))
+        ground = rgb_of(base.bgcolor, (0, 0, 0))
         steps = [self.view.scale.colour(step / (STEPS - 1)) for step in range(STEPS)]
         outline = self._rgb("map--outline")
         self._palette: list[Rgb] = [ground, self._rgb("map--passage"), outline, *steps,
-                                    *(_mixed(step, ground) for step in steps), outline]
+                                    *(mixed(step, ground, _PLANNED_SHARE) for step in steps),
+                                    *(mixed(laid.colour(step / (STEPS - 1)), ground, LAID_SHARE)
+                                      for step in range(STEPS)), outline]
 
     def _rgb(self, name: str) -> Rgb:
-        return _rgb_of(self.style(name).color, (128, 128, 128))
+        return rgb_of(self.style(name).color, (128, 128, 128))
 
     def _segment(self, code: int) -> Segment:
         base = self.rich_style
@@ -159,7 +165,7 @@ class FieldMap(Canvas[MapView]):
             return Segment(_NOSES[code - _MACHINE], self.style("map--stale" if self.view.stale else "map--tractor"))
         up, down = divmod(code, _PAIR)
         if few_colours(self.app):
-            return Segment(_plain(up or down, self.view.scale.layer), base)
+            return Segment(_plain(up or down, self.view), base)
         if up == down:
             return Segment(" " if up == EMPTY else "█", base + _style(self._palette[up], self._palette[up]))
         if up == EMPTY:
@@ -178,18 +184,20 @@ def _draw_ahead(seen: Image, machine: tuple[int, int], heading_deg: float) -> No
             seen[row, column] = _AHEAD
 
 
-def _plain(entry: int, layer: Layer) -> str:
+def _plain(entry: int, view: MapView) -> str:
     """A character for a palette entry, where colours cannot tell."""
     if entry in (EMPTY, PASSAGE, OUTLINE, _AHEAD):
         return {EMPTY: " ", PASSAGE: ":", OUTLINE: "#", _AHEAD: "*"}[entry]
-    done = entry < PLAN
-    step = entry - (DONE if done else PLAN)
-    levels = LEVELS_ERROR if layer is Layer.ERROR else LEVELS_DONE if done else LEVELS_PLAN
-    return levels[step * len(levels) // STEPS]
+    first, levels = next((first, levels) for first, levels in (
+        (LAID, LEVELS_LAID), (PLAN, LEVELS_PLAN), (DONE, LEVELS_DONE)) if entry >= first)
+    scale = view.laid.scale if first == LAID and view.laid is not None else view.scale
+    levels = LEVELS_ERROR if scale.layer is Layer.ERROR else levels
+    return levels[(entry - first) * len(levels) // STEPS]
 
 
-def _mixed(rgb: Rgb, ground: Rgb) -> Rgb:
-    red, green, blue = (round(_PLANNED_SHARE * a + (1 - _PLANNED_SHARE) * b) for a, b in zip(rgb, ground, strict=True))
+def mixed(rgb: Rgb, ground: Rgb, share: float) -> Rgb:
+    """A colour of which `share` is seen over the background."""
+    red, green, blue = (round(share * a + (1 - share) * b) for a, b in zip(rgb, ground, strict=True))
     return red, green, blue
 
 
@@ -197,7 +205,7 @@ def _style(fore: Rgb, back: Rgb | None) -> Style:
     return Style(color=Color.from_rgb(*fore), bgcolor=Color.from_rgb(*back) if back is not None else None)
 
 
-def _rgb_of(colour: Color | None, otherwise: Rgb) -> Rgb:
+def rgb_of(colour: Color | None, otherwise: Rgb) -> Rgb:
     if colour is None:
         return otherwise
     red, green, blue = colour.get_truecolor()

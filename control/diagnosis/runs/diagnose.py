@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from .intermittent import ReadOff, without_spells
 from .log import Clean, gate
 from .model import GROUPS
 from .quantised import without_steps
+from .rates import rates, sentence
 from .report import report
 from .search import Search
 from .selection import Judged, judged
@@ -110,7 +112,15 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     findings += on_the_whole(log, found, machine)
     findings += between_rows(log, {part.id for one in found for part in one.found.parts})
     step(0.9, "result")
-    return report(data, machine, found, read_off, path, tuple(findings))
+    told = report(data, machine, found, read_off, path, tuple(findings))
+    return _with_rates(told, columns) if told.verdict == "not_judged" else told
+
+
+def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
+    """What such data show all the same: the applied rate against the target."""
+    fits, why = rates(columns)
+    said = sentence(fits[0]) if fits else f"applied against target is not judged: {why}"
+    return replace(found, rates=fits, findings=(*found.findings, said))
 
 
 def _series(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 import datetime as dt
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 from python_calamine import CalamineError, CalamineWorkbook
 
+from drivers.files.findings import Finding, many
 from drivers.files.imports.dialect import SAMPLE_LINES
 from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source
@@ -18,6 +20,7 @@ from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.limits import BeyondLimits
 from drivers.files.sheet_limits import cells_of, check_sheets
 
+LEAST_ROWS = 20             # of a log: what is shorter beside a longer one are notes
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
@@ -38,11 +41,21 @@ def read_excel(path: Path, said: Source) -> RawTable:
     found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
     if not found:
         raise ImportTrouble(f"{path}: no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
+    left = _log_among(found)
+    findings = tuple(Finding("other_sheets", f"sheet {name} left out: {many(len(found[name][0]), 'row')} beside a log")
+                     for name in found if name not in left)
+    found = {name: found[name] for name in left}
     if len(found) > 1:
         raise ImportTrouble(f"{path}: {len(found)} sheets hold tables: say source.sheet in the import file; allowed "
                             f"{listed(found)}")
     [(sheet, (rows, layout))] = found.items()
-    return _table(path, said, sheet, rows, layout)
+    return _table(path, said, sheet, rows, layout, findings)
+
+
+def _log_among(found: Mapping[str, tuple[list[list[Any]], Layout]]) -> list[str]:
+    """The one long sheet beside notes of a few rows; all where it is not so plain."""
+    long = [name for name, (rows, layout) in found.items() if len(rows) - layout.body >= LEAST_ROWS]
+    return long if len(long) == 1 else list(found)
 
 
 def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
@@ -54,7 +67,8 @@ def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
     return layout_of([[_as_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
-def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: Layout) -> RawTable:
+def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: Layout,
+           findings: tuple[Finding, ...]) -> RawTable:
     if layout.header < 0 and not said.names:
         raise ImportTrouble(f"{path}: sheet {sheet}: no header row: allowed is a row that names the columns, or "
                             "source.names in the import file")
@@ -73,7 +87,7 @@ def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: 
     frame = pl.DataFrame([_series(name, values) for name, values in zip(names, columns, strict=True)])
     source = said.model_copy(update={"kind": "excel", "sheet": sheet, "title_rows": max(layout.header, 0),
                                      "unit_row": layout.units is not None})
-    return RawTable(path, frame, source, units, layout.body + 1)
+    return RawTable(path, frame, source, units, layout.body + 1, findings)
 
 
 def _series(name: str, values: tuple[Any, ...]) -> pl.Series:

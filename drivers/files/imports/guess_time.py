@@ -1,6 +1,7 @@
 """Which column tells the time, and how: by name, by unit, by how its texts read, by how its numbers run."""
 from __future__ import annotations
 
+import re
 from itertools import product
 from typing import NamedTuple
 
@@ -16,9 +17,12 @@ from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says
 
 _DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y.%m.%d", "%Y年%m月%d日",
-          "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%Y%m%d")
+          "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d-%m-%y", "%m-%d-%y", "%y-%m-%d", "%Y%m%d")
 _TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
 _A_NUMBER = r"^[-+]?\d+([.,]\d+)?$"
+_RUN_TOGETHER, _AS_RUN = r"^(19|20)\d{12}([.,]\d+)?$", "%Y%m%d%H%M%S%.f"
+_EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000        # 1900 and 2100: no machine's year is 7
+_PART_OF_DAY = re.compile("%[dmy]")
 _SAMPLE = 2000
 _READS = 0.95               # of the texts that are there
 _LEAST_STEP_S = 60.0        # no machine logs more rarely: whole numbers with larger steps are milliseconds
@@ -63,9 +67,11 @@ def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGu
 def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     texts = raw.frame[name].head(_SAMPLE).str.strip_chars()
     texts = texts.filter(texts != "")
+    zone = "UTC" if says(plain, UTC) else None
+    if texts.len() and texts.str.contains(_RUN_TOGETHER).all() and _reads(texts, _AS_RUN):
+        return TimeGuess(Times(column=name, format=_AS_RUN, zone=zone), f"reads as {_AS_RUN}")
     if not texts.len() or texts.str.contains(_A_NUMBER).all():
         return None
-    zone = "UTC" if says(plain, UTC) else None
     if _reads(texts, None):
         return TimeGuess(Times(column=name, zone=None if _has_offset(texts) else zone), "reads as ISO 8601")
     if dated and not raw.frame[dated[0]].dtype.is_temporal():
@@ -88,7 +94,7 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
 
 def _dated(times: Times, found: list[str], texts: pl.Series) -> TimeGuess:
     """Day and month may stand either way round: the way in which the times hang together, and a doubt."""
-    other = [form for form in found[1:] if form.replace("%m", "%d") == found[0].replace("%m", "%d")
+    other = [form for form in found[1:] if _PART_OF_DAY.sub("%d", form) == _PART_OF_DAY.sub("%d", found[0])
              and not read_texts(texts, form, None).us.equals(read_texts(texts, found[0], None).us)]
     if not other:
         return TimeGuess(times, f"reads as {times.format}")
@@ -110,7 +116,8 @@ def _formats(texts: pl.Series, forms: list[str]) -> list[str]:
 
 def _reads(texts: pl.Series, form: str | None) -> bool:
     try:
-        return texts.len() > 0 and float(read_texts(texts, form, None).us.is_not_null().mean() or 0.0) >= _READS  # type: ignore[arg-type]
+        us = read_texts(texts, form, None).us
+        return texts.len() > 0 and float(us.is_between(_EARLIEST_US, _LATEST_US).sum()) >= _READS * texts.len()
     except ImportTrouble:
         return False
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import re
 from pathlib import Path
 
 import polars as pl
@@ -15,6 +16,8 @@ from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.limits import BeyondLimits, check_text
 from drivers.files.quotes import unclosed_quote
+
+_QUOTED = re.compile(rb'"[^"]*"')
 
 
 def read_text(path: Path, said: Source) -> RawTable:
@@ -111,7 +114,8 @@ def _frame(path: Path, data: bytes, dialect: Dialect, names: list[str], findings
 def _read(body: bytes, sign: str, width: int, ragged: bool) -> pl.DataFrame:
     schema: dict[str, pl.DataType] = {f"c{k}": pl.String() for k in range(width)}
     first = body[:body.find(b"\n")] if b"\n" in body else body
-    if first.rstrip(b"\r ").endswith(sign.encode()) and first.count(sign.encode()) == width and b'"' not in first:
+    bare = _QUOTED.sub(b"", first).rstrip(b"\r ")
+    if bare.endswith(sign.encode()) and bare.count(sign.encode()) == width:
         schema["past"] = pl.String()                # a delimiter after the last column
     frame = pl.read_csv(body, has_header=False, separator=sign, schema=schema, infer_schema=False,
                         truncate_ragged_lines=ragged, quote_char='"')

@@ -16,6 +16,7 @@ from drivers.files.prescriptions.rate_column import rate_column
 from drivers.files.prescriptions.words import (
     Choice,
     Imported,
+    NoPolygons,
     PrescriptionError,
     checked_rate,
     factor_kg_ha,
@@ -40,7 +41,7 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
              product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
     """Zones of the features, by the operator's choice. units: what files beside say. Raises PrescriptionError."""
     if not features:
-        raise PrescriptionError(f"{path}: no polygons: allowed is at least one")
+        raise NoPolygons(f"{path}: no polygons: allowed is at least one")
     chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice,
                          units)
     column, unit = chosen.name, chosen.unit

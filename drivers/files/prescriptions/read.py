@@ -1,19 +1,22 @@
 """Reading a prescription of any known format."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from drivers.files.archives import ArchiveError, chosen, files_at
 from drivers.files.findings import Finding
 from drivers.files.imports.trouble import listed
 from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
 from drivers.files.shape_sets import ShapeSet, shape_sets
 
 KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), GeoJSON (.geojson, "
-         ".json), CSV with polygons (WKT)")
+         ".json), CSV with polygons (WKT), a table of the middles of even cells (.csv, .xlsx)")
 
 
 def read_prescription(path: str | Path, choice: Choice | None = None) -> Imported:
@@ -28,10 +31,14 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson
-        return read_geojson(path, choice)
-    if suffix == ".csv":
-        from drivers.files.prescriptions.csv_zones import read_csv_zones
-        return read_csv_zones(path, choice)
+        return _areas_or_points(partial(read_geojson, path, choice), path, choice)
+    if suffix in TABLES:
+        from drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
+        from drivers.files.prescriptions.lattice import is_map_of_points, read_lattice
+        if holds_polygons(path):
+            return read_csv_zones(path, choice)
+        if suffix == ".csv" or is_map_of_points(path):
+            return read_lattice(path, choice)
     return _of_several(path, choice)
 
 
@@ -55,7 +62,18 @@ def _of_several(path: Path, choice: Choice) -> Imported:
         inside = "" if choice.inside is None else f" named {choice.inside}"
         raise PrescriptionError(f"{path}: no prescription{inside}: allowed is {KNOWN}{_packed(path)}")
     from drivers.files.prescriptions.shapefiles import read_shapefile
-    return read_shapefile(shapes[0], choice, [])
+    return _areas_or_points(partial(read_shapefile, shapes[0], choice, []), path, choice)
+
+
+def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: Choice) -> Imported:
+    """Raises PrescriptionError, OSError."""
+    try:
+        return areas()
+    except NoPolygons:
+        if not holds_points(path):
+            raise
+    from drivers.files.prescriptions.lattice import read_lattice
+    return read_lattice(path, choice)
 
 
 def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:

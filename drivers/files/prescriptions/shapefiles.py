@@ -15,7 +15,7 @@ from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.rings import sorted_rings
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError
 from drivers.files.shape_sets import ShapeSet, column_names
 
 POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
@@ -28,7 +28,7 @@ def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) ->
         projection = _projection(shapes)
         with shapes.reader() as reader:
             if reader.shapeType not in POLYGONS:
-                raise PrescriptionError(f"{path}: shapes of type {reader.shapeTypeName}: allowed POLYGON")
+                raise NoPolygons(f"{path}: shapes of type {reader.shapeTypeName}: allowed POLYGON")
             features, empty = _features(path, reader, column_names(reader))
         units = shapes.units()
     except PrescriptionError:

@@ -25,6 +25,10 @@ class PrescriptionError(ValueError):
     """The file cannot be used; one line that names file, place, value and what is allowed."""
 
 
+class NoPolygons(PrescriptionError):
+    """There is not one polygon in the file; it may hold points."""
+
+
 class RateQuestion(PrescriptionError):
     """The file can be used once the operator has said which of several readings is meant."""
 

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 from console.app import layers
 from console.app.action import MAP, Action
-from console.locale import N_
+from console.app.dialogs import Choice, ChoiceDialog
+from console.locale import N_, _
 
 if TYPE_CHECKING:
     from console.app.pages.map.page import MapScreen
@@ -33,6 +34,24 @@ def whole_field(page: MapScreen) -> None:
 
 def plan(page: MapScreen) -> None:
     page.plan = not page.plan
+
+
+def lay_file(page: MapScreen) -> None:
+    """Chosen from the newest; where one is laid, its place in the list takes it off."""
+    services, frame = page.app.services.layers, page.app.arrival.frame
+    listed = services.files(frame.log_path if frame is not None else "") if services is not None else ()
+    if not listed and not page.laid.path:
+        page.app.notice(_("there is no file yet that could be laid on the map"))
+        return
+
+    def answer(path: str | None) -> None:
+        if path is not None:
+            page.lay(path)
+
+    choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
+    if page.laid.path:
+        choices.append(Choice("", _("none: take the file off")))
+    page.app.push_screen(ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), answer)
 
 
 def west(page: MapScreen) -> None:
@@ -65,6 +84,8 @@ ACTIONS = (
     Action("map_whole", "w", "W", N_("whole field"), N_("All of the field and of the work."), whole_field, MAP, 7),
     Action("map_plan", "p", "P", N_("plan"), N_("Shows or hides the planned rates of ground not yet worked."), plan,
            MAP, 8),
+    Action("map_file", "y", "Y", N_("file"), N_("Lays a file on the map, as applied or harvested, or takes it off."),
+           lay_file, MAP, 8),
     Action("map_west", "left", "<", N_("west"), N_("Moves the map; also by dragging it."), west, MAP),
     Action("map_east", "right", ">", N_("east"), N_("Moves the map; also by dragging it."), east, MAP),
     Action("map_north", "up", "up", N_("north"), N_("Moves the map; also by dragging it."), north, MAP),

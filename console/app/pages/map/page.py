@@ -1,6 +1,7 @@
 """The Map screen: the field by what was applied, wanted, missed or sensed, the plan under it, and the machine on it."""
 from __future__ import annotations
 
+from pathlib import Path
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -8,9 +9,12 @@ from textual.containers import Vertical
 
 from console.app.action import MAP, Action, bindings
 from console.app.camera import Camera, fit
-from console.app.layers import Layer
+from console.app.laid import LaidFile, LaidView
+from console.app.layers import LABELS, Layer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.pages.map.keys import ACTIONS
+from console.app.pages.map.laid_files import LaidFiles
+from console.app.pages.map.laid_legend import LaidLegend, LaidLegendView, label_of
 from console.app.pages.map.map_bar import MapBar, MapBarView
 from console.app.pages.map.map_pane import MapPane, Place
 from console.app.pages.map.reading import Reading, job_items, reading
@@ -38,6 +42,7 @@ class MapScreen(LogPage):
         self.camera: Camera | None = None
         self.pointed: Place | None = None
         self.marked = False
+        self.laid = LaidFiles(self)
         self._frame: Frame | None = None
 
     def body(self) -> ComposeResult:
@@ -45,6 +50,7 @@ class MapScreen(LogPage):
             yield MapBar(MapBarView(self.shown_layer, (), in_use()), id="map-bar")
             yield MapPane(EMPTY_MAP, id="map-pane")
             yield MapLegend(legend_of(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
+            yield LaidLegend(LaidLegendView("", "", None, ""), id="map-laid")
             yield ReadingLine(Reading("", ()), id="map-reading")
         with Vertical(id="map-right"):
             yield Items((), id="map-job")
@@ -87,12 +93,32 @@ class MapScreen(LogPage):
         frame, units = self._frame, self.app.units
         camera = self._camera()
         cross = (camera.east_m, camera.north_m) if self.marked else None
-        view = self.map_view(frame, age_s, self.shown_layer, camera)._replace(plan=self.plan, cross=cross)
+        laid = self.laid.of(frame)
+        view = self.map_view(frame, age_s, self.shown_layer, camera, laid)._replace(plan=self.plan, cross=cross)
         self.pane.show(view)
         planned = self.plan and view.picture is not None and view.picture.planned is not None
         self.query_one("#map-scale", MapLegend).show(legend_of(view.scale, camera.metres, units.distance, planned))
         self.query_one("#map-bar", MapBar).show(MapBarView(self.shown_layer, self._states(), in_use()))
+        self._tell_laid(laid, view.laid)
         self._read(camera)
+
+    def _tell_laid(self, laid: LaidFile | None, shown: LaidView | None) -> None:
+        legend = self.query_one("#map-laid", LaidLegend)
+        legend.display = bool(self.laid.path)
+        if laid is None:
+            waits = self._frame is None or self._frame.place_m is None
+            said = _("no position yet") if waits else _("reading the file")
+            legend.show(LaidLegendView(Path(self.laid.path).name, "", None, said, in_use()))
+            return
+        scale = shown.scale if shown is not None else None
+        label = label_of(scale, laid.harvest.label if laid.harvest is not None else "")
+        lacks = _("no {what} in it").format(what=_(LABELS[self.shown_layer]))
+        legend.show(LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks, in_use()))
+
+    def lay(self, path: str) -> None:
+        """"": none."""
+        self.laid.want(path)
+        self._at_once()
 
     def _states(self) -> tuple[str, ...]:
         log = (_("log"),) if self.replayed() is not None else ()
@@ -112,7 +138,8 @@ class MapScreen(LogPage):
         else:
             where, place = _("machine"), frame.place_m if frame is not None else None
         self.query_one("#map-reading", ReadingLine).show(
-            reading(where, place, max(worked.cells_m[0], camera.metres), worked, picture, self.app.units))
+            reading(where, place, max(worked.cells_m[0], camera.metres), worked, picture, self.app.units,
+                    self.pane.view.laid))
 
     # --- what is pressed, clicked, pulled -----------------------------------------------------------------------
 

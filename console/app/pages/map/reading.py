@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture
-from console.app.map_image import ground
+from console.app.laid import LaidView
+from console.app.map_image import Ground, ground
 from console.app.units import M2_PER_HA, Units
 from console.app.view import Item, Shown, rate_error, signed_percent
 from console.app.worked import Worked
@@ -26,23 +27,31 @@ class Reading(NamedTuple):
 
 
 def reading(where: str, place: tuple[float, float] | None, metres: float, worked: Worked,
-            picture: FieldPicture | None, units: Units) -> Reading:
+            picture: FieldPicture | None, units: Units, laid: LaidView | None = None) -> Reading:
     """The means over one pixel at a place."""
     if place is None:
         return Reading(_("no position yet"), ())
     half = 0.5 * metres
-    here = ground(worked, Pixels(1, 1, metres, place[0] - half, place[1] + half))
+    pixel = Pixels(1, 1, metres, place[0] - half, place[1] + half)
+    here = ground(worked, pixel)
     applied, target, ndvi = (None if (value := float(values[0, 0])) != value else value
                              for values in (here.applied_kg_ha, here.target_kg_ha, here.ndvi))
     planned = picture.planned.at(*place) if picture is not None and picture.planned is not None else None
     error = rate_error(target, applied)
     parts = [Part(_("applied"), units.rate.full(applied)), Part(_("target"), units.rate.full(target))]
+    if laid is not None:
+        parts.append(Part(_("file"), _of_file(ground(laid.worked, pixel), laid)))
     if picture is not None and picture.planned is not None:
         parts.append(Part(_("planned"), units.rate.full(planned)))
     parts += [Part(_("error"), "--" if error is None else signed_percent(100.0 * error)),
               Part("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
               Part(_("east"), units.distance.full(place[0])), Part(_("north"), units.distance.full(place[1]))]
     return Reading(where, tuple(parts))
+
+
+def _of_file(here: Ground, laid: LaidView) -> str:
+    value = float(here.layer(laid.scale.layer)[0, 0])
+    return f"{laid.scale.text(None if value != value else value)} {laid.scale.unit}".rstrip()
 
 
 def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, stale: bool) -> tuple[Item, ...]:

@@ -1,0 +1,172 @@
+"""Files of other days for the Map page: what was applied or harvested there, laid on the plane of the job."""
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from math import hypot
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from console.app.laid import Harvest, LaidFile
+from console.app.layers import Layer
+from console.app.pages.diagnosis.data import IMPORT, OpenQuestions
+from console.app.pages.replay.log_files import LogFile
+from console.app.worked import Box, Worked, spot_of
+from console.frame import Frame
+from console.services.diagnosis import DiagnosisFiles
+from console.services.field import plane_of_job
+from console.services.foreign_files import IMPORT_FILE, YAML, brought_in
+
+if TYPE_CHECKING:
+    from control.geodesy import TangentPlane
+    from drivers.files.read_log import RunLog
+    from drivers.files.run_meta import RunMeta
+
+SHOWN = 8                     # with the choice of none as many as one digit chooses
+OUTLET_M = 2.0                # behind the antenna, where the machine of the frame is not told
+STALE_FIX_M = 30.0            # a fix may be some seconds older than the place: no sign of another plane
+WIDTH_M = 2.4
+HARVESTS = ("yield", "ertrag", "产量", "crop_flow", "grain")     # the first that a column is named by is shown
+
+
+class MapLayers:
+    """`console.app.pages.map.layer_files.LayerFiles` on real files."""
+
+    def __init__(self, files: DiagnosisFiles | None = None) -> None:
+        self._files = files or DiagnosisFiles()
+
+    def files(self, running_log: str) -> tuple[LogFile, ...]:
+        listed = [one for one in self._files.sources(running_log)
+                  if one.kind in ("run", IMPORT) and not one.working and not one.name.endswith(YAML)]
+        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in listed[:SHOWN])
+
+    def lay(self, path: str, frame: Frame) -> LaidFile:
+        """Raises ValueError in one line: not such a file, open questions, no places, no rate and no harvest in it."""
+        meta = _meta_of(frame)
+        try:
+            log = _opened(Path(path))
+            return laid(log, plane_of(frame, meta), _width_m(meta), frame)
+        except OpenQuestions as asked:
+            raise ValueError(_asked(Path(path), asked.questions[0])) from None
+        except (ValueError, OSError) as error:
+            raise ValueError(str(error).splitlines()[0].replace(f"{path}", Path(path).name)) from None
+
+
+def _opened(path: Path) -> RunLog:
+    """By its import file where one stands beside it. Raises ValueError, OSError."""
+    from drivers.files.any_log import open_log
+    from drivers.files.imports.trouble import ImportTrouble
+    from drivers.files.read_log import read_rows
+    if not path.with_name(f"{path.stem}{IMPORT_FILE}").exists():
+        try:
+            return open_log(path)
+        except ImportTrouble as trouble:
+            said = str(trouble).splitlines()
+            if len(said) > 1 and "not opened" in said[-1]:
+                raise ValueError(_asked(path, said[0])) from None
+            raise
+    with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
+        return read_rows(brought_in(path, Path(folder))[0])
+
+
+def _asked(path: Path, question: str) -> str:
+    """The Diagnosis page asks, and keeps the answer beside the file, where it is found here too."""
+    return f"{path.name}: Diagnosis asks about it first: {question.removeprefix(f'{path}: ')}"
+
+
+def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
+    """A log of any program on a plane. width_m: of the ground covered, where the log does not tell its own."""
+    from console.services.replay_frames import frames_of
+    if not (log.has("lat_deg") and log.has("lon_deg")):
+        raise ValueError(f"{log.path}: no places in it: allowed is a file with latitude and longitude")
+    worked = Worked(_width_of(log, width_m))
+    has = frozenset(layer for layer, columns in (
+        (Layer.APPLIED, ("applied_rate_kg_ha",)), (Layer.TARGET, ("target_rate_kg_ha",)),
+        (Layer.ERROR, ("applied_rate_kg_ha", "target_rate_kg_ha")), (Layer.NDVI, ("ndvi",)))
+        if all(log.has(column) for column in columns))
+    harvest = None if has else _harvest(log)
+    if not has and harvest is None:
+        raise ValueError(f"{log.path}: no rate, no NDVI and no yield in it: nothing to show on the map")
+    values: Iterator[float] | None = None if harvest is None else iter(log.numbers(harvest[0]).tolist())
+    spots = []
+    for one in frames_of(log.rows(), log, plane=plane):
+        value = None if values is None else next(values)
+        spot = spot_of(one)
+        if spot is not None:
+            spots.append(spot if value is None else spot._replace(ndvi=value))
+    worked.add(spots)
+    return LaidFile(log.path.name, worked, has or frozenset({Layer.NDVI}), None if harvest is None else harvest[1],
+                    _apart_m(worked.box, frame))
+
+
+def plane_of(frame: Frame, meta: RunMeta | None) -> TangentPlane:
+    """The plane that a frame's place is told on: its job's, if the frame's fix lies there, else by fix and place."""
+    from control.geodesy import TangentPlane, apart_m, offset
+    row, place = frame.row, frame.place_m
+    if place is None or row.lat_deg is None or row.lon_deg is None:
+        raise ValueError("no position yet: allowed once the machine has one")
+    geometry = dict((meta.machine or {}).get("geometry") or {}) if meta is not None else {}
+    ahead_m = float(geometry.get("antenna_m", OUTLET_M))
+    antenna = place if row.heading_deg is None else offset(place, row.heading_deg, ahead_m)
+    job = plane_of_job(meta, Path(frame.log_path).parent) if meta is not None else None
+    if job is not None and apart_m(job.to_m(row.lat_deg, row.lon_deg), antenna) < STALE_FIX_M:
+        return job
+    plane = TangentPlane(row.lat_deg, row.lon_deg)
+    for _again in range(3):
+        east, north = plane.to_m(row.lat_deg, row.lon_deg)
+        plane = TangentPlane(*plane.to_deg(east - antenna[0], north - antenna[1]))
+    return plane
+
+
+def _meta_of(frame: Frame) -> RunMeta | None:
+    from drivers.files.atomic import sidecar
+    from drivers.files.run_meta import meta_from_yaml
+    if not frame.log_path:
+        return None
+    try:
+        return meta_from_yaml(sidecar(Path(frame.log_path)).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _width_m(meta: RunMeta | None) -> float:
+    machine = dict(meta.machine or {}) if meta is not None else {}
+    return float(dict(machine.get("geometry") or {}).get("working_width_m", WIDTH_M))
+
+
+def _width_of(log: RunLog, otherwise_m: float) -> float:
+    """The log's own working width: its machine's, else the middle one of its column."""
+    from drivers.files.imports.header import named
+    from drivers.files.imports.units import unit_named
+    from drivers.files.imports.words import folded, subject_of
+    for name in log.columns:
+        word, unit = named(name)
+        subject = subject_of(folded(word), None)
+        length = unit_named(unit) if unit else None
+        if subject is not None and subject.id == "working width" and length is not None and length.quantity == "length":
+            width_m = float(np.nanmedian(log.numbers(name))) * length.factor / 1000.0
+            if 0.1 <= width_m <= 100.0:
+                return width_m
+    return otherwise_m if log.meta is None or not log.meta.machine else _width_m(log.meta)
+
+
+def _harvest(log: RunLog) -> tuple[str, Harvest] | None:
+    """The column of what was harvested, where there is one."""
+    from drivers.files.imports.header import named
+    from drivers.files.imports.words import folded
+    for word in HARVESTS:
+        for name, values in log.columns.items():
+            if word in folded(name) and values.dtype != object and log.has(name):
+                label, unit = named(name.removeprefix("x_"))
+                return name, Harvest(label.replace("_", " "), (unit or "").replace("_", "/"))
+    return None
+
+
+def _apart_m(box: Box | None, frame: Frame) -> float:
+    """From the machine to the nearest side of what is laid."""
+    if box is None or frame.place_m is None:
+        return 0.0
+    east, north = frame.place_m
+    return hypot(max(box.west_m - east, east - box.east_m, 0.0), max(box.south_m - north, north - box.north_m, 0.0))

@@ -1,0 +1,225 @@
+"""A prescription given as points: the middles of even cells, each with its rate, in a table or a file of shapes.
+
+The cells are had from the points alone: rows and columns at a right angle, at any heading, even in metres or in
+degrees. What is no such lattice is refused, for a point without its cell covers no ground.
+"""
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from control.geodesy import TangentPlane
+from control.targets.rate_map import Floats
+from drivers.files.findings import Finding, many
+from drivers.files.imports.mapping import Source
+from drivers.files.imports.numbers import numbers
+from drivers.files.imports.raw import RawTable
+from drivers.files.imports.read import read_raw
+from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.units import unit_named
+from drivers.files.imports.words import NO_TIME, TIME, folded, says, subject_of
+from drivers.files.point_files import TABLES
+from drivers.files.prescriptions.features import Feature, imported
+from drivers.files.prescriptions.words import MASS_UNITS, Choice, Imported, PrescriptionError
+from drivers.files.shape_sets import Unit
+from drivers.files.table import TableError, header_of
+
+LEAST_POINTS = 4
+_THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
+SAME_M = 0.01               # points nearer than this are one place
+OFF_CELLS = 0.25            # of a cell, that a point may lie off its middle: rounded degrees
+STEP_SHARE = 0.3            # of the nearest points' distance: a larger step leads to the next row
+BESIDE_SHARE = 0.8          # of the points have one beside them in their row, and one in their column
+FIRST_CELLS = 4.0           # the lattice is laid out from its middle, over twice the ground each time
+LONGEST_CELL = 10.0         # times its width; longer ones are tracks with their points, not cells
+
+
+class Lattice(NamedTuple):
+    """Cell (i, j) has its middle at origin + i along + j aside, m; cells: (n, 2) whole numbers, one for each point."""
+
+    origin: Floats
+    along: Floats
+    aside: Floats
+    cells: NDArray[np.int64]
+    off: float                  # of a cell, the farthest that a point lies off its cell's middle
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        return float(np.hypot(*self.along)), float(np.hypot(*self.aside))
+
+
+class NoLattice(ValueError):
+    """Why the points are none; part of a line."""
+
+
+def places_without_time(names: tuple[str, ...] | list[str]) -> bool:
+    """Whether columns tell places and no time: points of a map, not of a log."""
+    plain = [folded(name) for name in names]
+    subjects = {subject.reading for name in plain if (subject := subject_of(name, None)) is not None}
+    return {"lat_deg", "lon_deg"} <= subjects and not any(says(name, TIME) and not says(name, NO_TIME)
+                                                          for name in plain)
+
+
+def is_map_of_points(path: Path) -> bool:
+    """Whether a file of points tells places and no time; of a table the header says so. Raises OSError."""
+    try:
+        return places_without_time(header_of(path) if path.suffix.lower() in TABLES else read_raw(path).names)
+    except (ImportTrouble, TableError):
+        return False
+
+
+def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
+    """A prescription out of points. Raises PrescriptionError, OSError."""
+    try:
+        raw = read_raw(path, Source(inside=choice.inside))
+    except ImportTrouble as trouble:
+        raise PrescriptionError(str(trouble).splitlines()[0]) from None
+    if not places_without_time(raw.names):
+        raise PrescriptionError(f"{path}: columns {', '.join(raw.names[:12])}: allowed are latitude, longitude and a "
+                                "rate without times (a log is read by topdress import), or polygons (WKT)")
+    lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
+    known = np.isfinite(lat) & np.isfinite(lon)
+    rows = np.flatnonzero(known)
+    if not len(rows):
+        raise PrescriptionError(f"{path}: no point with latitude and longitude: allowed are degrees")
+    lat, lon = lat[rows], lon[rows]
+    if np.abs(lat).max() > 90.0 or np.abs(lon).max() > 180.0:
+        raise PrescriptionError(f"{path}: coordinates up to {np.abs(lon).max():.0f}, {np.abs(lat).max():.0f}: allowed "
+                                "are degrees (WGS84); export the map again in longitude and latitude")
+    try:
+        found, corners = _cells(lat, lon)
+    except NoLattice as why:
+        raise PrescriptionError(f"{path}: {many(len(rows), 'point')} with no time form no even lattice ({why}): "
+                                "allowed are the middles of even cells, or polygons") from None
+    attributes = _attributes(raw)
+    features = [Feature(raw.first_row + row, attributes[row], [(corners[k],)]) for k, row in enumerate(rows.tolist())]
+    wide, high = found.size_m
+    lattice = f"{many(len(rows), 'point')} taken for the middles of cells of {wide:.4g} x {high:.4g} m"
+    findings = [*raw.findings, Finding("lattice", lattice)]
+    if not known.all():
+        findings.append(Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out"))
+    units = {name.casefold(): Unit(unit, "the file's row of units") for name, unit in raw.units.items()
+             if (told := unit_named(unit)) is not None and told.name in MASS_UNITS and unit not in name}
+    return imported(path, "points", features, choice, findings, title=title or path.stem, units=units)
+
+
+def _place(raw: RawTable, column: str) -> Floats:
+    name = next(name for name in raw.names
+                if (subject := subject_of(folded(name), None)) is not None and subject.reading == column)
+    return numbers(raw.frame[name], raw.decimal_comma, ()).values.fill_null(np.nan).to_numpy()
+
+
+def _attributes(raw: RawTable) -> list[dict[str, object]]:
+    """What each point tells beside its place; a point in numbers with a decimal comma groups digits."""
+    frame = raw.frame.select(name for name in raw.names if (subject := subject_of(folded(name), None)) is None
+                             or subject.reading not in ("lat_deg", "lon_deg"))
+    rows: list[dict[str, object]] = frame.rows(named=True)
+    if not raw.decimal_comma:
+        return rows
+    return [{name: _THOUSANDS.sub(r"\1\2", cell) if isinstance(cell, str) else cell for name, cell in row.items()}
+            for row in rows]
+
+
+def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
+    """The lattice, and each point's cell as (4, 2) latitude and longitude. Even in metres or in degrees, whichever
+    fits better. Raises NoLattice."""
+    plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
+    east, north = np.array(plane.to_m(plane.lat_deg, plane.lon_deg + 1e-4)), np.array(
+        plane.to_m(plane.lat_deg + 1e-4, plane.lon_deg))
+    per_deg = np.array([east[0], north[1]]) / 1e-4
+
+    def of_degrees(places: Floats) -> Floats:
+        return np.column_stack((plane.lat_deg + places[:, 1] / per_deg[1], plane.lon_deg + places[:, 0] / per_deg[0]))
+
+    def of_metres(places: Floats) -> Floats:
+        return np.array([plane.to_deg(*place) for place in places.tolist()])
+
+    in_degrees = np.column_stack((lon - plane.lon_deg, lat - plane.lat_deg)) * per_deg
+    found: list[tuple[Lattice, Callable[[Floats], Floats]]] = []
+    trouble: NoLattice | None = None
+    ways: tuple[tuple[Floats, Callable[[Floats], Floats]], ...] = (
+        (in_degrees, of_degrees), (plane.many_to_m(lat, lon), of_metres))
+    for places, back in ways:
+        try:
+            found.append((lattice_of(places), back))
+        except NoLattice as why:
+            trouble = why
+    if not found:
+        assert trouble is not None
+        raise trouble
+    best, to_deg = min(found, key=lambda one: one[0].off)
+    halves = np.concatenate([best.cells + half for half in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    corners, which = np.unique(halves, axis=0, return_inverse=True)      # each corner once: cells meet exactly
+    at = to_deg(best.origin + (corners[:, :1] - 0.5) * best.along + (corners[:, 1:] - 0.5) * best.aside)
+    return best, list(at[which.reshape(4, -1)].transpose(1, 0, 2))
+
+
+def lattice_of(places: Floats) -> Lattice:
+    """Places (n, 2), m. Raises NoLattice."""
+    if len(places) < LEAST_POINTS:
+        raise NoLattice(f"{len(places)} points: {LEAST_POINTS} are the least")
+    points = shapely.points(places)
+    (of, nearest), near = shapely.STRtree(points).query_nearest(points, exclusive=True, return_distance=True)
+    twice = len(places) - len(np.unique(np.round(places / SAME_M), axis=0))
+    if twice:
+        raise NoLattice(f"{twice} points share their place with another")
+    apart = float(np.median(near))
+    way = places[nearest] - places[of]
+    turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])                     # a right angle is a whole turn of this
+    angle = 0.25 * float(np.arctan2(np.sin(turned).sum(), np.cos(turned).sum()))
+    axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    along, aside = (axis * _spacing(places @ axis, apart) for axis in axes)
+    middle = places[np.argmin(np.hypot(*(places - np.median(places, axis=0)).T))]
+    away = np.hypot(*(places - middle).T)
+    reach, origin = FIRST_CELLS * max(np.hypot(*along), np.hypot(*aside)), middle
+    while True:
+        inside = away <= reach
+        origin, along, aside = _laid(places[inside], origin, along, aside)
+        if inside.all():
+            break
+        reach *= 2.0
+    exact = (places - origin) @ np.linalg.inv(np.array([along, aside]))
+    cells = np.rint(exact).astype(np.int64)
+    off = float(np.abs(exact - cells).max())
+    if off > OFF_CELLS:
+        raise NoLattice(f"a point lies {off:.2f} of a cell off its middle: {OFF_CELLS} is the most")
+    wide, high = float(np.hypot(*along)), float(np.hypot(*aside))
+    _check(cells, wide, high)
+    return Lattice(origin, along, aside, cells - cells.min(axis=0), off)._replace(
+        origin=origin + cells.min(axis=0)[0] * along + cells.min(axis=0)[1] * aside)
+
+
+def _spacing(along: Floats, apart: float) -> float:
+    """The step from row to row of places along an axis."""
+    steps = np.diff(np.sort(along))
+    rows = steps[steps > STEP_SHARE * apart]
+    if not len(rows):
+        raise NoLattice("all points lie in one row")
+    return float(np.median(rows))
+
+
+def _laid(places: Floats, origin: Floats, along: Floats, aside: Floats) -> tuple[Floats, Floats, Floats]:
+    """The lattice again by least squares, once each place has its cell."""
+    cells = np.rint((places - origin) @ np.linalg.inv(np.array([along, aside])))
+    if np.linalg.matrix_rank(cells - cells[0]) < 2:
+        raise NoLattice("no rows and columns")
+    found = np.linalg.lstsq(np.column_stack((np.ones(len(cells)), cells)), places, rcond=None)[0]
+    return found[0], found[1], found[2]
+
+
+def _check(cells: NDArray[np.int64], wide: float, high: float) -> None:
+    if max(wide, high) > LONGEST_CELL * min(wide, high):
+        raise NoLattice(f"cells of {wide:.3g} x {high:.3g} m")
+    there = {(i, j) for i, j in cells.tolist()}
+    if len(there) < len(cells):
+        raise NoLattice(f"{len(cells) - len(there)} points share their cell with another")
+    for i, j in ((1, 0), (0, 1)):
+        beside = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
+        if beside < BESIDE_SHARE * len(there):
+            raise NoLattice(f"{len(there) - beside} of {len(there)} points have none beside them")
