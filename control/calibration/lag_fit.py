@@ -59,13 +59,17 @@ def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, fr
     table = usable(table)
     if table.kind != "lag":
         raise ValueError(f"{table.path}: a {table.kind} table: a lag fit needs a lag table")
-    chosen = _rows_of(table, label)
     measured, whole, lags = _measured(table)
+    chosen = _rows_of(table, label)
     speeds = table.columns["shaft_rpm"]
     low = machine.fall.valid_from_rpm if from_rpm is None else from_rpm
     high = machine.fall.valid_to_rpm if to_rpm is None else to_rpm
     chosen &= np.isfinite(lags)
     used = chosen & (speeds >= low - _SLACK_RPM) & (speeds <= high + _SLACK_RPM)
+    if low > high:
+        raise ValueError(f"{table.path}: shaft speeds from {low:g} to {high:g} r/min: allowed is a range that rises; "
+                         f"the machine's line holds from {machine.fall.valid_from_rpm:g} to "
+                         f"{machine.fall.valid_to_rpm:g} r/min")
     if len(np.unique(speeds[used])) < 3:
         raise ValueError(f"{table.path}: column shaft_rpm: {len(np.unique(speeds[used]))} different shaft speeds from "
                          f"{low:g} to {high:g} r/min: at least 3 are needed")
@@ -104,6 +108,8 @@ def _ramp_note(n: Array, ramps: Array, takes_ramp: bool) -> tuple[str, ...]:
 
 def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
     if table.label is None:
+        if label is not None:
+            raise ValueError(f"{table.path}: label {label!r}: the table has no label column")
         return np.ones(table.rows, bool)
     values = sorted(set(table.label.tolist()))
     if label is None:

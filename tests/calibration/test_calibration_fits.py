@@ -134,3 +134,10 @@ def test_labels_must_be_chosen() -> None:
     with pytest.raises(ValueError, match="allowed field, rig"):
         fit_lag(labelled, MACHINE, label="barn")
     assert fit_lag(labelled, MACHINE, label="rig")[1].rows_used <= table.rows // 2
+    with pytest.raises(ValueError, match="label 'rig': the table has no label column"):
+        fit_lag(table, MACHINE, label="rig")
+
+
+def test_a_range_that_falls_is_refused_with_the_range_in_force() -> None:
+    with pytest.raises(ValueError, match="from 200 to 70 r/min: allowed is a range that rises"):
+        fit_lag(lag(2.2, -0.008), MACHINE, from_rpm=200.0)
