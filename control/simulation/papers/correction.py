@@ -16,7 +16,7 @@ from control.machine.fall import drop_s, lag_paper_s
 from control.machine.machine import Machine
 from control.machine.shaft import approach
 
-from .published import DROP_S, LAG_SPEED_KMH, TOTAL_LAG_S
+from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 
 STEP_S = 0.0025
 SETTLED_S = 1.5
@@ -28,7 +28,7 @@ class Reading(NamedTuple):
     """One way to read what happened in the field. Every part is off by default: eq 6 holds exactly."""
 
     name: str
-    lag_from: str = "line"              # line: eq 6; model: the machine model's own first granule; field: table 4
+    lag_from: str = "line"              # line: eq 6; model: the machine model's own first granule; field: table 1
     scatter: bool = False               # drop times scatter as in table 3
     update_hz: float | None = None      # the position, and with it the decision, comes this often; None: at once
     shared_phase: bool = False          # the three replicates of a shaft speed meet the boundary alike between updates
@@ -78,7 +78,7 @@ def misses_m(machine: Machine, shaft_rpm: int, reading: Reading, corrected: bool
     """Misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed that the paper did not test."""
     speed = LAG_SPEED_KMH / 3.6
     lags = {"line": lag_paper_s(shaft_rpm), "model": first_granule_s(machine, shaft_rpm),
-            "field": TOTAL_LAG_S[shaft_rpm][0]}
+            "field": float(np.mean(LAG_M[shaft_rpm])) / speed}
     lag = np.full((trials, REPLICATES), lags[reading.lag_from])
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])

@@ -7,7 +7,10 @@ from control.geodesy import TangentPlane, distance_m, paper_distance_corrected_m
 from control.machine.fall import drop_s, lag_paper_s
 from control.machine.machine import Machine
 
+from .claims import ledger
+from .claims_lag import lag_claims
 from .correction import READINGS, explain, first_granule_s, misses_m, published_spread, turning_s
+from .map_geometry import boundary_table
 from .page import Line, Picture, Section, Table
 from .published import (
     CORRECTED_M,
@@ -29,9 +32,11 @@ def lag_section(machine: Machine) -> Section:
     """Everything of the paper, published beside obtained."""
     correction, words = correction_tables(machine)
     line, line_words = lag_line()
+    claims = tuple(lag_claims(machine))
     return Section("Lag time and position correction: prescription maps", (*line_words, *words), (
-        distances(machine), responses(machine), drops(machine), totals(machine), line, *correction, eq3()),
-        (drop_picture(machine), line_picture(), gain_picture(machine)))
+        ledger("lag paper", claims), distances(machine), responses(machine), drops(machine), totals(machine), line,
+        *correction, eq3(), boundary_table()),
+        (drop_picture(machine), line_picture(), gain_picture(machine)), claims)
 
 
 def distances(machine: Machine) -> Table:
@@ -99,16 +104,24 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
                      (("published", mean, within, means, None), *(
                          (fit.reading.name, fit.mean_m, fit.within_m, fit.means_m, fit.log_likelihood)
                          for fit in fits)), (0, 3, 3, 3, 2))
+    by_name = {fit.reading.name: fit for fit in fits}
+    field, best = by_name["field lag of table 1"], fits[0]
     words = (
-        f"With eq 6 exact the correction would leave nothing; the paper's left {mean:.2f} m in the mean. Neither the "
-        "scatter of the drop times nor the field's longer lag leaves as much. What does is a position that comes once "
-        f"a second: {fits[0].mean_m:.2f} m in the mean, and, where the three replicates of a shaft speed meet the "
-        f"boundary at the same moment between two positions, {fits[0].means_m:.2f} m between shaft speeds (published "
-        f"{means:.2f}) and {fits[0].within_m:.2f} m between replicates (published {within:.2f}). At 5 and 10 Hz it "
-        "explains little.",
-        "Such a delay also stands between the field's lags and the detected ones (0.31 s). Against it speaks that the "
-        "distances before the correction hardly scatter (table 1: 0.04 m): there every drive must have met the "
-        "boundary in the same phase, which is possible where all begin at one place; with the correction the place "
+        f"With eq 6 exact the correction would leave nothing; the paper's left {mean:.2f} m in the mean. Most of "
+        f"that is "
+        f"the field's own longer lag: table 1's distances less the lag that was corrected for leave "
+        f"{field.mean_m:.2f} m "
+        f"({min(field.by_rpm.values()):.2f} to {max(field.by_rpm.values()):.2f} by shaft speed). What they do not "
+        f"leave "
+        f"is the difference between shaft speeds: {field.means_m:.2f} m against {means:.2f} m published.",
+        f"A position that comes once a second gives both: {best.mean_m:.2f} m in the mean, and, where the three "
+        f"replicates of a shaft speed meet the boundary at the same moment between two positions, {best.means_m:.2f} m "
+        f"between shaft speeds and {best.within_m:.2f} m between replicates (published {within:.2f}). At 5 and 10 Hz "
+        f"it "
+        "explains little. It would then stand in table 1's distances too (half a second is "
+        f"{0.5 * SPEED_MPS:.2f} m). Against it speaks that these hardly scatter (0.04 m): there every drive must "
+        f"have met "
+        "the boundary in the same phase, which is possible where all begin at one place; with the correction the place "
         "of the command moves with the shaft speed, and the phase with it.")
     return (gain, readings), words
 
