@@ -7,11 +7,11 @@ import numpy as np
 
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
+from control.machine.start import ramp_s, response_s
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
 from .least_squares import Fit, Interval, fitted
-from .response import ramp_s, response_s
 
 _SLACK_RPM = 1e-6
 ROUNDS = 6              # of line and ramp: each changes the slope by less than a tenth of the one before

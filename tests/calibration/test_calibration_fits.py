@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from control.calibration import BenchTable, fit_flow, fit_lag
-from control.calibration.response import response_s
 from control.machine.machine import Adopted, Machine, with_effect
+from control.machine.start import response_s
 
 MACHINE = Machine(adopted=(Adopted(id="shaft.gain", size=1.0), Adopted(id="flow.gain", size=5.0)))
 

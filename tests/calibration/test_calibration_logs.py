@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from control.calibration import BenchTable, WheelLog, check_heads, fit_lag, fit_wheel
-from control.calibration.response import ramp_s
 from control.geodesy import TangentPlane
 from control.machine.machine import Adopted, Machine
+from control.machine.start import ramp_s
 
 MACHINE = Machine(adopted=(Adopted(id="speed.wheel_radius", size=1.0), Adopted(id="canopy.head_fouled", size=-3.0)))
 PLANE = TangentPlane(34.28, 119.88)

@@ -1,12 +1,12 @@
 """What an effect costs in the field: rate error and place error at the machine's set-points."""
 from __future__ import annotations
 
-from control.calibration.response import response_s
 from control.diagnosis.cost import Point, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
+from control.machine.start import response_s
 
 from .piece import SizedEffect, with_effects
 from .rows.weigh import USUAL_MPS

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.calibration.response import response_s
 from control.machine.fall import drop_s
 from control.machine.flow import grams_per_rev
 from control.machine.heads import HeadInput, head_reads
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
+from control.machine.start import response_s
 
 from .piece import Array, SizedEffect, with_effects
 from .rows.weigh import USUAL_MPS, wheel_reads

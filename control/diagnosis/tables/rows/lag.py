@@ -4,7 +4,6 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
-from control.calibration.response import ramp_s, response_s
 from control.diagnosis.effects import (
     LAG_ASYMMETRY,
     LAG_FIRST_FILL,
@@ -17,6 +16,7 @@ from control.diagnosis.effects import (
 from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
+from control.machine.start import ramp_s, response_s
 
 from .labels import Roles, column_of, labels_of, roles_of
 
