@@ -4,7 +4,7 @@ from __future__ import annotations
 from control.diagnosis.cost import Point, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
-from control.machine.fall import drop_s
+from control.machine.fall import start_drop_s
 from control.machine.machine import Machine
 from control.machine.start import response_s
 
@@ -36,7 +36,7 @@ def _lag_s(machine: Machine) -> float:
     """Whole lag of a start at the set-point, the worst of its direction; s."""
     fall = machine.fall
     high = machine.limits.shaft_high_rpm if fall.rebound_s else machine.set_points.shaft_rpm
-    straight = drop_s(fall._replace(rebound_s=0.0), machine.set_points.shaft_rpm)
-    risen = drop_s(fall, high) - drop_s(fall._replace(rebound_s=0.0), high)
+    straight = start_drop_s(fall._replace(rebound_s=0.0), machine.set_points.shaft_rpm)
+    risen = start_drop_s(fall, high) - start_drop_s(fall._replace(rebound_s=0.0), high)
     return (response_s(machine, machine.set_points.shaft_rpm) + straight + risen + fall.latency_s + fall.first_fill_s
             + 0.5 * abs(fall.asymmetry_s))

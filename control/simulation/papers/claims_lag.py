@@ -8,9 +8,9 @@ import numpy as np
 from control.geodesy import TangentPlane, distance_m, paper_distance_m
 from control.machine.fall import lag_paper_s
 from control.machine.machine import Machine
+from control.machine.start import response_s, start_lag_s
 
 from .claims import compared
-from .correction import first_granule_s, turning_s
 from .map_geometry import AHEAD_M, AT, boundary_table, cells_that_agree
 from .page import Claim, How
 from .published import CORRECTED_M, DROP_S, GAIN_M, LAG_LINE, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
@@ -63,10 +63,10 @@ def equations() -> list[Claim]:
 
 
 def tables_1_to_3(machine: Machine) -> list[Claim]:
-    first = {n: first_granule_s(machine, n) for n in LAG_M}
+    first = {n: start_lag_s(machine, n) for n in LAG_M}
     off_m = rms(MEAN_M[n] - MPS * first[n] for n in UP_TO_70)
-    response = rms(value - turning_s(machine, n) for n, pair in RESPONSE_S.items() for value in pair)
-    drop = rms(MEAN_DROP_S[n] - first[n] + turning_s(machine, n) for n in UP_TO_70)
+    response = rms(value - response_s(machine, n) for n, pair in RESPONSE_S.items() for value in pair)
+    drop = rms(MEAN_DROP_S[n] - first[n] + response_s(machine, n) for n in UP_TO_70)
     still, moving = (np.array([pair[k] for pair in RESPONSE_S.values()]) for k in (0, 1))
     apart = float((moving - still).mean())
     sure = float(1.833 * (moving - still).std(ddof=1) / np.sqrt(len(still)))
@@ -91,7 +91,7 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
 
 
 def table_4(machine: Machine) -> list[Claim]:
-    first = {n: first_granule_s(machine, n) for n in LAG_M}
+    first = {n: start_lag_s(machine, n) for n in LAG_M}
     errors = {n: 100.0 * (1.0 - detected / field) for n, (field, detected) in TOTAL_LAG_S.items()}
     restated = {n: 100.0 * (1.0 - detected * MPS / MEAN_M[n]) for n, (_, detected) in TOTAL_LAG_S.items()}
     summed = rms(MEAN_DROP_S[n] + RESPONSE - TOTAL_LAG_S[n][1] for n in LAG_M)
