@@ -34,9 +34,6 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
 
 def _lag_s(machine: Machine) -> float:
     """Whole lag of a start at the set-point, the worst of its direction; s."""
-    fall = machine.fall
-    high = machine.limits.shaft_high_rpm if fall.rebound_s else machine.set_points.shaft_rpm
-    straight = start_drop_s(fall._replace(rebound_s=0.0), machine.set_points.shaft_rpm)
-    risen = start_drop_s(fall, high) - start_drop_s(fall._replace(rebound_s=0.0), high)
-    return (response_s(machine, machine.set_points.shaft_rpm) + straight + risen + fall.latency_s + fall.first_fill_s
+    fall, rpm = machine.fall, machine.set_points.shaft_rpm
+    return (response_s(machine, rpm) + start_drop_s(fall, rpm) + fall.latency_s + fall.first_fill_s
             + 0.5 * abs(fall.asymmetry_s))
