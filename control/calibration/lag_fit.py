@@ -15,7 +15,7 @@ from .bench_table import Array, BenchTable, usable
 from .least_squares import Interval, fitted
 
 _SLACK_RPM = 1e-6
-MOST_MORE = 1e-3        # of start_more_s_per_rpm2, as the machine file allows it
+MOST_MORE = 0.1         # of start_more_per_rpm, as the machine file allows it
 SETTLED_AT = 7          # shaft speeds over the line's range at which the start is held against it
 
 
@@ -54,7 +54,7 @@ def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, fr
     that is noted, they do not bend it. The response in force in the machine is taken off a whole lag.
     Times are of starts out of a standing shaft, as a rig and the papers measure them, with or without a column of
     responses; the machine's running shaft is then settled so that its own start gives the line
-    (`start_more_s_per_rpm2`).
+    (`start_more_per_rpm`).
 
     Raises ValueError with one line where the table cannot give a line.
     """
@@ -125,7 +125,7 @@ def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTab
     valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
     fall = machine.fall._replace(intercept_s=drop.value, slope_s_per_rpm=line.slope_s_per_rpm.value, offset_s=0.0,
                                  valid_from_rpm=line.from_rpm, valid_to_rpm=line.to_rpm, rebound_s=0.0)
-    fall = fall._replace(start_more_s_per_rpm2=start_more_s_per_rpm2(machine, fall))
+    fall = fall._replace(start_more_per_rpm=start_more_per_rpm(machine, fall))
     records = (record("fall.intercept_s", drop, "s", table.path, date, valid),
                record("fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid))
     checked = Machine.model_validate({**dict(machine), "fall": fall})
@@ -134,16 +134,18 @@ def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTab
         "title": retitled(machine, "lag", table.path, date)})
 
 
-def start_more_s_per_rpm2(machine: Machine, fall: Fall) -> float:
-    """What a start takes more than the running shaft's drop, s over n squared, so that the machine's own start gives
-    `fall`'s line over its range as nearly as it can (least squares)."""
+def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
+    """How much longer a start takes than the running shaft's drop, so that the machine's own start gives `fall`'s line
+    over its range as nearly as it can (least squares). `fall`'s own where its line does not fall with shaft speed."""
     speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
-    most = min(MOST_MORE, 0.9 * min(start_drop_s(fall, n) / n ** 2 for n in speeds if n > 0.0))
+    falls = [-fall.slope_s_per_rpm * n * n for n in speeds]
+    if max(falls) <= 0.0:
+        return fall.start_more_per_rpm
+    most = min(0.9 * start_drop_s(fall, n) / more for n, more in zip(speeds, falls, strict=True) if more > 0.0)
 
     def off(more: float) -> float:
-        settled = fall._replace(start_more_s_per_rpm2=more)
+        settled = fall._replace(start_more_per_rpm=more)
         return float(sum((first_fall_s(machine, settled, n) - start_drop_s(fall, n)) ** 2 for n in speeds))
 
-    if most <= 0.0:
-        return 0.0
-    return float(minimize_scalar(off, bounds=(0.0, most), method="bounded", options={"xatol": 1e-8}).x)
+    return float(minimize_scalar(off, bounds=(0.0, min(most, MOST_MORE)), method="bounded",
+                                 options={"xatol": 1e-6}).x)

@@ -20,7 +20,7 @@ EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
 class Fall(NamedTuple):
     intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
-    start_more_s_per_rpm2: Annotated[float, Field(ge=0, le=1e-3)] = 1.4e-5     # start less running, over n squared
+    start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3     # start less running, of |slope| n, an r/min
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
     full_rpm: Annotated[float, Field(gt=0, le=1e4)] = 100.0         # shaft speed at which the rebound is told
@@ -101,8 +101,12 @@ def start_drop_s(p: Fall, shaft_rpm: float) -> float:
 
 
 def drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Time from leaving the roller of a running shaft to the ground, s, without the effects of what came before."""
-    return max(0.0, start_drop_s(p, shaft_rpm) - p.start_more_s_per_rpm2 * shaft_rpm * shaft_rpm)
+    """Time from leaving the roller of a running shaft to the ground, s, without the effects of what came before.
+
+    Where drop time does not fall with shaft speed, it is that of a start.
+    """
+    falls_s = max(0.0, -p.slope_s_per_rpm * shaft_rpm)
+    return max(0.0, start_drop_s(p, shaft_rpm) - p.start_more_per_rpm * shaft_rpm * falls_s)
 
 
 def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:

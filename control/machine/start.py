@@ -30,7 +30,7 @@ def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     """From 2 r/min to the first granule on the ground, s: the rig's test played through the model (lag paper, table 3).
 
     The first granule leaves as the shaft begins to turn, and is carried along by the stream behind it while the shaft
-    speeds up. With `start_more_s_per_rpm2` fitted it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
+    speeds up. With `start_more_per_rpm` fitted it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
     """
     shaft = machine.shaft
     tau_s = shaft.time_constant_s + shaft.slow_s

@@ -157,7 +157,7 @@ def test_a_lag_rigs_drop_times_give_the_line_of_a_start_with_and_without_a_respo
 
 
 def test_a_calibrated_machine_played_through_the_rigs_test_gives_the_line_again() -> None:
-    before = Machine(fall=Machine().fall._replace(intercept_s=1.5, slope_s_per_rpm=-0.004, start_more_s_per_rpm2=0.0))
+    before = Machine(fall=Machine().fall._replace(intercept_s=1.5, slope_s_per_rpm=-0.004, start_more_per_rpm=0.0))
     machine, line = fit_lag(rig_table(Machine(), sd=0.0), before)
     off = [first_fall_s(machine, machine.fall, n) - line.lag_s(n) for n in SPEEDS_RPM]
     assert np.sqrt(np.mean(np.square(off))) < 0.003
@@ -165,10 +165,11 @@ def test_a_calibrated_machine_played_through_the_rigs_test_gives_the_line_again(
 
 
 def test_a_drop_that_hardly_depends_on_shaft_speed_is_the_same_for_a_start() -> None:
-    flat = Machine().fall._replace(slope_s_per_rpm=0.0, start_more_s_per_rpm2=0.0)
+    flat = Machine().fall._replace(slope_s_per_rpm=0.0)
     assert first_fall_s(Machine(), flat, 70.0) == pytest.approx(1.8288, abs=1e-9)
+    assert drop_s(flat, 70.0) == pytest.approx(1.8288)
     machine, _ = fit_lag(rig_table(Machine(fall=flat), sd=0.0), Machine())
-    assert machine.fall.start_more_s_per_rpm2 == pytest.approx(0.0, abs=1e-7)
+    assert drop_s(machine.fall, 70.0) == pytest.approx(1.8288, abs=1e-6)
 
 
 def test_the_commands_write_new_machine_files_with_provenance(tmp_path: Path) -> None:
