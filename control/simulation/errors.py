@@ -17,7 +17,7 @@ from control.targets.lag_correction import Fired
 BIN_M = 0.25                # rates are judged on stretches of this length
 FINE_BIN_M = 0.05           # half-way points are found on these
 FARTHEST_M = 12.0           # the landed step is looked for this far on
-EARLY_M = 0.5               # a landed step is looked for from this much before its command's own parcel on
+EARLY_M = 0.25              # a drive may answer sooner than control believes: the step is looked for from so far before
 LEAST_STEP = 0.03           # smaller steps of the target, as a share of it, have no findable half-way point
 
 
@@ -95,7 +95,7 @@ def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, le
 def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float) -> tuple[Array, int]:
     """Signed place errors (k,), m, and how many steps never came half-way before the next one.
 
-    A step is looked for in what was released after it was commanded and before the next one could show. Its half-way
+    A step is looked for in what was released after its drive answered and before the next one could show. Its half-way
     point is where a step between the two targets fits the landed rate best (`_half_way`): a single noisy bin that
     touches the middle early is no landing.
     """
@@ -114,7 +114,8 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
         if row >= len(time) or not columns["working"][row]:
             continue
         wanted = float(np.interp(change.place_m, np.maximum.accumulate(track), np.maximum.accumulate(driven)))
-        begin_m = float(land.place_m[row]) - EARLY_M
+        answers = min(len(time) - 1, int(np.searchsorted(time, change.time_s + change.lag.response_s)))
+        begin_m = float(land.place_m[answers]) - EARLY_M
         end_m = begin_m + FARTHEST_M
         if k + 1 < len(fired):
             following = fired[k + 1]

@@ -205,4 +205,4 @@ def rate_picture(crop: Crop) -> Picture:
     return Picture("Figure 4: rate over NDVI", "NDVI", "urea, kg/ha", (
         Line("eq 2 to 4", "other", ndvi.tolist(), [smooth.decide(float(v)).rate_kg_ha for v in ndvi], True),
         Line("grades", "ours", ndvi.tolist(), [graded.decide(float(v)).rate_kg_ha for v in ndvi], True),
-        Line("targets of table 2", "published", [v for v, _ in back], [r for _, r in back])))
+        Line("targets of table 2, their NDVI inferred", "published", [v for v, _ in back], [r for _, r in back])))
