@@ -37,7 +37,7 @@ def reproduce(
     refuse_collisions((), [marked(out / PAGE, GENERATOR.encode(), before)], force)
     sections = run_papers(seed)
     out.mkdir(parents=True, exist_ok=True)
-    for number, section in enumerate(sections, start=1):
+    for number, section in enumerate(sections):
         for k, table in enumerate(section.tables, start=1):
             write_atomically(out / f"{number}-{k}.csv", table_csv(table))
     write_atomically(out / PAGE, paper_page(sections, f"topdress {software_version()}"))
@@ -50,6 +50,7 @@ def reproduce(
 
 def run_papers(seed: int) -> list[Section]:
     """Everything the page shows. Takes about half a minute."""
+    from control.simulation.papers.claims import summary
     from control.simulation.papers.decision import decision_section
     from control.simulation.papers.lag import lag_section
     from control.simulation.papers.points import points_section
@@ -57,7 +58,8 @@ def run_papers(seed: int) -> list[Section]:
     setup = load_setup("huanghai", "demo", DAY)
     papers: list[Callable[[], Section]] = [lambda: decision_section(setup.machine, setup.crop, seed),
                                            lambda: lag_section(setup.machine), points_section]
-    return [paper() for paper in progress(papers, len(papers), "papers")]
+    sections = [paper() for paper in progress(papers, len(papers), "papers")]
+    return [summary(sections), *sections]
 
 
 def table_csv(table: Table) -> str:

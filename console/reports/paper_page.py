@@ -4,27 +4,57 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
-from console.reports.html import GENERATOR, escape, figure, paragraph, section, table
+from console.reports.html import GENERATOR, escape, figure, paragraph, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture as Drawn
 from control.simulation.papers.page import Cell, Picture, Section, Table
 
 COLOURS = {"published": BEFORE, "ours": AFTER, "other": THIRD}
+PAPERS_STYLE = """
+h3 { margin: 2rem 0 .5rem; } figure { margin: 2rem 0; }
+.contents ul { columns: 1; margin: .2rem 0; padding-left: 1.2rem; } .contents a { color: var(--after); }
+.contents > ul { padding-left: 0; list-style: none; } .contents > ul > li { margin: .6rem 0; }
+"""
 MARKS = {"published": "s", "ours": "o", "other": "^"}
 
 
 def paper_page(sections: Sequence[Section], software: str) -> str:
-    """A whole HTML page, pictures inside, nothing fetched from elsewhere."""
-    body = "\n".join(section(part.title, *(paragraph(text) for text in part.words),
-                             *(_table(one) for one in part.tables),
-                             *(figure(draw(one, f"p{k}{j}")) for j, one in enumerate(part.pictures)))
-                     for k, part in enumerate(sections))
+    """A whole HTML page, nothing fetched from elsewhere; the first section stands above the contents."""
+    parts = [_section(part, k) for k, part in enumerate(sections)]
+    body = "\n".join([*parts[:1], _contents(sections), *parts[1:]])
     return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
             f'content="width=device-width">{GENERATOR}<title>Papers, published beside obtained</title>'
-            f'<style>{STYLE}</style>'
+            f'<style>{STYLE}{PAPERS_STYLE}</style>'
             f"</head>\n<body><h1>{escape(software)}</h1>"
             f"<p class=\"verdict\">The papers, published beside obtained</p>\n{body}\n</body></html>\n")
+
+
+def _section(part: Section, number: int) -> str:
+    inside = "\n".join([
+        *(paragraph(text) for text in part.words),
+        *(_table(one, _anchor(number, k)) for k, one in enumerate(part.tables)),
+        *(figure(draw(one, f"p{number}{k}")) for k, one in enumerate(part.pictures))])
+    return f'<section id="s{number}"><h2>{escape(part.title)}</h2>\n{inside}\n</section>'
+
+
+def _contents(sections: Sequence[Section]) -> str:
+    """Links to every section and to every table in it."""
+    listed = "\n".join(
+        f'<li><a href="#s{number}">{escape(part.title)}</a><ul>'
+        + "".join(f'<li><a href="#{_anchor(number, k)}">{escape(_short(one.title))}</a></li>'
+                  for k, one in enumerate(part.tables)) + "</ul></li>"
+        for number, part in enumerate(sections))
+    return f'<nav class="contents"><h2>Contents</h2><ul>{listed}</ul></nav>'
+
+
+def _short(title: str) -> str:
+    """A table's title up to its first remark."""
+    return title.split(";")[0].split(". ")[0]
+
+
+def _anchor(section: int, table: int) -> str:
+    return f"t{section}-{table + 1}"
 
 
 def draw(picture: Picture, name: str) -> Drawn:
@@ -41,11 +71,11 @@ def draw(picture: Picture, name: str) -> Drawn:
         return Drawn(svg(canvas, name, escape(picture.title)), picture.title)
 
 
-def _table(one: Table) -> str:
+def _table(one: Table, anchor: str) -> str:
     numbers = frozenset(k for k in range(len(one.columns))
                         if all(not isinstance(row[k], str) for row in one.rows))
     rows = [[cell_text(cell, decimals) for cell, decimals in zip(row, one.decimals, strict=True)] for row in one.rows]
-    return f"<h3>{escape(one.title)}</h3>" + table(one.columns, rows, numbers)
+    return f'<h3 id="{anchor}">{escape(one.title)}</h3>' + table(one.columns, rows, numbers)
 
 
 def cell_text(cell: Cell, decimals: int) -> str:

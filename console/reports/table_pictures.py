@@ -41,9 +41,10 @@ def table_picture(view: TableView, name: str) -> Picture:
 
 
 def _caption(view: TableView, named: bool) -> str:
-    column = view.name.rsplit(" ", 1)[-1]
-    said = [f"Above: {column} as measured, beside the nominal machine" + (" and the machine with the causes." if named
-                                                                         else "."),
+    path, _, column = view.name.rpartition(" ")
+    table = path.replace("\\", "/").rsplit("/", 1)[-1]
+    models = "the nominal machine and the machine with the causes" if named else "the nominal machine"
+    said = [*([f"{table}."] if table else []), f"Above: {column} as measured, beside {models}.",
             "Below: measured less predicted; the larger marks are means of rows set alike."]
     if column == "lag_m":
         said.append("Distances are divided by the written speed.")

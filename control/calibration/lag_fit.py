@@ -4,17 +4,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from control.machine.fall import drop_s
+from control.machine.fall import Fall, start_drop_s
 from control.machine.machine import Machine
+from control.machine.start import first_fall_s, response_s
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
-from .least_squares import Fit, Interval, fitted
-from .response import ramp_s, response_s
+from .least_squares import Interval, fitted
 
 _SLACK_RPM = 1e-6
-ROUNDS = 6              # of line and ramp: each changes the slope by less than a tenth of the one before
+MOST_MORE = 0.1         # of start_more_per_rpm, as the machine file allows it
+SETTLED_AT = 7          # shaft speeds over the line's range at which the start is held against it
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,66 +46,50 @@ class LagFit:
 
 
 def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, from_rpm: float | None = None,
-            to_rpm: float | None = None, date: str = "", ramp: bool | None = None) -> tuple[Machine, LagFit]:
-    """Fits the lag line and puts its drop time into a copy of the machine (lag paper eq 6).
+            to_rpm: float | None = None, date: str = "") -> tuple[Machine, LagFit]:
+    """Fits the lag line of starts and puts its drop time into a copy of the machine (lag paper eq 6).
 
     `label`: rows of that value of the table's label column only (needed where it has one). `from_rpm`, `to_rpm`: range
     of shaft speeds to use; default the machine's own range of validity. Rows beyond it are compared with the line and
     that is noted, they do not bend it. The response in force in the machine is taken off a whole lag.
-    `ramp`: the times were counted from 2 r/min on while the shaft still sped up, and the shaft's ramp as the machine
-    has it is taken off; None: where the table holds response_s and drop_s of each run, as a lag rig writes it. The
-    papers' tables are read as they are: eq 6 is the drop time of the set-point.
+    Times are of starts out of a standing shaft, as a rig and the papers measure them, with or without a column of
+    responses; the machine's running shaft is then settled so that its own start gives the line
+    (`start_more_per_rpm`).
 
     Raises ValueError with one line where the table cannot give a line.
     """
     table = usable(table)
     if table.kind != "lag":
         raise ValueError(f"{table.path}: a {table.kind} table: a lag fit needs a lag table")
-    chosen = _rows_of(table, label)
     measured, whole, lags = _measured(table)
+    chosen = _rows_of(table, label)
     speeds = table.columns["shaft_rpm"]
     low = machine.fall.valid_from_rpm if from_rpm is None else from_rpm
     high = machine.fall.valid_to_rpm if to_rpm is None else to_rpm
     chosen &= np.isfinite(lags)
     used = chosen & (speeds >= low - _SLACK_RPM) & (speeds <= high + _SLACK_RPM)
+    if low > high:
+        raise ValueError(f"{table.path}: shaft speeds from {low:g} to {high:g} r/min: allowed is a range that rises; "
+                         f"the machine's line holds from {machine.fall.valid_from_rpm:g} to "
+                         f"{machine.fall.valid_to_rpm:g} r/min")
     if len(np.unique(speeds[used])) < 3:
         raise ValueError(f"{table.path}: column shaft_rpm: {len(np.unique(speeds[used]))} different shaft speeds from "
                          f"{low:g} to {high:g} r/min: at least 3 are needed")
     n, y = speeds[used], lags[used]
-    takes_ramp = ramp if ramp is not None else {"response_s", "drop_s"} <= set(table.columns)
-    fit, ramps = _line(machine, n, y, takes_ramp)
+    fit = fitted(np.column_stack([np.ones(len(n)), n]), y, np.ones(len(n)))
     response = float(np.mean([response_s(machine, rpm) for rpm in n])) if whole else 0.0
     first, last = float(n.min()), float(n.max())
     line = LagFit(measured, fit.interval(0), fit.interval(1), first, last, len(n),
                   float(np.sqrt(np.sum(fit.residuals ** 2) / fit.dof)), float(np.corrcoef(n, y)[0, 1]), fit.residuals,
-                  (f"the line holds from {first:g} to {last:g} r/min", *_ramp_note(n, ramps, takes_ramp),
+                  (f"the line holds from {first:g} to {last:g} r/min",
                    *_beyond(fit.coefficients, speeds, lags, chosen & ~used, response, machine)))
     return _calibrated(machine, line, response, table, date), line
 
 
-def _line(machine: Machine, n: Array, y: Array, takes_ramp: bool) -> tuple[Fit, Array]:
-    """The line and what the ramp took at each row, s: it depends on the slope, so that both are found in turns."""
-    design, ramps, fall = np.column_stack([np.ones(len(n)), n]), np.zeros(len(n)), machine.fall
-    fit = fitted(design, y, np.ones(len(n)))
-    for _ in range(ROUNDS if takes_ramp else 0):
-        late = {rpm: ramp_s(machine, fall, rpm) for rpm in set(n.tolist())}
-        ramps = np.array([late[rpm] for rpm in n.tolist()])
-        fit = fitted(design, y - ramps, np.ones(len(n)))
-        intercept, slope = (float(value) for value in fit.coefficients)
-        fall = fall._replace(intercept_s=intercept, slope_s_per_rpm=slope, offset_s=0.0, rebound_s=0.0)
-    return fit, ramps
-
-
-def _ramp_note(n: Array, ramps: Array, takes_ramp: bool) -> tuple[str, ...]:
-    if not takes_ramp:
-        return ()
-    slow, fast = int(np.argmin(n)), int(np.argmax(n))
-    return (f"drop times counted from 2 r/min on hold the shaft's ramp: {ramps[slow]:.3f} s at {n[slow]:g} r/min, "
-            f"{ramps[fast]:.3f} s at {n[fast]:g} r/min were taken off",)
-
-
 def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
     if table.label is None:
+        if label is not None:
+            raise ValueError(f"{table.path}: label {label!r}: the table has no label column")
         return np.ones(table.rows, bool)
     values = sorted(set(table.label.tolist()))
     if label is None:
@@ -130,7 +116,7 @@ def _beyond(line: Array, speeds: Array, lags: Array, rest: np.ndarray, response:
     for rpm in np.unique(speeds[rest]):
         off = float(np.mean(lags[rest & (speeds == rpm)]) - line[0] - line[1] * rpm)
         notes.append(f"at {rpm:g} r/min, outside the range and not used, the mean lag is {off:+.3f} s off the line; "
-                     f"the machine file before says {drop_s(machine.fall, float(rpm)) + response:.3f} s")
+                     f"the machine file before says {start_drop_s(machine.fall, float(rpm)) + response:.3f} s")
     return tuple(notes)
 
 
@@ -139,9 +125,27 @@ def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTab
     valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
     fall = machine.fall._replace(intercept_s=drop.value, slope_s_per_rpm=line.slope_s_per_rpm.value, offset_s=0.0,
                                  valid_from_rpm=line.from_rpm, valid_to_rpm=line.to_rpm, rebound_s=0.0)
+    fall = fall._replace(start_more_per_rpm=start_more_per_rpm(machine, fall))
     records = (record("fall.intercept_s", drop, "s", table.path, date, valid),
                record("fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid))
     checked = Machine.model_validate({**dict(machine), "fall": fall})
     return checked.model_copy(update={
         "adopted": with_records(machine, records, ("lag.offset", "lag.rebound")),
         "title": retitled(machine, "lag", table.path, date)})
+
+
+def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
+    """How much longer a start takes than the running shaft's drop, so that the machine's own start gives `fall`'s line
+    over its range as nearly as it can (least squares). `fall`'s own where its line does not fall with shaft speed."""
+    speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
+    falls = [-fall.slope_s_per_rpm * n * n for n in speeds]
+    if max(falls) <= 0.0:
+        return fall.start_more_per_rpm
+    most = min(0.9 * start_drop_s(fall, n) / more for n, more in zip(speeds, falls, strict=True) if more > 0.0)
+
+    def off(more: float) -> float:
+        settled = fall._replace(start_more_per_rpm=more)
+        return float(sum((first_fall_s(machine, settled, n) - start_drop_s(fall, n)) ** 2 for n in speeds))
+
+    return float(minimize_scalar(off, bounds=(0.0, min(most, MOST_MORE)), method="bounded",
+                                 options={"xatol": 1e-6}).x)

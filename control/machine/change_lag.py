@@ -3,7 +3,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from .fall import drop_s
+from .landing import carried_s
 from .machine import Machine
 from .shaft import approach
 
@@ -28,6 +31,7 @@ class Lag(NamedTuple):
 
 
 STEP_S = 0.0125         # of the little simulation of one change
+TIE = 1e-9              # of the middle rate, s: where two parcels fit alike, a rise takes the first, a fall the last
 SETTLE_S = 1.0          # after the slowest drive began to move
 ROUND_RPM = 1.0         # lags are kept by rounded pairs
 ROUND_MM = 0.5
@@ -36,10 +40,10 @@ ROUND_MM = 0.5
 class ChangeLags:
     """Lags of changes under one machine model, kept once computed.
 
-    A change is played through the model: shaft and gate move, each parcel falls with its own drop time, and the lag is
+    A change is played through the model: shaft and gate move, parcels are carried along in the tube, and the lag is
     the time from the command to the half-way point of the landed step, found as rate and place errors are judged (the
     best fitting step). Neither half a transition nor one shaft speed's drop time will do: while the shaft speeds up,
-    later parcels fall faster and catch up; from a standstill they even overtake.
+    what falls is carried faster than when it was released.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -89,7 +93,9 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     rpm, opening = before.shaft_rpm, before.opening_mm
     lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,
                 gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
-    parcels: list[tuple[float, float]] = []
+    times: list[float] = []
+    masses: list[float] = []
+    drops: list[float] = []
     lead = int(2.0 / STEP_S)
     for k in range(-lead, int(lasts / STEP_S)):
         now = k * STEP_S
@@ -97,18 +103,21 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
             rpm = approach(rpm, after.shaft_rpm, tau, shaft.acceleration_rpm_s, STEP_S)
         if now >= gate.dead_time_s:
             opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))
-        parcels.append((now + drop_s(machine.fall, rpm), rpm * opening))
-    parcels.sort()
+        times.append(now)
+        masses.append(rpm * opening)
+        drops.append(drop_s(machine.fall, rpm))
+    released = np.array(times)
+    lands_s = (released + carried_s(released, np.array(drops))).tolist()
     middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)
     sign = 1.0 if rising else -1.0
     fit, best, at = 0.0, 0.0, None
-    last = parcels[0][0]
-    for lands, mass in parcels:
+    last = lands_s[0]
+    for lands, mass in zip(lands_s, masses, strict=True):
         fit -= sign * middle * (lands - last)
-        if fit < best and lands > 0.0 and sign > 0.0:
+        if fit < best - TIE * middle and lands > 0.0 and sign > 0.0:
             best, at = fit, lands
         fit += sign * mass * STEP_S
-        if fit < best and lands > 0.0 and sign < 0.0:
+        if fit < best + TIE * middle and lands > 0.0 and sign < 0.0:
             best, at = fit, lands
         last = lands
     return at

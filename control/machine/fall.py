@@ -1,4 +1,10 @@
-"""From the roller to the ground: drop time, its effects, and the papers' lag models."""
+"""From the roller to the ground: drop time of a start and of a running shaft, its effects, the papers' lag models.
+
+A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper, tables 3 and 4, eq 6). A
+running shaft's drop is shorter. Material in the tube is carried along by what follows it, at the pace of the shaft
+speed of the moment, so that nothing overtakes (`landing.carried_s`); while the shaft speeds up that pace is slower
+than at the set-point, and this much of a start is no drop time of the running shaft.
+"""
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
@@ -13,6 +19,7 @@ EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
 class Fall(NamedTuple):
     intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
+    start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3     # start less running, of |slope| n, an r/min
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
     full_rpm: Annotated[float, Field(gt=0, le=1e4)] = 100.0         # shaft speed at which the rebound is told
@@ -82,15 +89,25 @@ def fall_start(time_s: float = 0.0) -> FallState:
     return FallState(time_s, 2.0 * EMPTY_TUBE_S, 1e9)
 
 
-def drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Time from leaving the roller to the ground, s, without the effects of what came before (lag paper eq 6)."""
+def start_drop_s(p: Fall, shaft_rpm: float) -> float:
+    """Time from 2 r/min to the first granule of a start for a set-point, s, as a rig measures it (lag paper eq 6)."""
     over = max(0.0, shaft_rpm - p.valid_to_rpm) / max(1.0, p.full_rpm - p.valid_to_rpm)
     straight = p.intercept_s + p.slope_s_per_rpm * shaft_rpm
     return max(0.0, straight + p.offset_s + p.rebound_s * over)
 
 
+def drop_s(p: Fall, shaft_rpm: float) -> float:
+    """Time from leaving the roller of a running shaft to the ground, s, without the effects of what came before.
+
+    Where drop time does not fall with shaft speed, it is that of a start.
+    """
+    falls_s = max(0.0, -p.slope_s_per_rpm * shaft_rpm)
+    return max(0.0, start_drop_s(p, shaft_rpm) - p.start_more_per_rpm * shaft_rpm * falls_s)
+
+
 def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
-    """Seconds after its release at which what is released in this step reaches the ground."""
+    """Seconds after its release at which what is released in this step reaches the ground, if the shaft keeps its
+    speed; `landing.carried_s` where it does not."""
     flowing = u.flow_kg_s > 0.0
     filling = s.filling_s + dt_s
     if flowing and s.no_flow_s >= EMPTY_TUBE_S:

@@ -7,6 +7,8 @@ import numpy as np
 
 from .elements import Array
 
+SHORTEST_S = 1e-6           # a drop time of nothing
+
 
 class Ground(NamedTuple):
     """Mass on the ground along the track, in bins of `bin_m` from `origin_m` on."""
@@ -17,6 +19,19 @@ class Ground(NamedTuple):
 
     def centres_m(self) -> Array:
         return np.asarray(self.origin_m + self.bin_m * (np.arange(len(self.mass_kg)) + 0.5), dtype=np.float64)
+
+
+def carried_s(time_s: Array, settled_s: Array) -> Array:
+    """Time to the ground of what is released at each time, (n,) s, where the stream in the tube sets its pace.
+
+    time_s : (n,) rising; settled_s : (n,) drop time at the shaft speed of that time, held to the next. At every moment
+    all that falls moves by dt / settled_s of its way. Nothing overtakes. After the end the last pace holds.
+    """
+    pace = 1.0 / np.maximum(settled_s, SHORTEST_S)
+    way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * pace[:-1])])
+    beyond = 1.0 / pace[-1]
+    lands = np.interp(way + 1.0, np.append(way, way[-1] + 1.0), np.append(time_s, time_s[-1] + beyond))
+    return np.asarray(lands - time_s, dtype=np.float64)
 
 
 def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: float,

@@ -81,8 +81,9 @@ class _Operator:
 class Record:
     """What is kept of a run to judge it: columns of numbers, a row a tick."""
 
-    NAMES = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "driven_m", "speed_mps", "east_m", "north_m",
-             "in_pass", "target_kg_ha", "working", "track_m", "shaft_rpm_cmd", "opening_mm_cmd", "flowing")
+    NAMES = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "settled_drop_s", "driven_m", "speed_mps",
+             "east_m", "north_m", "in_pass", "target_kg_ha", "working", "track_m", "shaft_rpm_cmd", "opening_mm_cmd",
+             "flowing")
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
@@ -91,8 +92,8 @@ class Record:
     def add(self, step: Step) -> None:
         t = step.truth
         self.fired.extend(step.tick.fired)
-        self._rows.append((t.time_s, t.shaft_rpm, t.opening_mm, t.flow_kg_s, t.drop_s, t.driven_m, t.speed_mps,
-                           t.east_m, t.north_m, float(t.in_pass), step.target_rate_kg_ha,
+        self._rows.append((t.time_s, t.shaft_rpm, t.opening_mm, t.flow_kg_s, t.drop_s, t.settled_drop_s, t.driven_m,
+                           t.speed_mps, t.east_m, t.north_m, float(t.in_pass), step.target_rate_kg_ha,
                            float(step.tick.row.state == State.WORKING), step.tick.sensed.track_m,
                            step.tick.command.shaft_rpm, step.tick.command.opening_mm,
                            float(not step.tick.why_no_flow)))

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from control.machine.elements import Array
-from control.machine.landing import Ground, landed
+from control.machine.landing import Ground, carried_s, landed
 from control.targets.lag_correction import Fired
 
 BIN_M = 0.25                # rates are judged on stretches of this length
 FINE_BIN_M = 0.05           # half-way points are found on these
 FARTHEST_M = 12.0           # the landed step is looked for this far on
-EARLY_M = 0.5               # faster falling material may overtake by this much
+EARLY_M = 0.25              # a drive may answer sooner than control believes: the step is looked for from so far before
 LEAST_STEP = 0.03           # smaller steps of the target, as a share of it, have no findable half-way point
 
 
@@ -55,7 +55,7 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     """Bin a run on the ground along its own way. `columns`: see `closed_loop.Record`."""
     time, driven = columns["time_s"], columns["driven_m"]
     mass = columns["flow_kg_s"] * _row_s(time)
-    ground, place = landed(time, driven, mass, columns["drop_s"], BIN_M, lever_arm_m)
+    ground, place = landed(time, driven, mass, falls_s(columns), BIN_M, lever_arm_m)
     centres = ground.centres_m()
     rate = ground.mass_kg / (BIN_M * width_m) * 10_000.0
     at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))     # backed up: the first time
@@ -65,6 +65,12 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     inside &= (centres >= driven[0]) & (centres <= driven[-1])
     here = np.clip(np.floor((driven - ground.origin_m) / BIN_M).astype(np.int64), 0, len(rate) - 1)
     return Landing(ground, place, rate[here], target, rate, inside.astype(np.float64))
+
+
+def falls_s(columns: dict[str, Array]) -> Array:
+    """Each parcel's time to the ground, (n,) s: carried along by the stream, and what its own effects add."""
+    settled = columns["settled_drop_s"]
+    return carried_s(columns["time_s"], settled) + columns["drop_s"] - settled
 
 
 def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, lever_arm_m: float = 0.0) -> Errors:
@@ -89,13 +95,14 @@ def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, le
 def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float) -> tuple[Array, int]:
     """Signed place errors (k,), m, and how many steps never came half-way before the next one.
 
-    A step is looked for in what was released after it was commanded and before the next one could show. Its half-way
+    A step is looked for in what was released after its drive answered and before the next one could show. Its half-way
     point is where a step between the two targets fits the landed rate best (`_half_way`): a single noisy bin that
     touches the middle early is no landing.
     """
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
-    fine, _ = landed(time, driven, columns["flow_kg_s"] * _row_s(time), columns["drop_s"], FINE_BIN_M,
-                     float(np.median(land.place_m - np.interp(time + columns["drop_s"], time, driven))))
+    falls = falls_s(columns)
+    fine, _ = landed(time, driven, columns["flow_kg_s"] * _row_s(time), falls, FINE_BIN_M,
+                     float(np.median(land.place_m - np.interp(time + falls, time, driven))))
     rate = fine.mass_kg / (FINE_BIN_M * width_m) * 10_000.0
     found: list[float] = []
     lost = 0
@@ -107,7 +114,8 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
         if row >= len(time) or not columns["working"][row]:
             continue
         wanted = float(np.interp(change.place_m, np.maximum.accumulate(track), np.maximum.accumulate(driven)))
-        begin_m = float(land.place_m[row]) - EARLY_M
+        answers = min(len(time) - 1, int(np.searchsorted(time, change.time_s + change.lag.response_s)))
+        begin_m = float(land.place_m[answers]) - EARLY_M
         end_m = begin_m + FARTHEST_M
         if k + 1 < len(fired):
             following = fired[k + 1]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.machine.elements import Array, stepped
-from control.machine.fall import FallInput, fall_start, fall_step
+from control.machine.fall import FallInput, drop_s, fall_start, fall_step
 from control.machine.flow import FlowInput, flow_start, flow_step
 from control.machine.gate import GateInput, gate_start, gate_step
 from control.machine.heads import HeadInput, head_reads
@@ -62,7 +62,8 @@ class Truth(NamedTuple):
     shaft_rpm: float
     opening_mm: float
     flow_kg_s: float            # mean over the step
-    drop_s: float               # of what was released in it
+    drop_s: float               # of what was released in it, if the shaft keeps its speed
+    settled_drop_s: float       # of that, what the stream in the tube sets the pace of
     driven_m: float             # outlet along its path, at the step's end
     speed_mps: float
     hopper_kg: float
@@ -157,8 +158,9 @@ class Plant:
         flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
         self._ticks += 1
         drop = self._drop(flow)
-        self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop, self._driven_m, speed,
-                           self._flow.hopper_kg, pose.east_m, pose.north_m, pose.in_pass, refill,
+        self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
+                           drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
+                           pose.east_m, pose.north_m, pose.in_pass, refill,
                            self._doses)
         if self._keep is not None:
             self._keep(self.truth)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -14,6 +15,7 @@ ROUNDS = 10                     # of the rig's program, a step of the plant
 PLATE_AT_REST = 500
 GRANULE = 80
 LEAST_FLOW_KG_S = 1e-4
+LEAST_STEP_S = 1e-6             # a drop time of nothing
 
 
 class TruthNow(Protocol):
@@ -27,6 +29,8 @@ class TruthNow(Protocol):
     def flow_kg_s(self) -> float: ...
     @property
     def drop_s(self) -> float: ...
+    @property
+    def settled_drop_s(self) -> float: ...
 
 
 class _Pins(RigPins):
@@ -57,7 +61,9 @@ class VirtualLagRig:
         self._settings = RigSettings()
         self._program = LagRig(self._pins, self._settings)
         self._truth = truth
-        self._falling: list[float] = []             # when granules land, plant time; they overtake: a heap
+        self._falling: deque[tuple[float, float]] = deque()     # way of the stream at its release, more time it takes
+        self._landing: list[float] = []             # when granules land, plant time; a heap
+        self._way = 0.0                             # that the stream has gone: 1 is the whole fall
         self._rounds = 0
         self._last_s = 0.0
         self._rpm = 0.0
@@ -70,12 +76,22 @@ class VirtualLagRig:
         if truth is None:
             return
         if truth.flow_kg_s > LEAST_FLOW_KG_S:
-            heapq.heappush(self._falling, truth.time_s + truth.drop_s)
+            self._falling.append((self._way, truth.drop_s - truth.settled_drop_s))
+        self._carry(truth)
         step_s, from_rpm = truth.time_s - self._last_s, self._rpm
         for part in range(1, ROUNDS + 1):
             share = part / ROUNDS
             self._round(self._last_s + share * step_s, from_rpm + share * (truth.shaft_rpm - from_rpm), step_s / ROUNDS)
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
+
+    def _carry(self, truth: TruthNow) -> None:
+        """What falls moves on by a step at the stream's pace (`control.machine.landing.carried_s`)."""
+        moved = (truth.time_s - self._last_s) / max(truth.settled_drop_s, LEAST_STEP_S)
+        while self._falling and self._falling[0][0] + 1.0 <= self._way + moved:
+            released, more_s = self._falling.popleft()
+            share = (released + 1.0 - self._way) / moved
+            heapq.heappush(self._landing, self._last_s + share * (truth.time_s - self._last_s) + more_s)
+        self._way += moved
 
     def _round(self, now_s: float, rpm: float, dt_s: float) -> None:
         pins = self._pins
@@ -86,8 +102,8 @@ class VirtualLagRig:
             pins.before_us = round(now_s * 1e6) - between_us
             pins.counts, pins.newest_us = counts, round(now_s * 1e6)
         landed = False
-        while self._falling and self._falling[0] <= now_s:
-            heapq.heappop(self._falling)
+        while self._landing and self._landing[0] <= now_s:
+            heapq.heappop(self._landing)
             landed = True
         self._rounds += 1
         pins.value = PLATE_AT_REST + GRANULE * landed + self._rounds * 7 % 5

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from control.calibration import BenchTable, fit_flow, fit_lag
-from control.calibration.response import response_s
 from control.machine.machine import Adopted, Machine, with_effect
+from control.machine.start import response_s
 
 MACHINE = Machine(adopted=(Adopted(id="shaft.gain", size=1.0), Adopted(id="flow.gain", size=5.0)))
 
@@ -134,3 +134,10 @@ def test_labels_must_be_chosen() -> None:
     with pytest.raises(ValueError, match="allowed field, rig"):
         fit_lag(labelled, MACHINE, label="barn")
     assert fit_lag(labelled, MACHINE, label="rig")[1].rows_used <= table.rows // 2
+    with pytest.raises(ValueError, match="label 'rig': the table has no label column"):
+        fit_lag(table, MACHINE, label="rig")
+
+
+def test_a_range_that_falls_is_refused_with_the_range_in_force() -> None:
+    with pytest.raises(ValueError, match="from 200 to 70 r/min: allowed is a range that rises"):
+        fit_lag(lag(2.2, -0.008), MACHINE, from_rpm=200.0)

@@ -11,9 +11,10 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from control.calibration import BenchTable, WheelLog, check_heads, fit_lag, fit_wheel
-from control.calibration.response import ramp_s
 from control.geodesy import TangentPlane
+from control.machine.fall import drop_s
 from control.machine.machine import Adopted, Machine
+from control.machine.start import first_fall_s
 
 MACHINE = Machine(adopted=(Adopted(id="speed.wheel_radius", size=1.0), Adopted(id="canopy.head_fouled", size=-3.0)))
 PLANE = TangentPlane(34.28, 119.88)
@@ -132,33 +133,43 @@ def test_silent_heads_and_short_logs_are_said() -> None:
         check_heads(time, values, MACHINE, "run.csv")
 
 
-def rig_table(machine: Machine, sd: float = 0.01) -> BenchTable:
+SPEEDS_RPM = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
+
+
+def rig_table(machine: Machine, sd: float = 0.01, responses: bool = True) -> BenchTable:
     rng = np.random.default_rng(2)
-    rpm = np.repeat(np.arange(10.0, 71.0, 10.0), 10)
-    drops = np.array([machine.fall.intercept_s + machine.fall.slope_s_per_rpm * n + ramp_s(machine, machine.fall, n)
-                      for n in rpm]) + sd * rng.standard_normal(len(rpm))
-    responses = np.full(len(rpm), 0.383)
-    return BenchTable("lag", {"shaft_rpm": rpm, "response_s": responses, "drop_s": drops}, path="rig.csv")
+    rpm = np.repeat(SPEEDS_RPM, 10)
+    first = {n: first_fall_s(machine, machine.fall, n) for n in SPEEDS_RPM}
+    columns = {"shaft_rpm": rpm, "drop_s": np.array([first[n] for n in rpm]) + sd * rng.standard_normal(len(rpm))}
+    if responses:
+        columns["response_s"] = np.full(len(rpm), 0.383)
+    return BenchTable("lag", columns, path="rig.csv")
 
 
-def test_a_lag_rigs_drop_times_give_the_line_of_the_set_point() -> None:
+def test_a_lag_rigs_drop_times_give_the_line_of_a_start_with_and_without_a_response_column() -> None:
     true = Machine()
-    assert ramp_s(true, true.fall, 70.0) == pytest.approx(0.35, abs=0.03)
-    assert ramp_s(true, true.fall, 10.0) == pytest.approx(0.05, abs=0.02)
-    start = true.model_copy(update={"fall": true.fall._replace(intercept_s=1.5, slope_s_per_rpm=-0.004)})
-    machine, line = fit_lag(rig_table(true), start)
-    assert machine.fall.intercept_s == pytest.approx(1.8288, abs=0.015)
-    assert machine.fall.slope_s_per_rpm == pytest.approx(-0.0083, abs=3e-4)
-    assert any("ramp" in note and "were taken off" in note for note in line.notes)
-    plain, _ = fit_lag(rig_table(true), start, ramp=False)
-    assert plain.fall.slope_s_per_rpm == pytest.approx(-0.0083 + 0.3 / 60.0, abs=1e-3), "as the papers' are read"
+    before = true.model_copy(update={"fall": true.fall._replace(intercept_s=1.5, slope_s_per_rpm=-0.004)})
+    both, _ = fit_lag(rig_table(true), before)
+    alone, _ = fit_lag(rig_table(true, responses=False), before)
+    assert both.fall == alone.fall
+    assert both.fall.intercept_s == pytest.approx(1.8288, abs=0.015)
+    assert both.fall.slope_s_per_rpm == pytest.approx(-0.0083, abs=3e-4)
 
 
-def test_a_slow_fall_lands_first_what_was_released_first() -> None:
-    """Where the drop hardly depends on speed the first granule out is the first one down: no ramp in it."""
-    machine = Machine()
-    flat = machine.fall._replace(slope_s_per_rpm=0.0)
-    assert ramp_s(machine, flat, 70.0) == pytest.approx(0.0, abs=1e-9)
+def test_a_calibrated_machine_played_through_the_rigs_test_gives_the_line_again() -> None:
+    before = Machine(fall=Machine().fall._replace(intercept_s=1.5, slope_s_per_rpm=-0.004, start_more_per_rpm=0.0))
+    machine, line = fit_lag(rig_table(Machine(), sd=0.0), before)
+    off = [first_fall_s(machine, machine.fall, n) - line.lag_s(n) for n in SPEEDS_RPM]
+    assert np.sqrt(np.mean(np.square(off))) < 0.003
+    assert drop_s(machine.fall, 70.0) == pytest.approx(drop_s(Machine().fall, 70.0), abs=0.01)
+
+
+def test_a_drop_that_hardly_depends_on_shaft_speed_is_the_same_for_a_start() -> None:
+    flat = Machine().fall._replace(slope_s_per_rpm=0.0)
+    assert first_fall_s(Machine(), flat, 70.0) == pytest.approx(1.8288, abs=1e-9)
+    assert drop_s(flat, 70.0) == pytest.approx(1.8288)
+    machine, _ = fit_lag(rig_table(Machine(fall=flat), sd=0.0), Machine())
+    assert drop_s(machine.fall, 70.0) == pytest.approx(1.8288, abs=1e-6)
 
 
 def test_the_commands_write_new_machine_files_with_provenance(tmp_path: Path) -> None:

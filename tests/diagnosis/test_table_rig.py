@@ -13,19 +13,20 @@ SPEEDS_RPM = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
 
 
 def rig_table(path, machine, late_s=0.0, seed=3):
-    """Ten repeats at each speed: the shaft begins, the plate hears the first granule of all that fall."""
+    """Ten repeats at each speed: the shaft begins, the first granule falls at the pace of the stream behind it."""
     rng, lines = np.random.default_rng(seed), ["replicate,shaft_rpm,response_s,drop_s"]
     for repeat in range(1, 11):
         for target in SPEEDS_RPM:
-            t, rpm, step, released = 0.0, 0.0, 0.0005, []
-            while t < 1.2:
+            t, rpm, step, way, begun = 0.0, 0.0, 0.0005, 0.0, None
+            while way < 1.0:
                 rate = (target - rpm) / machine.shaft.time_constant_s
                 rpm += step * min(max(rate, -machine.shaft.acceleration_rpm_s), machine.shaft.acceleration_rpm_s)
                 t += step
                 if rpm >= 2.0:
-                    released.append((t, rpm))
-            heard = min(at + drop_s(machine.fall, speed) for at, speed in released) - released[0][0]
-            response = machine.shaft.dead_time_s + released[0][0]
+                    begun = t if begun is None else begun
+                    way += step / drop_s(machine.fall, rpm)
+            heard = t - begun
+            response = machine.shaft.dead_time_s + begun
             lines.append(f"{repeat},{target:g},{response + rng.normal(0, 0.008):.4f},"
                          f"{heard + late_s + rng.normal(0, 0.02):.4f}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ from drivers.files.exports.write import write_as_applied
 from drivers.files.read_log import RunLog
 
 PLANE = TangentPlane(34.28, 119.88)
-SPEED_MPS, WIDTH_M, DROP_S = 1.25, 2.4, 1.8288 - 0.0083 * 70.0
+SPEED_MPS, WIDTH_M, DROP_S = 1.25, 2.4, 1.8288 - 0.0083 * 70.0 - 1.69e-3 * 0.0083 * 70.0 ** 2
 
 
 def test_sums_are_the_logs_own(applied: AsApplied) -> None:

@@ -137,8 +137,8 @@ def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:
     assert unit_of("lag.rebound", of("planter")) == "s above the straight line at 60 r/min"
     lossy = with_effect(spreader, "flow.fill_falloff", 8.0).flow
     assert grams_per_rev(lossy, 1000.0, 80.0) == pytest.approx(0.92 * grams_per_rev(spreader.flow, 1000.0, 80.0))
-    fall = with_effect(Machine(), "lag.rebound", 0.4).fall._replace(slope_s_per_rpm=0.0, valid_to_rpm=400.0,
-                                                                    full_rpm=600.0)
+    fall = with_effect(Machine(), "lag.rebound", 0.4).fall._replace(
+        slope_s_per_rpm=0.0, valid_to_rpm=400.0, full_rpm=600.0)
     assert drop_s(fall, 600.0) - drop_s(fall, 400.0) == pytest.approx(0.4)
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import pytest
 
-from control.machine.fall import Fall, drop_s, lag_paper_s, point_lag_s
+from control.machine.fall import Fall, lag_paper_s, point_lag_s, start_drop_s
 from control.machine.flow import Flow, FlowInput, flow_start, flow_step
 from control.machine.gate import Gate, GateInput, gate_start, gate_step
 from control.machine.shaft import Shaft, ShaftInput, shaft_start, shaft_step
@@ -29,7 +29,7 @@ def test_two_rpm_after_0_383_s_at_any_set_point(set_point_rpm: float) -> None:
 
 @pytest.mark.parametrize("shaft_rpm", range(10, 71, 10))
 def test_response_and_drop_make_eq_6(shaft_rpm: float) -> None:
-    assert 0.383 + drop_s(Fall(), shaft_rpm) == pytest.approx(lag_paper_s(shaft_rpm), abs=1e-9)
+    assert 0.383 + start_drop_s(Fall(), shaft_rpm) == pytest.approx(lag_paper_s(shaft_rpm), abs=1e-9)
 
 
 def test_point_paper_total_lag() -> None:

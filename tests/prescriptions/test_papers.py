@@ -2,19 +2,32 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
 from control.agronomy.crop import Crop
+from control.machine.fall import drop_s
+from control.machine.landing import carried_s
 from control.machine.machine import Machine
+from control.machine.start import first_fall_s, response_s, start_lag_s
 from control.simulation.papers import published
-from control.simulation.papers.correction import READINGS, explain, first_granule_s, misses_m, turning_s
+from control.simulation.papers.claims import ledger
+from control.simulation.papers.claims_decision import decision_claims, yields
+from control.simulation.papers.claims_lag import lag_claims
+from control.simulation.papers.claims_points import points_claims
+from control.simulation.papers.correction import READINGS, explain, misses_m
 from control.simulation.papers.decision import nitrogen, sampling, target_readings
+from control.simulation.papers.experiments import experiment_tables
 from control.simulation.papers.lag import eq3, lag_line
+from control.simulation.papers.map_geometry import boundary_table, cells_that_agree
+from control.simulation.papers.page import Claim, How, Table
 from control.simulation.papers.points import delays, microsteps
+from control.targets.point import point_lag
 from drivers.files.config import load
 from drivers.files.kinds import CROP
 
@@ -67,11 +80,10 @@ def test_eq_3_as_printed_makes_8_39_m_of_10() -> None:
 
 def test_the_machine_turns_after_the_response_of_table_2() -> None:
     for rpm, values in published.RESPONSE_S.items():
-        assert turning_s(Machine(), rpm) == pytest.approx(sum(values) / 2, abs=0.01)
+        assert response_s(Machine(), rpm) == pytest.approx(sum(values) / 2, abs=0.01)
 
 
 def test_eq_6_exact_leaves_nothing_after_the_correction() -> None:
-    import numpy as np
     rng = np.random.default_rng(1)
     for rpm in published.GAIN_M:
         assert abs(misses_m(Machine(), rpm, READINGS[0], True, 1, rng)).max() < 1e-9
@@ -79,9 +91,27 @@ def test_eq_6_exact_leaves_nothing_after_the_correction() -> None:
         assert before == pytest.approx(published.GAIN_M[rpm][0], abs=0.65)
 
 
-def test_a_rising_shaft_lands_later_than_its_settled_speed_would() -> None:
-    assert first_granule_s(Machine(), 70.0) > 0.373 + 1.8288 - 0.0083 * 70.0 + 0.2
-    assert first_granule_s(Machine(), 10.0) == pytest.approx(0.373 + 1.8288 - 0.083, abs=0.08)
+def test_the_papers_own_test_played_through_the_model_gives_its_tables() -> None:
+    speeds = np.arange(10.0, 71.0, 10.0)
+    lags = np.array([start_lag_s(Machine(), n) for n in speeds])
+    assert np.polyfit(speeds, lags, 1)[0] == pytest.approx(-8.3e-3, abs=1e-4)
+    detected = np.array([published.TOTAL_LAG_S[int(n)][1] for n in speeds])
+    assert np.sqrt(np.mean((lags - detected) ** 2)) < 0.032                # eq 6 itself: 0.031
+    (_, sums, settled), words = experiment_tables(Machine())
+    ours = {str(row[0]): row[1:] for row in sums.rows}
+    assert ours["table 4 detected, s"][1] == pytest.approx(0.238, abs=0.001)       # the model before
+    assert all(row[0] < 0.05 and row[2] < 0.05 for row in ours.values())
+    assert any("speed of the test, km/h" in str(row[0]) and str(row[1]).startswith("5.26") for row in settled.rows)
+    assert "1.996 s)" in words[0]
+
+
+def test_nothing_overtakes_in_the_tube_and_a_start_takes_longer_than_a_running_shaft() -> None:
+    time = np.arange(0.0, 6.0, 0.05)
+    drops = np.where(time < 2.0, 1.8, np.where(time < 4.0, 1.1, 1.6))
+    lands = time + carried_s(time, drops)
+    assert np.all(np.diff(lands) > 0.0)
+    assert carried_s(time, np.full(len(time), 1.3)) == pytest.approx(np.full(len(time), 1.3))
+    assert drop_s(Machine().fall, 70.0) == pytest.approx(first_fall_s(Machine(), Machine().fall, 70.0) - 0.07, abs=0.01)
 
 
 def test_a_position_once_a_second_explains_table_5_and_no_faster_one_does() -> None:
@@ -89,7 +119,7 @@ def test_a_position_once_a_second_explains_table_5_and_no_faster_one_does() -> N
     assert fits[0].reading.update_hz == 1.0 and fits[0].reading.lag_from == "line"
     assert fits[0].mean_m == pytest.approx(0.626, abs=0.06)
     worse = [fit for fit in fits if fit.reading.update_hz in (5.0, 10.0)]
-    assert all(fit.log_likelihood < fits[0].log_likelihood - 3.0 for fit in worse)
+    assert all(fit.log_likelihood < fits[0].log_likelihood - 2.0 for fit in worse)       # a value; 21 values
 
 
 def test_28_kg_more_nitrogen_is_of_the_applied_amounts() -> None:
@@ -100,7 +130,7 @@ def test_sampling_prefers_one_hertz_in_both(crop: Crop) -> None:
     (table, changes), words = sampling(1)
     assert "1 Hz in the paper's figures and 1 Hz in ours" in words[0]
     assert changes.rows[0][1:] == pytest.approx((1.25, 1.79, 3.68, 4.39), abs=0.01)
-    assert table.rows[0][1] == pytest.approx(table.rows[0][5], abs=1e-6)
+    assert table.rows[0][5] is None                     # the published CV at 2 Hz is an input of the canopy
 
 
 def test_smooth_rates_at_the_mean_lie_beyond_the_plots_ndvi(crop: Crop) -> None:
@@ -110,7 +140,9 @@ def test_smooth_rates_at_the_mean_lie_beyond_the_plots_ndvi(crop: Crop) -> None:
 
 
 def test_the_point_papers_delays_and_shaft_speeds() -> None:
-    assert all(row[1] == pytest.approx(row[2], abs=0.005) for row in delays().rows)
+    obtained = {row[0]: row[2] for row in delays().rows}
+    assert obtained["vision"] is None and obtained["link"] is None                 # inputs
+    assert all(row[1] == pytest.approx(row[2], abs=0.005) for row in delays().rows if row[2] is not None)
     assert all(row[1] == pytest.approx(row[2], rel=0.006) for row in microsteps().rows)
 
 
@@ -123,4 +155,58 @@ def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert told.exit_code == 0, told.stderr
     page = (tmp_path / "r" / "reproduce.html").read_text()
     assert page.count("<svg") == 3 and "position at 1 Hz" in page and "http" not in page.replace("http-equiv", "")
-    assert len(list((tmp_path / "r").glob("*.csv"))) == 8
+    assert len(list((tmp_path / "r").glob("*.csv"))) == 13
+    anchors = set(re.findall(r'href="#([^"]+)"', page))
+    assert anchors and all(page.count(f'id="{anchor}"') == 1 for anchor in anchors)
+
+
+def claims_of(crop: Crop) -> dict[str, list[Claim]]:
+    (table, _), _ = sampling(1)
+    graded, _ = target_readings(crop)
+    simulated = Table("", (), tuple((plot, *(0.0,) * 9) for plot in published.APPLIED), ())
+    return {"decision": decision_claims(crop, table, graded, simulated), "lag": lag_claims(Machine()),
+            "points": points_claims(point_lag(120.0, 99.8, 1.0))}
+
+
+def test_every_equation_table_and_figure_has_a_row(crop: Crop) -> None:
+    has = {"decision": (5, 3, 7), "lag": (6, 6, 10), "points": (5, 1, 5)}
+    for paper, claims in claims_of(crop).items():
+        where = " ".join(claim.where for claim in claims)
+        where = where.replace("eq 4, 5", "eq 4 eq 5").replace("figures 5 to 8", "figure 5 figure 6 figure 7 figure 8")
+        for word, count in zip(("eq", "table", "figure"), has[paper], strict=True):
+            missing = [n for n in range(1, count + 1) if not re.search(rf"{word} {n}\b", where)]
+            assert not missing, (paper, word, missing)
+
+
+def test_nothing_is_obtained_for_a_copied_figure(crop: Crop) -> None:
+    for claims in claims_of(crop).values():
+        ledger("paper", claims)
+        assert all(claim.agrees is None for claim in claims if claim.how is How.COPIED)
+    with pytest.raises(ValueError, match="table 9, a figure: obtained '3' is copied"):
+        ledger("paper", [Claim("table 9", "a figure", "3", "3", How.COPIED)])
+
+
+def test_field_times_of_table_4_were_made_at_4_5_km_h_and_its_detector_is_early(crop: Crop) -> None:
+    said = {claim.says: claim for claim in lag_claims(Machine())}
+    assert said["L = v T / 3.6: table 4's field times from table 1's distances"].obtained == (
+        "4.500 km/h (4.499 to 4.501 in 10 of 10 rows)")
+    early = said["why the detector differs: it misses the first granules"]
+    assert early.agrees is False and early.obtained == "detected less field -0.31 s" and "10 of 10" in early.remark
+
+
+def test_the_field_lag_is_that_of_table_1_and_not_of_table_4() -> None:
+    fits = {fit.reading.name: fit for fit in explain(Machine(), published.CORRECTED_M, trials=50)}
+    assert fits["field lag of table 1"].mean_m == pytest.approx(0.537, abs=0.001)
+
+
+def test_printed_yields_do_not_follow_from_the_sample_weights() -> None:
+    assert [row[4] for row in yields().rows] == pytest.approx([6020.0, 6120.0, 6320.0, 7020.0, 7120.0])
+    assert yields().rows[0][7] == pytest.approx(2277.0, abs=1.0)
+
+
+def test_eq_2_is_right_and_eq_5_halves_the_way() -> None:
+    assert cells_that_agree() == (1001, 1001)
+    rows = boundary_table().rows
+    assert rows[0][1:] == (pytest.approx(10.0, abs=0.01), pytest.approx(20.0, abs=0.01))
+    assert rows[1][1] == 0.0 and rows[3][1] is None
+    assert all(row[2] == pytest.approx(20.0, abs=0.01) for row in rows)

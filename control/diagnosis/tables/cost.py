@@ -1,12 +1,12 @@
 """What an effect costs in the field: rate error and place error at the machine's set-points."""
 from __future__ import annotations
 
-from control.calibration.response import response_s
 from control.diagnosis.cost import Point, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
-from control.machine.fall import drop_s
+from control.machine.fall import start_drop_s
 from control.machine.machine import Machine
+from control.machine.start import response_s
 
 from .piece import SizedEffect, with_effects
 from .rows.weigh import USUAL_MPS
@@ -34,9 +34,6 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
 
 def _lag_s(machine: Machine) -> float:
     """Whole lag of a start at the set-point, the worst of its direction; s."""
-    fall = machine.fall
-    high = machine.limits.shaft_high_rpm if fall.rebound_s else machine.set_points.shaft_rpm
-    straight = drop_s(fall._replace(rebound_s=0.0), machine.set_points.shaft_rpm)
-    risen = drop_s(fall, high) - drop_s(fall._replace(rebound_s=0.0), high)
-    return (response_s(machine, machine.set_points.shaft_rpm) + straight + risen + fall.latency_s + fall.first_fill_s
+    fall, rpm = machine.fall, machine.set_points.shaft_rpm
+    return (response_s(machine, rpm) + start_drop_s(fall, rpm) + fall.latency_s + fall.first_fill_s
             + 0.5 * abs(fall.asymmetry_s))

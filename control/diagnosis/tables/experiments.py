@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.calibration.response import response_s
-from control.machine.fall import drop_s
+from control.machine.fall import start_drop_s
 from control.machine.flow import grams_per_rev
 from control.machine.heads import HeadInput, head_reads
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
+from control.machine.start import response_s
 
 from .piece import Array, SizedEffect, with_effects
 from .rows.weigh import USUAL_MPS, wheel_reads
@@ -31,7 +31,7 @@ class Experiment(NamedTuple):
 
 def _lag(m: Machine, rpm: float, start: float = 0.0, change: float = 0.0) -> float:
     fall = m.fall
-    return response_s(m, rpm) + drop_s(fall, rpm) + start * fall.first_fill_s - 0.5 * change * fall.asymmetry_s
+    return response_s(m, rpm) + start_drop_s(fall, rpm) + start * fall.first_fill_s - 0.5 * change * fall.asymmetry_s
 
 
 def _place(m: Machine, rpm: float, speed_mps: float) -> float:

@@ -11,6 +11,7 @@ from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENC
 from control.diagnosis.result import UNKNOWN, Cause, Channel, NextRun, Rival, Size
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
+from .across import across, sentence
 from .clock import Clock
 from .cost import field_cost
 from .evidence import label_contrasts
@@ -146,6 +147,7 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
     for index, piece in enumerate(problem.pieces):
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
+    out += [sentence(pair) for pair in across(tables, problem.machine)]
     out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
             if clock is not None and clock.shown]
     out += [f"{candidate.id} {size:+.3g} holds in the rows of {group_name(*problem.group_names[candidate.scope])} only"

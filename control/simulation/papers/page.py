@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from typing import NamedTuple
 
 Cell = str | float | None
@@ -33,8 +34,30 @@ class Picture(NamedTuple):
     lines: tuple[Line, ...]
 
 
+class How(StrEnum):
+    """Where the obtained figure comes from. A copied figure has none: an input cannot confirm itself."""
+
+    RECOMPUTED = "recomputed"       # from other figures that the paper prints, by its own definition
+    FITTED = "fitted"               # parameters fitted to printed data, beside the printed parameters
+    SIMULATED = "simulated"         # by this program's models
+    COPIED = "copied"               # taken over as an input, or printed without anything to compute it from
+
+
+class Claim(NamedTuple):
+    """`where`: equation, table, figure or section; `says`: what it tells. `agrees`: None where nothing is compared."""
+
+    where: str
+    says: str
+    published: str
+    obtained: str = ""
+    how: How = How.COPIED
+    agrees: bool | None = None
+    remark: str = ""
+
+
 class Section(NamedTuple):
     title: str
     words: tuple[str, ...]
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
+    claims: tuple[Claim, ...] = ()

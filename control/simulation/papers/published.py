@@ -23,6 +23,15 @@ APPLIED: dict[str, tuple[float, float, float, float]] = {
     "FC": (600.0, 18.9, 20.0, 5.82),
 }
 
+# A, table 3: treatment -> sample kg, CV %, yield kg/ha
+YIELDS: dict[str, tuple[float, float, float]] = {
+    "CK": (3.01, 15.2, 6000.6),
+    "FA": (3.06, 9.1, 6125.3),
+    "FB": (3.16, 8.69, 6312.5),
+    "FC": (3.51, 7.31, 7000.2),
+    "CP": (3.56, 11.3, 7125.1),
+}
+
 EXTRA_N_KG_HA = 28.0                    # A, section 3.2: "about"
 UNIFORM_KG_HA = 300.0
 MAIN_SPEED_KMH = 4.5

@@ -4,7 +4,6 @@ from __future__ import annotations
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
-from control.calibration.response import ramp_s, response_s
 from control.diagnosis.effects import (
     LAG_ASYMMETRY,
     LAG_FIRST_FILL,
@@ -15,8 +14,9 @@ from control.diagnosis.effects import (
     SHAFT_DEAD_TIME,
 )
 from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
-from control.machine.fall import drop_s
+from control.machine.fall import start_drop_s
 from control.machine.machine import Machine
+from control.machine.start import response_s
 
 from .labels import Roles, column_of, labels_of, roles_of
 
@@ -40,12 +40,11 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         observed = observed / speed
     label = labels_of(table)[keep]
     roles = roles_of(label)
-    rig = name == "drop_s" and "response_s" in table.columns
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
         scale = 1.0 + m.fall.speed_scale_percent / 100.0 if by_distance else 1.0
-        return predicted(m, rpm, name, roles) * scale + (_ramps(m, rpm) if rig else 0.0)
+        return predicted(m, rpm, name, roles) * scale
 
     drops = name != "response_s"
     nuisances = {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
@@ -81,21 +80,19 @@ def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
 
 
 def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
-    """Lag of each row, s: the machine's own model with its effects, but for the scale of distances."""
+    """Lag of each row, s: the machine's own model with its effects, but for the scale of distances.
+
+    A row is a start out of a standing shaft, as a rig and the papers time it. How much shorter a change of a running
+    shaft is, no table of the papers tells: where labels tell starts from changes, it is what is found between them.
+    """
     fall = machine.fall
     total = np.zeros(len(rpm))
     if name != "drop_s":
         total += [response_s(machine, n) for n in rpm.tolist()]
     if name != "response_s":
-        total += [drop_s(fall, n) for n in rpm.tolist()]
+        total += [start_drop_s(fall, n) for n in rpm.tolist()]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
     return total
-
-
-def _ramps(machine: Machine, rpm: Array) -> Array:
-    """What a lag rig adds to each drop time, s: it counts from 2 r/min on, while the shaft still speeds up."""
-    speeds, place = np.unique(rpm, return_inverse=True)
-    return np.array([ramp_s(machine, machine.fall, n) for n in speeds.tolist()])[place]
 
 
 def rises(rpm: Array, full_rpm: float) -> Array:

@@ -21,7 +21,10 @@ UNCORRECTED = "before"
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
-    """One piece: miss_m = v (lag - corrected lag + latency) + lever arm.
+    """One piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
+
+    A correction is a distance that control made of its lag and the speed that it believed, the written one (lag paper
+    eq 1). Driven faster than written, all of the lag grows and the correction does not.
 
     A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and lever arm say the same
     with less; where a lag table with distances beside them asks for it, the misses have their say.
@@ -41,7 +44,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     def predict(m: Machine) -> Array:
         true_mps = speed * (1.0 + m.fall.speed_scale_percent / 100.0)
         lag = predicted(m, rpm, "lag_s", roles)
-        return true_mps * (lag + m.fall.latency_s - corrected) + m.fall.lever_arm_m
+        return true_mps * (lag + m.fall.latency_s) - speed * corrected + m.fall.lever_arm_m
 
     by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
     effects = (PLACE_LEVER_ARM, PLACE_LATENCY, LAG_REBOUND, *by_label)

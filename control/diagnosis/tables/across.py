@@ -1,0 +1,184 @@
+"""What two tables, or two labels of one, say of the same thing with different instruments: the quantity that reconciles
+them, in its own unit.
+
+A lag measured as a distance and one measured as a time are reconciled by a speed; two times by a factor or a delay; two
+distances by a factor or a length. Of the two that are possible the one that leaves the smaller residual is told first.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from control.calibration.bench_table import BenchTable
+from control.machine.fall import start_drop_s
+from control.machine.machine import Machine
+from control.machine.start import response_s
+
+from .piece import Array, BoolArray
+from .rows.labels import labels_of
+from .rows.place import UNCORRECTED
+
+MIN_SHARED = 5              # shaft speeds that both have
+UNREPEATED = 0.01           # share of a value that a row without replicates is taken to be good for
+ROUNDED = 0.001             # share of a value that a table's digits leave open
+TWO_SE = 2.0                # a row holds within so many standard errors
+ALIKE = 0.002               # a factor so near to 1, or a shift (s, m) so near to 0, is none
+WORSE_P = 0.05              # below it the other quantity is said to fit less well (F test of the residuals)
+KMH = 3.6
+
+
+class Series(NamedTuple):
+    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`: written ground speed."""
+
+    name: str
+    unit: str
+    shaft_rpm: Array
+    value: Array
+    error: Array
+    mps: float | None
+
+
+class Across(NamedTuple):
+    """`kind`: speed, factor, delay or length. `other`: the second-best quantity's kind. `holds`: rows of `rows`."""
+
+    first: Series
+    second: Series
+    kind: str
+    value: float
+    low: float
+    high: float
+    holds: int
+    rows: int
+    other: str
+    other_value: float
+    other_worse: bool
+
+
+def series_of(table: BenchTable, machine: Machine) -> list[Series]:
+    """Whole lags that a table holds, label by label; a drop time is completed by the machine's response."""
+    labels = labels_of(table)
+    speed = table.speed_mps()
+    found = []
+    for label in dict.fromkeys(labels.tolist()):
+        rows = labels == label
+        name = f"{table.path.replace(chr(92), '/').rsplit('/', 1)[-1]}{f' {label}' if label else ''}"
+        for column, unit in (("lag_m", "m"), ("lag_s", "s"), ("drop_s", "s"), ("miss_m", "m")):
+            if column not in table.columns:
+                continue
+            used = rows & np.isfinite(table.columns[column])
+            rpm = np.unique(table.columns["shaft_rpm"][used])
+            groups = [table.columns[column][used & (table.columns["shaft_rpm"] == n)] for n in rpm]
+            means = np.array([np.mean(group) for group in groups])
+            if column == "drop_s":
+                means = means + [response_s(machine, n) for n in rpm.tolist()]
+            if column == "miss_m":
+                if label != UNCORRECTED:
+                    name += " with what was corrected for"
+                means = means + _corrected_m(table, used & (label != UNCORRECTED), rpm, machine)
+            found.append(Series(name, unit, rpm, means, _errors(groups, means),
+                                None if speed is None else float(np.nanmean(speed[rows]))))
+    return found
+
+
+def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machine) -> Array:
+    """Distance by which a correction was early, (n,) m: written speed times the lag corrected for; 0 without one."""
+    speed = table.speed_mps()
+    if speed is None or not rows.any():
+        return np.zeros(len(rpm))
+    given = table.columns.get("corrected_lag_s", np.full(table.rows, np.nan))
+    starts = np.array([response_s(machine, n) + start_drop_s(machine.fall, n)
+                       for n in table.columns["shaft_rpm"].tolist()])
+    early = speed * np.where(np.isfinite(given), given, starts)
+    return np.array([float(np.mean(early[rows & (table.columns["shaft_rpm"] == n)])) for n in rpm])
+
+
+def _errors(groups: Sequence[Array], means: Array) -> Array:
+    """Standard errors of the means, pooled variance; a share of the value where nothing was repeated."""
+    spare = sum(len(group) - 1 for group in groups)
+    if spare < 1:
+        return UNREPEATED * np.abs(means)
+    pooled = sum(float(np.sum((group - group.mean()) ** 2)) for group in groups) / spare
+    errors = np.array([np.sqrt(pooled / len(group)) for group in groups])
+    return np.maximum(errors, ROUNDED * np.abs(means))
+
+
+def across(tables: Sequence[BenchTable], machine: Machine) -> tuple[Across, ...]:
+    """Every pair of lag series of `tables` that share shaft speeds, in the tables' order."""
+    every = [series for table in tables if table.kind in ("lag", "place") for series in series_of(table, machine)]
+    found = (reconciled(one, two) for one, two in combinations(every, 2))
+    return tuple(pair for pair in found if pair is not None)
+
+
+def reconciled(one: Series, two: Series) -> Across | None:
+    """None where the two share too few shaft speeds. The first named is the distance, else the one given first."""
+    if one.unit == "s" and two.unit == "m":
+        one, two = two, one
+    rpm = np.intersect1d(one.shaft_rpm, two.shaft_rpm)
+    if len(rpm) < MIN_SHARED:
+        return None
+    a, ea = _at(one, rpm)
+    b, eb = _at(two, rpm)
+    mps = one.mps if one.unit != two.unit else None
+    ratio = a / b
+    shift = a / mps - b if mps is not None else a - b
+    factor = "speed" if one.unit != two.unit else "factor"
+    constant = "length" if one.unit == two.unit == "m" else "delay"
+    left = {factor: a - float(np.mean(ratio)) * b, constant: (shift - float(np.mean(shift))) * (mps or 1.0)}
+    if one.unit != two.unit and mps is None:
+        left.pop(constant)
+    order = sorted(left, key=lambda kind: float(np.sum(left[kind] ** 2)))
+    values = {factor: ratio, constant: shift}
+    best = values[order[0]]
+    middle = float(np.mean(best))
+    half = float(student.ppf(0.95, len(rpm) - 1) * np.std(best, ddof=1) / np.sqrt(len(rpm)))
+    good = np.hypot(ea, float(np.mean(ratio)) * eb)
+    holds = int(np.sum(np.abs(left[order[0]]) <= TWO_SE * good))
+    sums = [float(np.sum(left[kind] ** 2)) for kind in order]
+    worse = len(order) > 1 and float(fisher.sf(sums[1] / max(sums[0], 1e-12), len(rpm) - 1, len(rpm) - 1)) < WORSE_P
+    other = order[1] if len(order) > 1 else ""
+    return Across(one, two, order[0], middle, middle - half, middle + half, holds, len(rpm), other,
+                  float(np.mean(values[other])) if other else 0.0, worse)
+
+
+def _at(series: Series, rpm: Array) -> tuple[Array, Array]:
+    rows = np.searchsorted(series.shaft_rpm, rpm)
+    return series.value[rows], series.error[rows]
+
+
+def sentence(pair: Across) -> str:
+    """For a person: which quantity makes the one of the other, its interval, and in how many rows."""
+    if pair.first.unit == pair.second.unit and 2 * pair.holds >= pair.rows and _alike(pair):
+        return f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} {_span(pair, 1.0, '.3f')}, in " \
+               f"{pair.holds} of {pair.rows} rows"
+    if pair.kind == "speed":
+        told = f"a speed of {_span(pair, KMH, '.2f')} km/h"
+        written = "" if pair.first.mps is None else f"; {KMH * pair.first.mps:.2f} km/h is written"
+    else:
+        told, written = {"factor": f"a factor of {_span(pair, 1.0, '.3f')}", "delay": f"a delay of "
+                         f"{_span(pair, 1.0, '.3f')} s",
+                         "length": f"a length of {_span(pair, 1.0, '.3f')} m"}[pair.kind], ""
+    names = f"{pair.first.name} ({pair.first.unit}) and {pair.second.name} ({pair.second.unit})"
+    if 2 * pair.holds < pair.rows:
+        return f"{names}: no one quantity reconciles them; {told} holds in {pair.holds} of {pair.rows} rows{written}"
+    other = ""
+    if pair.other:
+        scale, unit = {"speed": (KMH, " km/h"), "delay": (1.0, " s"), "length": (1.0, " m"), "factor": (1.0,
+                                                                                                        "")}[pair.other]
+        other = (f"; a {pair.other} of {scale * pair.other_value:.3g}{unit} fits "
+                 f"{'less well' if pair.other_worse else 'nearly as well'}")
+    return f"{names} are reconciled by {told}, which holds in {pair.holds} of {pair.rows} rows{written}{other}"
+
+
+def _alike(pair: Across) -> bool:
+    neutral = 1.0 if pair.kind == "factor" else 0.0
+    return pair.low <= neutral <= pair.high or abs(pair.value - neutral) < ALIKE
+
+
+def _span(pair: Across, scale: float, form: str) -> str:
+    value, low, high = (format(scale * figure, form) for figure in (pair.value, pair.low, pair.high))
+    return f"{value} (90 %: {low} to {high})"
