@@ -5,15 +5,16 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from . import noise as run_noise
 from . import nominal as nom
 from . import runlog
-from .detect import Eye
+from .detect import READINGS, Eye
 from .nominal import IDS, OUTSIDE, Effect, Physics
 from .plant import Plant
 from .programmes import Drive, Programme, chosen, drive
-from .truth import Columns, Made, Relations, share_of, told
+from .truth import Made, Redrive, Relations, share_of, told
 
 _GROUPS = {"shaft": ("shaft.",), "gate": ("gate.", "flow.", "scale."), "flow": ("gate.", "flow.", "scale."),
            "scale": ("gate.", "flow.", "scale."), "speed": ("speed.",), "canopy": ("canopy.",)}
@@ -120,17 +121,26 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
              "causes": [told(e, z, r, span_of(d)) for (e, z), r in zip(found, relations, strict=True)],
              "traits": [plain(e) for e in traits], "physics": physics._asdict()}
 
-    def redriven(change: Callable[[Drive], Drive]) -> tuple[Columns, dict[str, Any]]:
+    def redriven(change: Callable[[Drive], Drive], other_seed: int | None) -> Redrive:
         other = Plant(change(d))
         seen = Eye(other, noises, Physics())
         causes = []
         for e, _ in found:
             z = seen.z([e], [q for q in planted if q != e])
             causes.append(told(e, z, relation(seen, e, z, planted), span_of(other.drive)))
-        return (runlog.columns(other, physics, (*planted, *traits), noises, log_seed),
-                {**truth, "rows": int(other.drive.time_s.size), "causes": causes})
+        return Redrive(runlog.columns(other, physics, (*planted, *traits), noises,
+                                      log_seed if other_seed is None else other_seed),
+                       {**truth, "rows": int(other.drive.time_s.size), "causes": causes},
+                       lambda: changed_by(other, physics, planted, traits))
 
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), redriven
+
+
+def changed_by(plant: Plant, physics: Physics, hidden: tuple[Effect, ...],
+               traits: tuple[Effect, ...]) -> dict[str, npt.NDArray[np.float64]]:
+    """What `hidden` changes in each reading of a machine, without noise (rows,)."""
+    with_it, without = plant.run(physics, (*hidden, *traits)), plant.run(physics, traits)
+    return {name: with_it[name] - without[name] for name in READINGS}
 
 
 def _planted(category: str, eye: Eye, wanted: tuple[str, ...], outsiders: tuple[str, ...], rng: np.random.Generator,

@@ -1,0 +1,77 @@
+"""What the peers get of a log: for each channel what the nominal machine file's prediction leaves, and everything recorded.
+
+Means over bins of about STEP_S, so that a peer's own dictionary stays small; the prediction is the diagnosis's own.
+"""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from beyond_other_run import READING, on_grid, seen
+
+from control.machine.machine import Machine
+
+Floats = npt.NDArray[np.float64]
+STEP_S = {"shaft": 0.5, "gate": 1.0, "scale": 1.0, "speed": 1.0}
+# In place of an angle its sine and cosine; the values here are the columns that the feature stands for.
+FEATURES = {"shaft_rpm": "told_rpm", "opening_mm": "told_mm", "supply_v": "supply_v", "pitch_deg": "pitch_deg",
+            "roll_deg": "roll_deg", "speed_mps": "speed_mps", "time_s": "time_s"}
+ANGLES = ("heading_deg", "shaft_angle_deg")
+
+
+class Channel(NamedTuple):
+    """`residual` (n,), in the channel's unit; `values` (k, n) of the `features`; `weight` (n,): the residual's change
+    by 1 % of the shaft's, the flow's or the wheel's value (flow: in each bin, kg); `changed` (n,): what is hidden
+    changes, without noise, where that is known."""
+
+    time_s: Floats
+    step_s: float
+    residual: Floats
+    features: tuple[str, ...]
+    values: Floats
+    weight: Floats
+    changed: Floats | None
+
+
+def column_of(feature: str) -> str:
+    """The log's column that a feature is made of."""
+    return feature.split(" ")[-1]
+
+
+def problem_of(columns: dict[str, Any], machine: Machine, stage: str,
+               changed: dict[str, Floats] | None) -> dict[str, Channel]:
+    """Every channel but the canopy heads. stage, changed : of the hidden term, where it is known."""
+    from control.diagnosis.runs.log import gate
+    from control.diagnosis.runs.stages import run_data
+
+    data = run_data(gate(columns), machine)
+    rows_s, series = data.row_s, dict(data.inputs)
+    features = {name: series[source] for name, source in FEATURES.items() if source in series}
+    further = sorted(set(series) - {*FEATURES, *FEATURES.values(), *ANGLES, "hopper_kg"})
+    features |= {name: series[name] for name in further}
+    for name in ANGLES:
+        if name in series:
+            features |= {f"sin {name}": np.sin(np.radians(series[name])), f"cos {name}": np.cos(np.radians(series[name]))}
+    told = series.get("told_rpm", np.zeros(len(rows_s)))
+    flow = machine.flow.grams_per_rev_mm / 60_000.0 * series.get("shaft_rpm", told) * series.get("opening_mm", 0.0)
+    found = {}
+    for name, one in seen(columns, machine).items():
+        if name not in STEP_S:
+            continue
+        width = max(1, round(STEP_S[name] / one.step_s))
+        use = {key: x for key, x in features.items() if name == "shaft" or not key.endswith("shaft_angle_deg")}
+        weight = {"shaft": told / 100.0, "scale": -flow * one.step_s * width / 100.0,
+                  "speed": series.get("speed_mps", told) / 100.0}.get(name, np.ones(len(rows_s)))
+        truth = None
+        if changed is not None:
+            truth = on_grid(changed, READING[stage], rows_s, one) if READING[stage] == name \
+                else np.zeros(len(one.time_s))
+        stack = np.array([one.time_s, one.measured - one.predicted, np.interp(one.time_s, rows_s, weight),
+                          *(np.interp(one.time_s, rows_s, x) for x in use.values()),
+                          *(() if truth is None else (truth,))])
+        binned = stack[:, :stack.shape[1] // width * width].reshape(len(stack), -1, width).mean(axis=2)
+        values = binned[3:3 + len(use)].astype(np.float32)
+        found[name] = Channel(binned[0], one.step_s * width, binned[1], tuple(use), values, binned[2],
+                              None if truth is None else binned[-1])
+    return found
