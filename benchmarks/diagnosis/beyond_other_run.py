@@ -6,6 +6,7 @@ without noise; the file should change the prediction by the same.
 """
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +16,9 @@ from control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
 # s.d. of the noise of each channel, in which errors of several are added; the scale's by its change over FLOW_S.
-NOISE = {"shaft": 0.3, "gate": 0.1, "scale": 0.2, "speed": 0.036, "heads": 0.009}
+NOISE = {"shaft": 0.3, "gate": 0.1, "scale": 0.2, "speed": 0.036}
 READING = {"shaft": "shaft", "gate": "gate", "flow": "scale", "scale": "scale", "speed": "speed"}
+LEAST = 1e-9
 FLOW_S = 10.0                     # the scale is read for flow, over windows of this length
 
 
@@ -42,9 +44,19 @@ def seen(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
             for name, c in channels(run_data(gate(columns), machine), machine).items()}
 
 
-def on_grid(changed: dict[str, Floats], channel: str, rows_s: Floats, grid: Seen) -> Floats:
-    """What is hidden changes in a channel (m,): of the scale the mean over each of its bins."""
-    of_rows = changed["wheel"] - changed["gnss"] if channel == "speed" else changed[channel]
+def tolerated(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
+    """The same with each stage's gain off by one standard deviation of its tolerance."""
+    t = machine.tolerance
+    moved = {"shaft": machine.shaft._replace(gain_percent=machine.shaft.gain_percent + t.shaft_percent),
+             "gate": machine.gate._replace(home_error_mm=machine.gate.home_error_mm + t.opening_mm),
+             "flow": machine.flow._replace(gain_percent=machine.flow.gain_percent + t.flow_percent),
+             "speed": machine.speed._replace(radius_percent=machine.speed.radius_percent + t.wheel_percent)}
+    return seen(columns, machine.model_copy(update=moved))
+
+
+def on_grid(readings: dict[str, Floats], channel: str, rows_s: Floats, grid: Seen) -> Floats:
+    """A difference of readings (rows,) as it shows in a channel (m,): of the scale the mean over each of its bins."""
+    of_rows = readings["wheel"] - readings["gnss"] if channel == "speed" else readings[channel]
     if channel != "scale":
         return np.interp(grid.time_s, rows_s, of_rows)
     summed = np.r_[0.0, np.cumsum(of_rows[:-1] * np.diff(rows_s))]
@@ -60,32 +72,68 @@ def errors_of(channel: str, series: Floats, step_s: float) -> Floats:
     return np.asarray(series[hop:] - series[:-hop])
 
 
-def power(channel: str, series: Floats, step_s: float) -> float:
-    """Mean square in units of the noise."""
-    errors = errors_of(channel, series, step_s)
-    return float(np.mean(errors ** 2)) / NOISE[channel] ** 2 if errors.size else 0.0
+class Truth(NamedTuple):
+    """One channel of another run, noise-free (m,): what is hidden changes, what this machine's tolerances do, and what
+    one standard deviation of its stage's tolerance would do."""
+
+    name: str
+    step_s: float
+    hidden: Floats
+    tolerance: Floats
+    one_sd: Floats
+
+    def removable(self, said: Floats | float) -> float:
+        """Mean square, in units of the noise, of what `said` leaves of the hidden change and no tolerated gain does.
+
+        As z is counted: a gain within the tolerances is taken off under its prior.
+        """
+        error = errors_of(self.name, self.hidden - said, self.step_s) / NOISE[self.name]
+        level = errors_of(self.name, self.one_sd, self.step_s) / NOISE[self.name]
+        along = float(level @ error) ** 2 / (float(level @ level) + 1.0)
+        return (float(error @ error) - along) / max(1, error.size)
+
+    def error(self, said: Floats | float) -> float:
+        """Mean square, in units of the noise, of all that `said` leaves, tolerances and all."""
+        error = errors_of(self.name, self.hidden + self.tolerance - said, self.step_s) / NOISE[self.name]
+        return float(np.mean(error ** 2)) if error.size else 0.0
 
 
-def judged(columns: dict[str, Any], changed: dict[str, Floats], stage: str, nominal: Machine,
-           adopted: Machine) -> dict[str, Any]:
-    """`removable`, `left`: mean square errors that the hidden term makes under each file, in units of the noise, added
-    over the channels; `share` = 1 - left / removable (None where nothing is removable). `rms`: of the hidden channel as
-    measured, in its unit, under the nominal file, the adopted one, and with the truth taken off."""
-    own = READING[stage]
+def worth(truths: Sequence[Truth], said: Mapping[str, Floats]) -> dict[str, Any]:
+    """What changes of the predictions (by channel, those without are 0) are worth.
+
+    `removable`, `left`: added over the channels, the error that only the hidden term makes without and with them;
+    `share` = 1 - left / removable, None where nothing is removable. `nominal`, `adopted`: the whole errors.
+    """
+    removable = sum(t.removable(0.0) for t in truths)
+    left = sum(t.removable(said.get(t.name, 0.0)) for t in truths)
+    return {"removable": removable, "left": left, "share": 1.0 - left / removable if removable > LEAST else None,
+            "nominal": sum(t.error(0.0) for t in truths),
+            "adopted": sum(t.error(said.get(t.name, 0.0)) for t in truths)}
+
+
+def truths(columns: dict[str, Any], changed: Any, stage: str, before: Mapping[str, Seen],
+           off: Mapping[str, Seen]) -> list[Truth]:
+    """Every channel of another run. before, off : through the nominal file, and with its gains off."""
+    rows_s = columns["time_s"] - columns["time_s"][0]
+    found = []
+    for name, one in before.items():
+        if name in NOISE:
+            hidden = on_grid(changed.hidden, name, rows_s, one) if name == READING[stage] else np.zeros(len(one.time_s))
+            found.append(Truth(name, one.step_s, hidden, on_grid(changed.tolerance, name, rows_s, one),
+                               off[name].predicted - one.predicted))
+    return found
+
+
+def judged(columns: dict[str, Any], changed: Any, stage: str, nominal: Machine, adopted: Machine) -> dict[str, Any]:
+    """`worth` of a file; `rms`: of the hidden channel as measured, in its unit, under the nominal file, the adopted one,
+    and with the truth taken off."""
     before = seen(columns, nominal)
     after = before if adopted == nominal else seen(columns, adopted)
-    rows_s = columns["time_s"] - columns["time_s"][0]
-    removable, left, rms = 0.0, 0.0, {}
-    for name, one in before.items():
-        if name not in after or name not in NOISE:
-            continue
-        truth = on_grid(changed, own, rows_s, one) if name == own else np.zeros_like(one.predicted)
-        said = after[name].predicted - one.predicted
-        removable += power(name, truth, one.step_s)
-        left += power(name, truth - said, one.step_s)
-        if name == own:
-            rest = one.measured - one.predicted
-            rms = {word: float(np.sqrt(np.mean(errors_of(name, series, one.step_s) ** 2)))
-                   for word, series in (("nominal", rest), ("adopted", rest - said), ("true", rest - truth))}
-    return {"removable": removable, "left": left, "share": 1.0 - left / removable if removable > 1e-9 else None,
-            "rms": rms}
+    said = {name: after[name].predicted - one.predicted for name, one in before.items() if name in after}
+    known = truths(columns, changed, stage, before, tolerated(columns, nominal))
+    own = next(t for t in known if t.name == READING[stage])
+    one = before[own.name]
+    rest = one.measured - one.predicted
+    rms = {word: float(np.sqrt(np.mean(errors_of(own.name, series, one.step_s) ** 2)))
+           for word, series in (("nominal", rest), ("adopted", rest - said[own.name]), ("true", rest - own.hidden))}
+    return {**worth(known, said), "rms": rms}

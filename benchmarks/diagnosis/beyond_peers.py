@@ -32,7 +32,7 @@ from beyond_methods import (
     strongest,
     symbolic,
 )
-from beyond_other_run import READING, power
+from beyond_other_run import READING, worth
 from beyond_problem import Channel
 from beyond_report import Case, counted, of_kept, peers_table
 from hidden.report import percent
@@ -100,14 +100,9 @@ def _told(said: Said | None, kept: dict[str, Any]) -> dict[str, Any]:
 
 
 def _errors(said: Said | None, other: dict[str, Channel]) -> dict[str, Any]:
-    """As beyond_other_run.judged counts them."""
-    removable, left = 0.0, 0.0
-    for name, channel in other.items():
-        assert channel.changed is not None
-        mine = said.predict(channel) if said is not None and READING[said.stage] == name else 0.0
-        removable += power(name, channel.changed, channel.step_s)
-        left += power(name, channel.changed - mine, channel.step_s)
-    return {"removable": removable, "left": left, "share": 1.0 - left / removable if removable > 1e-9 else None}
+    key = None if said is None else READING[said.stage]
+    mine = {} if said is None or key not in other else {key: said.predict(other[key])}
+    return worth([c.truth for c in other.values() if c.truth is not None], mine)
 
 
 def sysident_picks(tasks: Sequence[Task], python: Path) -> list[Task]:
@@ -174,7 +169,8 @@ def _case(truth: dict[str, Any], one: dict[str, Any], speaks: bool) -> Case:
     answer: dict[str, Any] = {"verdict": "none", "causes": [], "unexplained": [], "terms": []}
     others = {word: one[word] for word in AGAIN}
     if not speaks:
-        silent = {word: None if o is None else {**o, "left": o["removable"], "share": None if o["share"] is None else 0.0}
+        silent = {word: None if o is None else {**o, "adopted": o["nominal"], "left": o["removable"],
+                                                     "share": None if o["share"] is None else 0.0}
                   for word, o in others.items()}
         return counted(truth, answer, one["seconds"], silent, False)
     answer |= {"verdict": "unexplained",

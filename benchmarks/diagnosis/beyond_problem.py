@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from beyond_other_run import READING, on_grid, seen
+from beyond_other_run import Truth, seen, tolerated, truths
 
 from control.machine.machine import Machine
 
@@ -22,8 +22,7 @@ ANGLES = ("heading_deg", "shaft_angle_deg")
 
 class Channel(NamedTuple):
     """`residual` (n,), in the channel's unit; `values` (k, n) of the `features`; `weight` (n,): the residual's change
-    by 1 % of the shaft's, the flow's or the wheel's value (flow: in each bin, kg); `changed` (n,): what is hidden
-    changes, without noise, where that is known."""
+    by 1 % of the shaft's, the flow's or the wheel's value (flow: in each bin, kg); `truth`: of another run."""
 
     time_s: Floats
     step_s: float
@@ -31,7 +30,7 @@ class Channel(NamedTuple):
     features: tuple[str, ...]
     values: Floats
     weight: Floats
-    changed: Floats | None
+    truth: Truth | None
 
 
 def column_of(feature: str) -> str:
@@ -40,8 +39,8 @@ def column_of(feature: str) -> str:
 
 
 def problem_of(columns: dict[str, Any], machine: Machine, stage: str,
-               changed: dict[str, Floats] | None) -> dict[str, Channel]:
-    """Every channel but the canopy heads. stage, changed : of the hidden term, where it is known."""
+               changed: Any) -> dict[str, Channel]:
+    """Every channel but the canopy heads. stage, changed : of the hidden term in another run; None of a first run."""
     from control.diagnosis.runs.log import gate
     from control.diagnosis.runs.stages import run_data
 
@@ -55,23 +54,23 @@ def problem_of(columns: dict[str, Any], machine: Machine, stage: str,
             features |= {f"sin {name}": np.sin(np.radians(series[name])), f"cos {name}": np.cos(np.radians(series[name]))}
     told = series.get("told_rpm", np.zeros(len(rows_s)))
     flow = machine.flow.grams_per_rev_mm / 60_000.0 * series.get("shaft_rpm", told) * series.get("opening_mm", 0.0)
+    before = seen(columns, machine)
+    known = {} if changed is None else {t.name: t for t in truths(columns, changed, stage, before,
+                                                                   tolerated(columns, machine))}
     found = {}
-    for name, one in seen(columns, machine).items():
+    for name, one in before.items():
         if name not in STEP_S:
             continue
         width = max(1, round(STEP_S[name] / one.step_s))
         use = {key: x for key, x in features.items() if name == "shaft" or not key.endswith("shaft_angle_deg")}
         weight = {"shaft": told / 100.0, "scale": -flow * one.step_s * width / 100.0,
                   "speed": series.get("speed_mps", told) / 100.0}.get(name, np.ones(len(rows_s)))
-        truth = None
-        if changed is not None:
-            truth = on_grid(changed, READING[stage], rows_s, one) if READING[stage] == name \
-                else np.zeros(len(one.time_s))
+        truth = known.get(name)
         stack = np.array([one.time_s, one.measured - one.predicted, np.interp(one.time_s, rows_s, weight),
                           *(np.interp(one.time_s, rows_s, x) for x in use.values()),
-                          *(() if truth is None else (truth,))])
+                          *(() if truth is None else truth[2:])])
         binned = stack[:, :stack.shape[1] // width * width].reshape(len(stack), -1, width).mean(axis=2)
         values = binned[3:3 + len(use)].astype(np.float32)
         found[name] = Channel(binned[0], one.step_s * width, binned[1], tuple(use), values, binned[2],
-                              None if truth is None else binned[-1])
+                              None if truth is None else Truth(name, one.step_s * width, *binned[-3:]))
     return found

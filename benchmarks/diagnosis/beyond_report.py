@@ -15,18 +15,23 @@ from hidden.terms import CLASSES
 
 Z_BINS = (3.0, 8.0, 12.0, 25.0, np.inf)
 STRONG_Z = 12.0
+SAME = 1e-9
 HEADS = ("cases", "right stage", "right variables", "right form", "name, p >= 0.9", "verdict none",
          *(f"{word}: {what}" for word in AGAIN for what in ("median", "lowest decile", "worse")))
 
 
 class Case(NamedTuple):
-    """One case counted. `share`, `worse`: on each other run; None where that run, or its share, is not there."""
+    """One case counted. `share`, `worse`: on each other run; None where that run, or its share, is not there.
+
+    Worse: the whole error without noise, tolerances and all, is larger with the adopted file. Not asked of spans.
+    """
 
     mark: Mark
     form: str                     # said first; "" for none
     right_form: bool
     share: dict[str, float | None]
     worse: dict[str, bool | None]
+    worse_as_measured: dict[str, bool]
     adopted: bool
 
     @property
@@ -40,9 +45,13 @@ def counted(truth: dict[str, Any], answer: dict[str, Any] | None, seconds: float
     terms = [] if answer is None else answer.get("terms") or []
     form = str(terms[0]["term"]["form"]) if terms else ""
     share = {word: None if one is None else one["share"] for word, one in others.items()}
-    worse = {word: None if one is None or one["share"] is None else bool(one["left"] > one["removable"])
+    span = truth["outside"]["class"] == "span"
+    worse = {word: None if one is None or span else bool(one["adopted"] > one["nominal"] * (1.0 + SAME))
              for word, one in others.items()}
-    return Case(mark(truth, answer, seconds), form, form in family(truth["outside"]["term"]), share, worse, adopted)
+    measured = {word: one["rms"]["adopted"] > one["rms"]["nominal"] * (1.0 + SAME) for word, one in others.items()
+                if one is not None and "rms" in one and not span}
+    return Case(mark(truth, answer, seconds), form, form in family(truth["outside"]["term"]), share, worse, measured,
+                adopted)
 
 
 def of_kept(one: dict[str, Any]) -> Case:
@@ -70,7 +79,7 @@ def row(cases: Sequence[Case]) -> list[str]:
     for word in AGAIN:
         some = shares(cases, word)
         cells += [f"{np.median(some):.2f}" if some else "-", f"{np.quantile(some, 0.1):.2f}" if some else "-",
-                  f"{sum(bool(c.worse.get(word)) for c in cases)} of {len(some)}"]
+                  f"{sum(bool(c.worse.get(word)) for c in cases)} of {sum(c.worse.get(word) is not None for c in cases)}"]
     return cells
 
 
@@ -87,9 +96,11 @@ def _goals(cases: Sequence[Case]) -> list[list[str]]:
             ["a name of the catalogue said with p >= 0.9", "<= 3 %", *both(lambda s: _part(s, _sure))]]
     for word, where in (("again", "same programme"), ("elsewhere", "another programme")):
         rows += [[f"removable error removed, another run, {where}: median", ">= 0.9", *both(quantile(word, 0.5))],
-                 [f"the same: lowest decile", ">= 0.6", *both(quantile(word, 0.1))],
+                 ["the same: lowest decile", ">= 0.6", *both(quantile(word, 0.1))],
                  [f"adopted file worse than nominal, another run, {where}", "0",
-                  *both(lambda s, w=word: str(sum(bool(c.worse.get(w)) for c in s)))]]
+                  *both(lambda s, w=word: str(sum(bool(c.worse.get(w)) for c in s)))],
+                 ["the same as measured, noise and all (r.m.s. of the hidden channel)", "",
+                  *both(lambda s, w=word: str(sum(bool(c.worse_as_measured.get(w)) for c in s)))]]
     adopted_spans = [c for c in cases if c.kind == "span" and c.adopted]
     return [*rows, ["spans (not to be adopted): something adopted", "0", str(len(adopted_spans)),
                     str(sum(c.mark.z >= STRONG_Z for c in adopted_spans))]]

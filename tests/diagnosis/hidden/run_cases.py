@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from . import noise as run_noise
 from . import nominal as nom
@@ -14,7 +13,7 @@ from .detect import READINGS, Eye
 from .nominal import IDS, OUTSIDE, Effect, Physics
 from .plant import Plant
 from .programmes import Drive, Programme, chosen, drive
-from .truth import Made, Redrive, Relations, share_of, told
+from .truth import Changed, Made, Redrive, Relations, share_of, told
 
 _GROUPS = {"shaft": ("shaft.",), "gate": ("gate.", "flow.", "scale."), "flow": ("gate.", "flow.", "scale."),
            "scale": ("gate.", "flow.", "scale."), "speed": ("speed.",), "canopy": ("canopy.",)}
@@ -136,11 +135,14 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), redriven
 
 
-def changed_by(plant: Plant, physics: Physics, hidden: tuple[Effect, ...],
-               traits: tuple[Effect, ...]) -> dict[str, npt.NDArray[np.float64]]:
-    """What `hidden` changes in each reading of a machine, without noise (rows,)."""
+def changed_by(plant: Plant, physics: Physics, hidden: tuple[Effect, ...], traits: tuple[Effect, ...]) -> Changed:
+    """What `hidden`, and what its tolerances and traits, change in the readings of a machine."""
     with_it, without = plant.run(physics, (*hidden, *traits)), plant.run(physics, traits)
-    return {name: with_it[name] - without[name] for name in READINGS}
+    nominal = plant.run(Physics())
+    metered = plant.run(physics._replace(flow_ratio=1.0, level_kg=Physics().level_kg))    # by shaft and gate as they are
+    base = {**nominal, "scale": metered["scale"]}
+    return Changed({name: with_it[name] - without[name] for name in READINGS},
+                   {name: without[name] - base[name] for name in READINGS})
 
 
 def _planted(category: str, eye: Eye, wanted: tuple[str, ...], outsiders: tuple[str, ...], rng: np.random.Generator,

@@ -15,13 +15,20 @@ Columns = dict[str, npt.NDArray[Any]]
 Share = Callable[[Sequence[dict[str, Any]]], float | None]
 
 
+class Changed(NamedTuple):
+    """Without noise, by reading (rows,): what is `hidden` changes, and what this machine's `tolerance` does, each stage
+    asked with what the stages before it truly did. Readings: shaft, gate, scale, wheel, gnss, heads."""
+
+    hidden: dict[str, Floats]
+    tolerance: dict[str, Floats]
+
+
 class Redrive(NamedTuple):
-    """The same hidden machine on another drive. `changed()`: what is hidden changes in each reading, without noise
-    (rows,): shaft, gate, scale, wheel, gnss, heads."""
+    """The same hidden machine on another drive."""
 
     columns: Columns
     truth: dict[str, Any]
-    changed: Callable[[], dict[str, Floats]]
+    changed: Callable[[], Changed]
 
 
 # drive -> changed drive, seed of the noise (None: that of the first run)
