@@ -16,12 +16,10 @@ import sys
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(HERE)]
-
 from beyond_case import AGAIN, CALIBRATING, FIRST_NULL, Task, examine
-from kept import code_hash, worked
+from kept import HERE, ROOT, code_hash, worked
+
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(HERE)]
 
 DECIDES = ("beyond_case.py", "beyond_other_run.py", "beyond_problem.py")      # beside the program and the generator
 
@@ -46,7 +44,7 @@ def main() -> None:
     a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "beyond")
     a.add_argument("--out", type=Path, help="Markdown; else to the screen")
     a.add_argument("--peers", action="store_true", help="other methods on the same cases")
-    a.add_argument("--peer-nulls", type=int, default=40, help="healthy logs of the tuning half that set their thresholds")
+    a.add_argument("--peer-nulls", type=int, default=40, help="healthy logs of the tuning half that set thresholds")
     a.add_argument("--sysident", type=Path, help="python of SysIdentPy's own environment")
     args = a.parse_args()
 
@@ -67,10 +65,10 @@ def main() -> None:
     broken = sum(one["trouble"] is not None for one in kept.values())
     missing = {word: sum(kept[n][word] is None for n in cases) for word in AGAIN}
     lines = [f"# Beyond the catalogue: seed {args.seed}, programmes {args.programmes}", "",
-             f"{len(cases)} of {args.cases} cases and {len(nulls)} of {args.nulls} healthy logs examined; {broken} broke. "
-             "In brackets: Wilson 95 % intervals. Shares: 1 - error left / removable error of the hidden term on another "
-             "run of the same machine, truth without noise, all channels (a file that changes nothing: 0). Cases without "
-             f"another run: {', '.join(f'{word} {n}' for word, n in missing.items())}.", "",
+             f"{len(cases)} of {args.cases} cases and {len(nulls)} of {args.nulls} healthy logs examined; {broken} "
+             "broke. In brackets: Wilson 95 % intervals. Shares: 1 - error left / removable error of the hidden term "
+             "on another run of the same machine, truth without noise, all channels (a file that changes nothing: 0). "
+             f"Cases without another run: {', '.join(f'{word} {n}' for word, n in missing.items())}.", "",
              *sections(list(cases.values())), "", "## Healthy logs", "", *nulls_table(nulls)]
     if args.peers:
         from beyond_peers import compared

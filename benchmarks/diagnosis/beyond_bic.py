@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from beyond_linear import Ranges, Stage, ranges, shown
-from beyond_methods import Said, strongest
-from beyond_problem import Channel
+from beyond_linear import Log, Ranges, Stage, ranges, shown
+from beyond_methods import Said, there
+from beyond_problem import ANGLES, Channel
 from scipy.signal import lfilter
 
 Floats = npt.NDArray[np.float64]
@@ -50,37 +50,47 @@ def _span(v: Values, k: Sequence[float]) -> Floats:
 
 def forms(stage: Stage) -> Iterator[Tried]:
     """Every form over every variable, or two."""
-    names = [name for name in stage.channel.features if " " not in name and name != "time_s"]
+    names = [name for name in stage.channel.features if " " not in name]
     for name in names:
-        def of(v: Values, name: str = name) -> Floats:
-            return v.of[name]
-        one = (name,)
-        yield Tried("slope", one, (), lambda v, k, x=of: x(v)[None])
-        yield Tried("bend", one, (), lambda v, k, x=of: np.array([x(v), x(v) ** 2]))
-        for at in AT:
-            yield Tried("hinge", one, (at,), lambda v, k, x=of: np.array([np.minimum(0.0, x(v) - k[0]),
-                                                                         np.maximum(0.0, x(v) - k[0])]))
-            yield Tried("threshold", one, (at,), lambda v, k, x=of: (x(v) > k[0]).astype(float)[None])
-        for low, high in combinations(AT, 2):
-            yield Tried("saturation", one, (low, high), lambda v, k, x=of: np.clip(x(v), min(k), max(k))[None])
-            yield Tried("dead_zone", one, (low, high), lambda v, k, x=of: (x(v) - np.clip(x(v), min(k), max(k)))[None])
-        for tau in TAUS_S:
-            yield Tried("memory", one, (tau,), lambda v, k, x=of: np.array([x(v), _follows(x(v), k[0], v.step_s)]))
-        yield Tried("side", one, (), lambda v, k, x=of: np.tanh(
-            (x(v) - _follows(x(v), 1.5, v.step_s)) / 0.1)[None])
+        yield from _over_one(name)
     for a, b in combinations(names, 2):
         yield Tried("product", (a, b), (), lambda v, k, a=a, b=b: np.array([v.of[a], v.of[b], v.of[a] * v.of[b]]))
-    for angle in ("heading_deg", "shaft_angle_deg"):
+    for angle in ANGLES:
         if f"sin {angle}" in stage.channel.features:
-            def pair(v: Values, angle: str = angle) -> tuple[Floats, Floats]:
-                return v.of[f"sin {angle}"], v.of[f"cos {angle}"]
-            yield Tried("periodic", (angle,), (), lambda v, k, p=pair: np.array(p(v)))
-            yield Tried("periodic", (angle,), (), lambda v, k, p=pair: np.array(
-                [2.0 * p(v)[0] * p(v)[1], p(v)[1] ** 2 - p(v)[0] ** 2]))
+            yield from _over_angle(angle)
     t = stage.channel.time_s
     for begin in np.linspace(t[0], t[-1], SPANS, endpoint=False):
         for share in (0.08, 0.16, 0.25):
             yield Tried("span", ("time_s",), (float(begin), float(begin + share * (t[-1] - t[0]))), _span)
+
+
+def _over_one(name: str) -> Iterator[Tried]:
+    def of(v: Values) -> Floats:
+        return v.of[name]
+    one = (name,)
+    yield Tried("slope", one, (), lambda v, k: of(v)[None])
+    yield Tried("bend", one, (), lambda v, k: np.array([of(v), of(v) ** 2]))
+    for at in AT:
+        yield Tried("hinge", one, (at,), lambda v, k: np.array([np.minimum(0.0, of(v) - k[0]),
+                                                                np.maximum(0.0, of(v) - k[0])]))
+        yield Tried("threshold", one, (at,), lambda v, k: (of(v) > k[0]).astype(float)[None])
+    for low, high in combinations(AT, 2):
+        yield Tried("saturation", one, (low, high), lambda v, k: np.clip(of(v), min(k), max(k))[None])
+        yield Tried("dead_zone", one, (low, high), lambda v, k: (of(v) - np.clip(of(v), min(k), max(k)))[None])
+    for tau in TAUS_S:
+        yield Tried("memory", one, (tau,), lambda v, k: np.array([of(v), _follows(of(v), k[0], v.step_s)]))
+    yield Tried("side", one, (), lambda v, k: np.tanh((of(v) - _follows(of(v), 1.5, v.step_s)) / 0.1)[None])
+
+
+def _over_angle(angle: str) -> Iterator[Tried]:
+    def sine(v: Values) -> Floats:
+        return v.of[f"sin {angle}"]
+
+    def cosine(v: Values) -> Floats:
+        return v.of[f"cos {angle}"]
+    yield Tried("periodic", (angle,), (), lambda v, k: np.array([sine(v), cosine(v)]))
+    yield Tried("periodic", (angle,), (), lambda v, k: np.array([2.0 * sine(v) * cosine(v),
+                                                                 cosine(v) ** 2 - sine(v) ** 2]))
 
 
 def values_of(channel: Channel, around: Ranges) -> Values:
@@ -105,8 +115,8 @@ class _Fit(NamedTuple):
         return float(size @ (x @ self.y))
 
 
-def forms_and_bic(some: Sequence[Stage], seed: int) -> Said | None:
-    return strongest([_best(stage) for stage in some])
+def forms_and_bic(log: Log, seed: int) -> list[Said]:
+    return there([_best(stage) for stage in log.stages])
 
 
 def _best(stage: Stage) -> Said | None:

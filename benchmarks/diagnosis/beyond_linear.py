@@ -1,11 +1,12 @@
 """A stage's residual as a linear problem: columns of a peer's dictionary as they show in the channel, whitened.
 
-What acts on the flow is read off the scale as its sum, so a dictionary's column is multiplied by what 1 % is and added up
-first. Whitened by the noise model of the diagnosis (a fast and a slow component over a floor, by band in the cosine
+What acts on the flow is read off the scale as its sum, so a dictionary's column is multiplied by what 1 % is and added
+up first. Whitened by the noise model of the diagnosis (a fast and a slow component over a floor, by band in the cosine
 domain), fitted to what an additive spline over everything recorded leaves.
 """
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -42,7 +43,8 @@ class White(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """One stage's problem. `y` (m,) and `nuisances` (2, m): whitened residual, level of the channel and of the stage."""
+    """One stage's problem. `y` (m,) and `nuisances` (j, m): whitened residual; level of stage and channel, and
+    what the tolerances of the drives change."""
 
     name: str
     channel: Channel
@@ -61,10 +63,27 @@ class Stage(NamedTuple):
 
     def sizes(self, rows: Floats) -> tuple[Floats, float]:
         """Sizes of rows (k, n) and of the stage's level, fitted together."""
-        x = np.vstack([self.nuisances[:1], self.white(shown(self.name, self.channel, np.vstack([np.ones_like(
-            self.channel.residual)[None], rows])))])
+        x = np.vstack([self.nuisances, self.white(shown(self.name, self.channel, rows))])
         found = np.linalg.lstsq(x.T, self.y, rcond=None)[0]
-        return found[2:], float(found[1])
+        return found[len(self.nuisances):], float(found[0])
+
+
+class Log:
+    """The stages that a log shows, and what several peers ask of them, made once."""
+
+    def __init__(self, problem: dict[str, Channel]) -> None:
+        self.stages = stages(problem)
+
+    @cached_property
+    def libraries(self) -> dict[str, Small]:
+        """Each stage's problem with polynomials of degree two."""
+        return {s.name: s.small(library(monomials(s.channel.features), ranges(s.channel).scaled(s.channel)))
+                for s in self.stages}
+
+    @cached_property
+    def splines(self) -> dict[str, Small]:
+        """Each stage's problem with additive splines."""
+        return {s.name: s.small(hats(s.channel)) for s in self.stages}
 
 
 def stages(problem: dict[str, Channel]) -> list[Stage]:
@@ -76,8 +95,9 @@ def stages(problem: dict[str, Channel]) -> list[Stage]:
         if key in problem:
             channel, white = problem[key], whites[key]
             ones = np.ones((1, len(channel.residual)))
-            both = np.vstack([ones, shown(name, channel, ones)])
-            out.append(Stage(name, channel, white, white(channel.residual), white(both)))
+            level = shown(name, channel, ones)
+            rows = [level, *(() if name == "gate" else (ones,)), channel.nuisances[channel.nuisances.any(axis=1)]]
+            out.append(Stage(name, channel, white, white(channel.residual), white(np.vstack(rows))))
     return out
 
 
@@ -88,7 +108,7 @@ def _white(name: str, channel: Channel) -> White:
     prior = noises.NoisePrior(sd, FAST_S[name], 0.05 * sd)
     rows = hats(channel)
     columns = [shown(stage, channel, rows) for stage in STAGES if READING[stage] == name]
-    design = noises.coefficients(np.vstack([np.ones((1, rows.shape[1])), *columns]), cut)
+    design = noises.coefficients(np.vstack([np.ones((1, rows.shape[1])), channel.nuisances, *columns]), cut)
     target, left = noises.coefficients(channel.residual, cut), noises.coefficients(channel.residual, cut)
     noise = noises.start(prior)
     for _ in range(2):

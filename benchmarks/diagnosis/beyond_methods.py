@@ -6,18 +6,19 @@ everything recorded, sine and cosine of the angles included, whitened by our noi
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import peers_methods
-from beyond_linear import RIDGE, Ranges, Stage, hats, library, monomials, ranges, shown, stages
+from beyond_linear import RIDGE, Log, Ranges, Stage, hats, library, monomials, ranges, shown
 from beyond_problem import Channel, column_of
+from scipy.optimize import minimize
 
 Floats = npt.NDArray[np.float64]
 LEAST = 16.0                      # of the sum of squares that a pick must be worth: four standard deviations
-GP_ROWS, SYMBOLIC_ROWS = 300, 600
+GP_ROWS, GP_STEPS, SYMBOLIC_ROWS = 200, 12, 400
 WINDOW_S = 5.0                    # over which the flow is read off the scale where a method wants a value at each row
 CELLS = 6                         # of a variable, among which LISDD's recipe looks for the regime that is right
 
@@ -32,17 +33,16 @@ class Said(NamedTuple):
     predict: Callable[[Channel], Floats]
 
 
-Method = Callable[[Sequence[Stage], int], Said | None]
+Method = Callable[[Log, int], list[Said]]      # what it says of each stage
 
 
 # -- libraries of polynomials ------------------------------------------------------------------------------------------
 
-def picked(stage: Stage, picks: Sequence[int], least: float = LEAST) -> Said | None:
+def picked(stage: Stage, problem: Any, picks: Sequence[int], least: float = LEAST) -> Said | None:
     """The picks of a linear method, as far as each is worth something."""
     around = ranges(stage.channel)
     some, names = monomials(stage.channel.features), stage.channel.features
     rows = library(some, around.scaled(stage.channel))
-    problem = stage.small(rows)
     said = peers_methods.above(problem, list(picks), least)
     if not said:
         return None
@@ -57,30 +57,24 @@ def picked(stage: Stage, picks: Sequence[int], least: float = LEAST) -> Said | N
                 min(one.gain for one in said), predict)
 
 
-def problem_of(stage: Stage) -> Any:
-    """The whole library of one stage, as peers_methods and SysIdentPy take it."""
-    return stage.small(library(monomials(stage.channel.features), ranges(stage.channel).scaled(stage.channel)))
-
-
-def strongest(found: Sequence[Said | None]) -> Said | None:
-    return max((one for one in found if one is not None), key=lambda one: one.score, default=None)
+def there(found: Iterable[Said | None]) -> list[Said]:
+    return [one for one in found if one is not None]
 
 
 def by_library(rule: Callable[[Any, Any], list[int]]) -> Method:
     """A rule of peers_methods, asked of every stage."""
-    def ask(some: Sequence[Stage], seed: int) -> Said | None:
-        return strongest([picked(stage, rule(None, problem_of(stage))) for stage in some])
+    def ask(log: Log, seed: int) -> list[Said]:
+        return there([picked(stage, log.libraries[stage.name], rule(None, log.libraries[stage.name]))
+                      for stage in log.stages])
     return ask
 
 
 # -- correctors without a form -----------------------------------------------------------------------------------------
 
-def _spline(stage: Stage) -> Said | None:
+def _spline(stage: Stage, problem: Any) -> Said:
     """Additive splines over everything; named is the variable without which they lose most."""
-    rows = hats(stage.channel)
-    problem = stage.small(rows)
     gram, right = problem.x.T @ problem.x, problem.x.T @ problem.y
-    knots = len(rows) // len(stage.channel.features)
+    knots = gram.shape[0] // len(stage.channel.features)
 
     def worth(use: npt.NDArray[np.int64]) -> float:
         """What is explained, less the freedom used (AIC)."""
@@ -89,7 +83,7 @@ def _spline(stage: Stage) -> Said | None:
         freedom = float(np.trace(np.linalg.solve(g, gram[np.ix_(use, use)])))
         return float(2.0 * size @ right[use] - size @ gram[np.ix_(use, use)] @ size) - 2.0 * freedom
 
-    every = np.arange(len(rows))
+    every = np.arange(len(gram))
     columns = [column_of(name) for name in stage.channel.features]
     whole = worth(every)
     lost = {name: whole - worth(np.array([k for k in every if columns[k // knots] != name])) for name in set(columns)}
@@ -101,8 +95,14 @@ def _spline(stage: Stage) -> Said | None:
     return Said(stage.name, (max(lost, key=lambda name: lost[name]),), "", whole, predict)
 
 
-def spline(some: Sequence[Stage], seed: int) -> Said | None:
-    return strongest([_spline(stage) for stage in some])
+def spline(log: Log, seed: int) -> list[Said]:
+    return [_spline(stage, log.splines[stage.name]) for stage in log.stages]
+
+
+def _pointed_at(log: Log) -> tuple[Stage, float]:
+    """The stage of which the splines explain most, and how much."""
+    best = max(spline(log, 0), key=lambda one: one.score)
+    return next(s for s in log.stages if s.name == best.stage), best.score
 
 
 class Pointwise(NamedTuple):
@@ -132,39 +132,39 @@ def pointwise(stage: Stage, count: int, seed: int) -> Pointwise:
     return Pointwise(x[:, use].T, y[use] / weight[use], noise / np.abs(weight[use]), around)
 
 
-def gaussian_process(some: Sequence[Stage], seed: int) -> Said | None:
+def _few_steps(objective: Callable[..., Any], start: Floats, bounds: Floats) -> tuple[Floats, float]:
+    """The usual optimizer, stopped early."""
+    found = minimize(objective, start, method="L-BFGS-B", jac=True, bounds=bounds, options={"maxiter": GP_STEPS})
+    return found.x, float(found.fun)
+
+
+def gaussian_process(log: Log, seed: int) -> list[Said]:
     """Prediction only: on the stage that the splines point at. Named is the variable of the shortest length scale."""
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-    hint = spline(some, seed)
-    if hint is None:
-        return None
-    stage = next(s for s in some if s.name == hint.stage)
+    stage, score = _pointed_at(log)
     p = pointwise(stage, GP_ROWS, seed)
     scale = float(np.std(p.y)) + 1e-12
     kernel = ConstantKernel(0.3, (1e-3, 1e2)) * RBF(np.full(p.x.shape[1], 3.0), (0.3, 1e3))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = GaussianProcessRegressor(kernel, alpha=(p.sd / scale) ** 2 + 1e-6, normalize_y=False)
+        model = GaussianProcessRegressor(kernel, alpha=(p.sd / scale) ** 2 + 1e-6, optimizer=_few_steps)
         model.fit(p.x, (p.y - np.mean(p.y)) / scale)
     lengths, middle = model.kernel_.k2.length_scale, float(np.mean(p.y))
 
     def predict(other: Channel) -> Floats:
         values = scale * model.predict(p.around.scaled(other).T) + middle
         return np.asarray(shown(stage.name, other, values))
-    return Said(stage.name, (column_of(stage.channel.features[int(np.argmin(lengths))]),), "", hint.score, predict)
+    return [Said(stage.name, (column_of(stage.channel.features[int(np.argmin(lengths))]),), "", score, predict)]
 
 
-def symbolic(some: Sequence[Stage], seed: int) -> Said | None:
+def symbolic(log: Log, seed: int) -> list[Said]:
     """Genetic programming (gplearn) on the stage that the splines point at. Score: what is explained of held-out rows,
     in units of their noise."""
     from gplearn.genetic import SymbolicRegressor
 
-    hint = spline(some, seed)
-    if hint is None:
-        return None
-    stage = next(s for s in some if s.name == hint.stage)
+    stage, _ = _pointed_at(log)
     p = pointwise(stage, SYMBOLIC_ROWS, seed)
     fit = np.arange(len(p.y)) // max(1, len(p.y) // 10) % 2 == 0
     scale, weights = float(np.std(p.y)) + 1e-12, 1.0 / p.sd ** 2
@@ -182,19 +182,19 @@ def symbolic(some: Sequence[Stage], seed: int) -> Said | None:
 
     def predict(other: Channel) -> Floats:
         return np.asarray(shown(stage.name, other, scale * model.predict(p.around.scaled(other).T)))
-    return Said(stage.name, tuple(used), "", float(plain - left), predict) if used else None
+    return [Said(stage.name, tuple(used), "", float(plain - left), predict)] if used else []
 
 
 # -- where is the physics wrong ----------------------------------------------------------------------------------------
 
-def lisdd(some: Sequence[Stage], seed: int) -> Said | None:
+def lisdd(log: Log, seed: int) -> list[Said]:
     """The recipe of "Where is my physics wrong?" (arXiv 2606.23215), from its description; no code is public.
 
     Find the regime in which the model is right, settle its parameters there, find the missing term where it is not.
     Here: cells of each variable; right are those whose residual, read at points, is noise. The stage's level is settled
     there; a sparse regression on the rows outside gives the term.
     """
-    return strongest([_lisdd(stage, seed) for stage in some])
+    return there([_lisdd(stage, seed) for stage in log.stages])
 
 
 def _lisdd(stage: Stage, seed: int) -> Said | None:

@@ -1,7 +1,7 @@
 """A machine file on another run of the hidden machine: which part of what the hidden term does does it predict?
 
-Every channel is predicted from the measured output of the stage before, as in the diagnosis, with the machine file as it
-was shipped and as it is with what was adopted. The generator knows what the hidden term changed in each reading,
+Every channel is predicted from the measured output of the stage before, as in the diagnosis, with the machine file as
+it was shipped and with what was adopted. The generator knows what the hidden term changed in each reading,
 without noise; the file should change the prediction by the same.
 """
 from __future__ import annotations
@@ -118,15 +118,16 @@ def truths(columns: dict[str, Any], changed: Any, stage: str, before: Mapping[st
     found = []
     for name, one in before.items():
         if name in NOISE:
-            hidden = on_grid(changed.hidden, name, rows_s, one) if name == READING[stage] else np.zeros(len(one.time_s))
+            own = name == READING[stage]
+            hidden = on_grid(changed.hidden, name, rows_s, one) if own else np.zeros(len(one.time_s))
             found.append(Truth(name, one.step_s, hidden, on_grid(changed.tolerance, name, rows_s, one),
                                off[name].predicted - one.predicted))
     return found
 
 
 def judged(columns: dict[str, Any], changed: Any, stage: str, nominal: Machine, adopted: Machine) -> dict[str, Any]:
-    """`worth` of a file; `rms`: of the hidden channel as measured, in its unit, under the nominal file, the adopted one,
-    and with the truth taken off."""
+    """`worth` of a file; `rms`: of the hidden channel as measured, in its unit, under the nominal file, the adopted
+    one, and with the truth taken off."""
     before = seen(columns, nominal)
     after = before if adopted == nominal else seen(columns, adopted)
     said = {name: after[name].predicted - one.predicted for name, one in before.items() if name in after}

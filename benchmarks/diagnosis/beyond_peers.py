@@ -1,14 +1,14 @@
-"""Other methods on the cases beyond the catalogue: what each says, what it predicts of other runs, all judged as ours is.
+"""Other methods on the cases beyond the catalogue: what each says and predicts of other runs, judged as ours is.
 
-Each peer's threshold is the highest score among healthy logs of the tuning half. What a peer says below it counts as
-nothing said. PySR is not among them: it needs Julia.
+Each peer's threshold for a stage is its highest score there among healthy logs of the tuning half. What a peer says
+below it counts as nothing said; of several stages above it that counts which is furthest above. PySR is not among
+them: it needs Julia.
 """
 from __future__ import annotations
 
 import json
 import pickle
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ import numpy as np
 import peers_methods
 from beyond_bic import forms_and_bic
 from beyond_case import AGAIN, CALIBRATING, FIRST_NULL
-from beyond_linear import stages
+from beyond_linear import STAGES, Log
 from beyond_methods import (
     Method,
     Said,
@@ -27,14 +27,13 @@ from beyond_methods import (
     gaussian_process,
     lisdd,
     picked,
-    problem_of,
     spline,
-    strongest,
     symbolic,
+    there,
 )
 from beyond_other_run import READING, worth
 from beyond_problem import Channel
-from beyond_report import Case, counted, of_kept, peers_table
+from beyond_report import Case, counted, named, of_kept, peers_table
 from hidden.report import percent
 from kept import HERE, file_hash, worked
 
@@ -64,24 +63,24 @@ class Task(NamedTuple):
 def examine(task: Task) -> dict[str, Any]:
     """Every peer's say about one case; a peer that breaks says nothing, and why."""
     kept = _read(task.path)
-    some = stages(kept["log"])
+    log = Log(kept["log"])
     methods: dict[str, Method] = dict(PEERS)
     if task.picks is not None:
         picks = task.picks
-        methods = {SYSIDENT: lambda found, seed: strongest([picked(s, picks.get(s.name, [])) for s in found])}
+        methods = {SYSIDENT: lambda one, seed: there(picked(s, one.libraries[s.name], picks.get(s.name, []))
+                                                     for s in one.stages)}
     out: dict[str, Any] = {}
     troubles = []
     for name, method in methods.items():
-        began = time.perf_counter()
-        said = None
+        began, said = time.perf_counter(), []
         try:
-            said = method(some, task.number % 1000)
-            out[name] = {**_told(said, kept), "seconds": time.perf_counter() - began}
+            said = [_told(one, kept) for one in method(log, task.number % 1000)]
         except ImportError as error:
             troubles.append(f"{name}: left out: {error}")
+            continue
         except Exception as error:
-            out[name] = {**_told(None, kept), "seconds": time.perf_counter() - began}
             troubles.append(f"{name}: {type(error).__name__}: {error}")
+        out[name] = {"said": said, "silent": _others(None, kept), "seconds": time.perf_counter() - began}
     return {"number": task.number, "said": out, "trouble": "; ".join(troubles) or None}
 
 
@@ -91,12 +90,15 @@ def _read(path: str) -> dict[str, Any]:
     return kept
 
 
-def _told(said: Said | None, kept: dict[str, Any]) -> dict[str, Any]:
-    others = {word: None if kept[word] is None or not kept["truth"]["outside"] else _errors(said, kept[word])
-              for word in AGAIN}
-    if said is None:
-        return {"score": 0.0, "stage": "", "variables": [], "form": "", **others}
-    return {"score": said.score, "stage": said.stage, "variables": list(said.variables), "form": said.form, **others}
+def _told(said: Said, kept: dict[str, Any]) -> dict[str, Any]:
+    return {"score": said.score, "stage": said.stage, "variables": list(said.variables), "form": said.form,
+            **_others(said, kept)}
+
+
+def _others(said: Said | None, kept: dict[str, Any]) -> dict[str, Any]:
+    """What it is worth on each other run; None: nothing said."""
+    return {word: None if kept[word] is None or not kept["truth"]["outside"] else _errors(said, kept[word])
+            for word in AGAIN}
 
 
 def _errors(said: Said | None, other: dict[str, Channel]) -> dict[str, Any]:
@@ -110,10 +112,9 @@ def sysident_picks(tasks: Sequence[Task], python: Path) -> list[Task]:
     arrays: dict[str, Any] = {}
     where: list[tuple[int, str]] = []
     for k, task in enumerate(tasks):
-        for stage in stages(_read(task.path)["log"]):
-            s = problem_of(stage)
+        for name, s in Log(_read(task.path)["log"]).libraries.items():
             arrays |= {f"x{len(where)}": s.x, f"y{len(where)}": s.y}
-            where.append((k, stage.name))
+            where.append((k, name))
     with tempfile.TemporaryDirectory() as folder:
         np.savez(f"{folder}/problems.npz", **arrays)
         subprocess.run([str(python), str(HERE / "peers_sysident.py"), f"{folder}/problems.npz", f"{folder}/picks.json"],
@@ -137,43 +138,45 @@ def compared(kept: dict[int, dict[str, Any]], folder: Path, sysident: Path | Non
             said[n]["said"] |= one["said"]
     ours = [of_kept(kept[n]) for n in sorted(said) if n < FIRST_NULL]
     nulls = [n for n in said if FIRST_NULL <= n < CALIBRATING]
-    first = ("**topdress**", ours, percent(sum(bool(kept[n]["answer"] and kept[n]["answer"].get("terms"))
-                                               for n in nulls), len(nulls)),
+    first = ("**topdress**", ours, percent(sum(named(kept[n]) for n in nulls), len(nulls)),
              f"{np.mean([kept[n]['seconds'] for n in said if n < CALIBRATING]):.1f}")
     calibration = [n for n in said if n >= CALIBRATING]
-    out = ["## Peers on the same cases", "",
-           f"{len(ours)} cases, {len(nulls)} healthy logs. Each peer's threshold is the highest score among "
-           f"{len(calibration)} healthy logs of the tuning half.", "",
-           *peers_table([first, *_lines(said, kept, nulls, calibration, 1.0)]),
-           "", f"The same with a threshold that {100 * (1 - LENIENT):.0f} % of them exceed:", "",
-           *peers_table([first, *_lines(said, kept, nulls, calibration, LENIENT)])]
-    return out
+    return ["## Peers on the same cases", "",
+            f"{len(ours)} cases, {len(nulls)} healthy logs. Each peer's thresholds are its highest scores of each "
+            f"stage among {len(calibration)} healthy logs of the tuning half.", "",
+            *peers_table([first, *_lines(said, kept, nulls, calibration, 1.0)]),
+            "", f"The same with thresholds that {100 * (1 - LENIENT):.0f} % of them exceed:", "",
+            *peers_table([first, *_lines(said, kept, nulls, calibration, LENIENT)])]
 
 
 def _lines(said: dict[int, Any], kept: dict[int, Any], nulls: Sequence[int], calibration: Sequence[int],
            level: float) -> list[tuple[str, list[Case], str, str]]:
-    names = list(dict.fromkeys(name for one in said.values() for name in one["said"]))
     lines = []
-    for name in names:
+    for name in dict.fromkeys(name for one in said.values() for name in one["said"]):
         here = {n: one["said"][name] for n, one in said.items() if name in one["said"]}
-        scores = [here[n]["score"] for n in calibration if n in here]
-        least = float(np.quantile(scores, level, method="higher")) if scores else 0.0
-        cases = [_case(kept[n]["truth"], here[n], here[n]["score"] > least) for n in sorted(here) if n < FIRST_NULL]
-        false = sum(here[n]["score"] > least for n in nulls if n in here)
-        lines.append((name, cases, percent(false, len(nulls)), f"{np.mean([o['seconds'] for o in here.values()]):.2f}"))
+        least = {stage: _threshold([here[n]["said"] for n in calibration if n in here], stage, level)
+                 for stage in STAGES}
+        loudest = {n: max((o for o in one["said"] if o["score"] > least[o["stage"]]),
+                          key=lambda o: o["score"] - least[o["stage"]], default=None) for n, one in here.items()}
+        cases = [_case(kept[n]["truth"], here[n], loudest[n]) for n in sorted(here) if n < FIRST_NULL]
+        false = sum(loudest.get(n) is not None for n in nulls)
+        seconds = float(np.mean([one["seconds"] for one in here.values()]))
+        lines.append((name, cases, percent(false, len(nulls)), f"{seconds:.2f}"))
     return lines
 
 
-def _case(truth: dict[str, Any], one: dict[str, Any], speaks: bool) -> Case:
+def _threshold(said: Sequence[Sequence[dict[str, Any]]], stage: str, level: float) -> float:
+    """Of one stage: not exceeded by this share of the healthy logs."""
+    scores = [max((o["score"] for o in one if o["stage"] == stage), default=0.0) for one in said]
+    return float(np.quantile(scores, level, method="higher")) if scores else 0.0
+
+
+def _case(truth: dict[str, Any], one: dict[str, Any], loudest: dict[str, Any] | None) -> Case:
     """A peer's say in the shape of a diagnosis, marked by the same scorer."""
     answer: dict[str, Any] = {"verdict": "none", "causes": [], "unexplained": [], "terms": []}
-    others = {word: one[word] for word in AGAIN}
-    if not speaks:
-        silent = {word: None if o is None else {**o, "adopted": o["nominal"], "left": o["removable"],
-                                                     "share": None if o["share"] is None else 0.0}
-                  for word, o in others.items()}
-        return counted(truth, answer, one["seconds"], silent, False)
-    answer |= {"verdict": "unexplained",
-               "unexplained": [{"channel": one["stage"], "variable": one["variables"][0], "variables": one["variables"]}],
-               "terms": [{"term": {"form": one["form"]}}]}
-    return counted(truth, answer, one["seconds"], others, one["form"] != "span")
+    if loudest is None:
+        return counted(truth, answer, one["seconds"], {word: one["silent"][word] for word in AGAIN}, False)
+    variables = loudest["variables"]
+    answer |= {"verdict": "unexplained", "terms": [{"term": {"form": loudest["form"]}}],
+               "unexplained": [{"channel": loudest["stage"], "variable": variables[0], "variables": variables}]}
+    return counted(truth, answer, one["seconds"], {word: loudest[word] for word in AGAIN}, loudest["form"] != "span")

@@ -74,12 +74,14 @@ def _sure(case: Case) -> bool:
 
 def row(cases: Sequence[Case]) -> list[str]:
     """The figures of HEADS."""
-    cells = [str(len(cases)), _part(cases, lambda c: c.mark.right_stage), _part(cases, lambda c: c.mark.all_variables),
-             _part(cases, lambda c: c.right_form), _part(cases, _sure), _part(cases, lambda c: c.mark.verdict == "none")]
+    cells = [str(len(cases)), *(_part(cases, ask) for ask in (
+        lambda c: c.mark.right_stage, lambda c: c.mark.all_variables, lambda c: c.right_form, _sure,
+        lambda c: c.mark.verdict == "none"))]
     for word in AGAIN:
         some = shares(cases, word)
+        worse = [w for c in cases if (w := c.worse.get(word)) is not None]
         cells += [f"{np.median(some):.2f}" if some else "-", f"{np.quantile(some, 0.1):.2f}" if some else "-",
-                  f"{sum(bool(c.worse.get(word)) for c in cases)} of {sum(c.worse.get(word) is not None for c in cases)}"]
+                  f"{sum(map(bool, worse))} of {len(worse)}"]
     return cells
 
 
@@ -106,11 +108,16 @@ def _goals(cases: Sequence[Case]) -> list[list[str]]:
                     str(sum(c.mark.z >= STRONG_Z for c in adopted_spans))]]
 
 
+def named(null: dict[str, Any]) -> bool:
+    """A term was named."""
+    return bool(null["answer"] and null["answer"].get("terms"))
+
+
 def nulls_table(nulls: Sequence[dict[str, Any]]) -> list[str]:
     """Healthy logs: terms named, and alarms of any kind."""
     groups = {"all": list(nulls)} | {c: [n for n in nulls if n["truth"]["category"] == c]
                                      for c in dict.fromkeys(n["truth"]["category"] for n in nulls)}
-    rows = [[word, str(len(some)), percent(sum(bool(n["answer"] and n["answer"].get("terms")) for n in some), len(some)),
+    rows = [[word, str(len(some)), percent(sum(named(n) for n in some), len(some)),
              percent(sum(n["answer"] is None or n["answer"]["verdict"] not in ("none", "not_judged") for n in some),
                      len(some)), ", ".join(f"{a} {k}" for a, k in Counter(
                          n["answer"]["verdict"] if n["answer"] else "broken" for n in some).most_common(4))]
@@ -120,7 +127,7 @@ def nulls_table(nulls: Sequence[dict[str, Any]]) -> list[str]:
 
 def sections(cases: Sequence[Case]) -> list[str]:
     """Markdown lines: goals, by class, by z, verdicts and forms said."""
-    out = ["## Goals", "", *table(["figure", "to reach", "all", f"z >= {STRONG_Z:g}"], _goals(cases)),
+    return ["## Goals", "", *table(["figure", "to reach", "all", f"z >= {STRONG_Z:g}"], _goals(cases)),
            "", "## By class", "",
            *table(["class", *HEADS], [[k, *row([c for c in cases if c.kind == k])] for k in CLASSES]),
            "", "## By z", "", *table(["z", *HEADS], _by_z(cases)),
@@ -129,7 +136,6 @@ def sections(cases: Sequence[Case]) -> list[str]:
                   [[k, _common(c.mark.verdict for c in cases if c.kind == k),
                     _common(c.mark.answer for c in cases if c.kind == k and c.mark.said),
                     _common(c.form or "none" for c in cases if c.kind == k)] for k in CLASSES])]
-    return out
 
 
 def _by_z(cases: Sequence[Case]) -> list[list[str]]:

@@ -16,10 +16,9 @@ import traceback
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
+from kept import ROOT, code_hash, worked
 
-from kept import code_hash, worked
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
 
 PLANS = ("catalogue", "classes")
 

@@ -1,4 +1,4 @@
-"""Another run of a machine with a term or a column hidden in it: other programme or the same, other canopy, other noise."""
+"""Another run of a machine with a term or a column hidden in it: other drive, other canopy, other noise."""
 from __future__ import annotations
 
 from typing import Any

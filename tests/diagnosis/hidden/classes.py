@@ -29,7 +29,7 @@ from .run_cases import (
     traits_of,
     within_tolerance,
 )
-from .truth import Columns, Made, Redrive, Relations, share_of, told
+from .truth import Columns, Made, Redrive, Redriven, Relations, share_of, told
 
 RUN_IDS = tuple(i for i, k in IDS.items() if "run" in k.seen)
 WITH_ONSET = tuple(i for i in RUN_IDS if i not in (
@@ -120,7 +120,14 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
     truth = {"programme": p.name, "noise": kind, "rows": int(columns["time_s"].size), "outside": outside,
              "causes": causes, "traits": [plain(t) for t in traits], "physics": physics._asdict(),
              "log": {"row_s": d.row_s, **recipe.told, "columns": {x.name: x.like for x in more}}}
+    again = _redriven(d, physics, planted, traits, more, noises, log_seed, truth) if category in ("term", "column") \
+        else None
+    return "run", columns, truth, share_of(planted, eye.trace, eye.inner), again
 
+
+def _redriven(d: Drive, physics: Physics, planted: tuple[Effect, ...], traits: tuple[Effect, ...],
+              more: Sequence[extras.Extra], noises: dict[str, run_noise.Noise], log_seed: int,
+              truth: dict[str, Any]) -> Redriven:
     def redriven(change: Callable[[Drive], Drive], other_seed: int | None) -> Redrive:
         """A span belongs to the run that it was in: the other has none."""
         there = tuple(e for e in planted if e.term is None or e.term.kind != "span")
@@ -131,9 +138,7 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
         seen = runlog.columns(other, physics, (*there, *traits), sensors, seed) | {x.name: x.told for x in again}
         return Redrive(seen, {**truth, "programme": other_drive.programme.name, "rows": int(other_drive.time_s.size)},
                        lambda: changed_by(other, physics, there, traits))
-
-    share = share_of(planted, eye.trace, eye.inner)
-    return "run", columns, truth, share, redriven if category in ("term", "column") else None
+    return redriven
 
 
 def _ids(category: str, wanted: Sequence[str], rng: np.random.Generator) -> tuple[str, ...] | None:

@@ -139,7 +139,7 @@ def changed_by(plant: Plant, physics: Physics, hidden: tuple[Effect, ...], trait
     """What `hidden`, and what its tolerances and traits, change in the readings of a machine."""
     with_it, without = plant.run(physics, (*hidden, *traits)), plant.run(physics, traits)
     nominal = plant.run(Physics())
-    metered = plant.run(physics._replace(flow_ratio=1.0, level_kg=Physics().level_kg))    # by shaft and gate as they are
+    metered = plant.run(physics._replace(flow_ratio=1.0, level_kg=Physics().level_kg))      # shaft and gate as they are
     base = {**nominal, "scale": metered["scale"]}
     return Changed({name: with_it[name] - without[name] for name in READINGS},
                    {name: without[name] - base[name] for name in READINGS})
