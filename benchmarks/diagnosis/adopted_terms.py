@@ -3,9 +3,9 @@
     python benchmarks/diagnosis/adopted_terms.py --seconds 1200 --seeds 3 --out docs/benchmark-diagnosis-terms.md
 
 A machine with a term that control does not know is simulated, its log diagnosed and adopted, the new file checked, all
-by the commands that a user would give. Then the same machine is driven on other fields by control that reads the shipped
-file, the adopted one, and one with the true term: dose and place on the ground, in truth. At the end the adopted terms
-are taken out of the file again. Exit code 1 where a machine's term is not found.
+by the commands that a user would give. Then the same machine is driven on other fields by control that reads the
+shipped file, the adopted one, and one with the true term: dose and place on the ground, in truth. At the end the
+adopted terms are taken out of the file again. Exit code 1 where a machine's term is not found.
 """
 from __future__ import annotations
 
@@ -154,10 +154,10 @@ def main() -> None:
     text = "\n".join([
         "# Terms beyond the catalogue, found, adopted, driven", "",
         f"`python benchmarks/diagnosis/adopted_terms.py --seconds {args.seconds:g} --seeds {args.seeds}`; opening "
-        f"first, flow trim off, ground of {ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and {FAST_KMH:g} km/h in turn; log of seed "
-        f"{LOGGED_SEED}, fields of seeds from {DRIVEN_SEED} on (mean +- s.d.). The machine has the hidden term; "
-        "control reads the shipped file, the adopted one, one with the true term. After: verdict of the same log with the "
-        "adopted file. Undone: without the terms that came from this log the file is the shipped one again.", "",
+        f"first, flow trim off, ground of {ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and {FAST_KMH:g} km/h in turn; log of "
+        f"seed {LOGGED_SEED}, fields of seeds from {DRIVEN_SEED} on (mean +- s.d.). The machine has the hidden term; "
+        "control reads the shipped file, the adopted one, one with the true term. After: verdict of the same log with "
+        "the adopted file. Undone: without the terms that came from this log the file is the shipped one again.", "",
         *table(outcomes), *(f"\nNot adopted: {line}" for line in failed)]) + "\n"
     if args.out is None:
         print(text)
