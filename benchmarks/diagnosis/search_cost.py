@@ -1,6 +1,6 @@
 """What the search for terms costs: one log, 12 variables, diagnosed with and without it in turn.
 
-    python benchmarks/diagnosis/search_cost.py [--rows 24000] [--further 5] [--times 3]
+    python benchmarks/diagnosis/search_cost.py [--rows 24000] [--further 3] [--times 3]
 
 The log is one of the hidden generator's healthy drives of the tuning half with further columns, cut to so many rows. A
 healthy log is the dear case: nothing ends the search early. Each diagnosis runs in a process of its own, for the peak
@@ -40,7 +40,7 @@ def log_of(rows: int, further: int, hidden: bool) -> dict[str, Any]:
     planted = ()
     if hidden and more:
         term = terms.term_over("column", (more[0].name,), {more[0].name: more[0].true}, 0, 0.5)
-        planted = (Effect("y.flow", 3.0, term=term),)
+        planted = (Effect("y.flow", 6.0, term=term),)
     plant = Plant(d, {x.name: x.true for x in more})
     columns = runlog.columns(plant, Physics(), planted, noise.noises("ar1", d.row_s, rng), 6)
     columns |= {x.name: x.told for x in more}
@@ -79,7 +79,7 @@ def one(args: argparse.Namespace, hidden: bool, search: bool) -> dict[str, Any]:
 def main() -> None:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--rows", type=int, default=24_000)
-    a.add_argument("--further", type=int, default=4, help="columns beyond the standard ones, of which 8 move")
+    a.add_argument("--further", type=int, default=3, help="columns beyond the standard ones, of which 9 move")
     a.add_argument("--times", type=int, default=3, help="pairs, in turn")
     a.add_argument("--one", help=argparse.SUPPRESS)
     args = a.parse_args()
