@@ -154,6 +154,6 @@ def _refined(one: Tried, score: Callable[[Sequence[float]], float]) -> tuple[flo
 
     def rest(p: Any) -> float:
         return -score([p[f"k{k}"].value for k in range(len(one.knobs))])
-    found = lmfit.minimize(rest, parameters, method="nelder", max_nfev=MOST_STEPS)
+    found = lmfit.minimize(rest, parameters, method="nelder", max_nfev=MOST_STEPS, calc_covar=False)
     knobs = tuple(float(found.params[f"k{k}"].value) for k in range(len(one.knobs)))
     return knobs if score(knobs) > score(one.knobs) else one.knobs
