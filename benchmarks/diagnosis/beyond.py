@@ -61,7 +61,7 @@ def main() -> None:
     if not cases:
         sys.exit("no case was examined")
     busy = sum(one["whole_s"] for one in kept.values())
-    asked = [one["seconds"] for n, one in there.items() if n < CALIBRATING]
+    asked = [(one["seconds"], one["processor_s"]) for n, one in there.items() if n < CALIBRATING]
     broken = sum(one["trouble"] is not None for one in kept.values())
     missing = {word: sum(kept[n][word] is None for n in cases) for word in AGAIN}
     lines = [f"# Beyond the catalogue: seed {args.seed}, programmes {args.programmes}", "",
@@ -76,7 +76,8 @@ def main() -> None:
         lines += ["", *compared(there, args.keep / name, args.sysident, args.jobs)]
     lines += ["", f"Code {code}; {count} in this call, wall time {(time.monotonic() - began) / 60:.1f} min with "
                   f"{args.jobs} jobs; all {len(kept)} took {busy / 60:.1f} min of one job; a diagnosis "
-                  f"{sum(asked) / max(1, len(asked)):.1f} s in the mean."]
+                  f"{sum(s for s, _ in asked) / max(1, len(asked)):.1f} s in the mean, of processor "
+                  f"{sum(s for _, s in asked) / max(1, len(asked)):.1f} s."]
     text = "\n".join(lines) + "\n"
     if args.out is None:
         print(text)

@@ -47,8 +47,8 @@ def examine(task: Task) -> dict[str, Any]:
 
     started = time.perf_counter()
     nominal = load("huanghai", MACHINE).model
-    out: dict[str, Any] = {"number": task.number, "truth": None, "answer": None, "seconds": 0.0, "adopted": False,
-                           "trouble": None, **dict.fromkeys(AGAIN)}
+    out: dict[str, Any] = {"number": task.number, "truth": None, "answer": None, "seconds": 0.0, "processor_s": 0.0,
+                           "adopted": False, "trouble": None, **dict.fromkeys(AGAIN)}
     try:
         case = made(task)
         out["truth"] = case.truth
@@ -76,16 +76,16 @@ def _answered(case: Any, nominal: Any, others: dict[str, Any], seed: int) -> dic
 
     from control.diagnosis.extend import extend
 
-    began = time.perf_counter()
+    began, busy = time.perf_counter(), time.process_time()
     diagnosis = ask.found("run", case.columns, nominal, case.name, seed)
-    seconds = time.perf_counter() - began
+    seconds, busy = time.perf_counter() - began, time.process_time() - busy
     adopted = extend(nominal, diagnosis, date="2026-01-01")
     changed = adopted.model_copy(update={"adopted": nominal.adopted}) != nominal
     worth = {word: None if other is None else
              {"programme": other.truth["programme"],
               **judged(other.columns, other.changed(), case.truth["outside"]["channel"], nominal, adopted)}
              for word, other in others.items()}
-    return {"answer": ask.published(diagnosis), "seconds": seconds, "adopted": changed, **worth}
+    return {"answer": ask.published(diagnosis), "seconds": seconds, "processor_s": busy, "adopted": changed, **worth}
 
 
 def _keep(case: Any, nominal: Any, others: dict[str, Any], path: Path) -> None:

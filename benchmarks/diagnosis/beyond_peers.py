@@ -72,7 +72,7 @@ def examine(task: Task) -> dict[str, Any]:
     out: dict[str, Any] = {}
     troubles = []
     for name, method in methods.items():
-        began, said = time.perf_counter(), []
+        began, said = time.process_time(), []
         try:
             said = [_told(one, kept) for one in method(log, task.number % 1000)]
         except ImportError as error:
@@ -80,7 +80,7 @@ def examine(task: Task) -> dict[str, Any]:
             continue
         except Exception as error:
             troubles.append(f"{name}: {type(error).__name__}: {error}")
-        out[name] = {"said": said, "silent": _others(None, kept), "seconds": time.perf_counter() - began}
+        out[name] = {"said": said, "silent": _others(None, kept), "processor_s": time.process_time() - began}
     return {"number": task.number, "said": out, "trouble": "; ".join(troubles) or None}
 
 
@@ -139,7 +139,7 @@ def compared(kept: dict[int, dict[str, Any]], folder: Path, sysident: Path | Non
     ours = [of_kept(kept[n]) for n in sorted(said) if n < FIRST_NULL]
     nulls = [n for n in said if FIRST_NULL <= n < CALIBRATING]
     first = ("**topdress**", ours, percent(sum(named(kept[n]) for n in nulls), len(nulls)),
-             f"{np.mean([kept[n]['seconds'] for n in said if n < CALIBRATING]):.1f}")
+             f"{np.mean([kept[n]['processor_s'] for n in said if n < CALIBRATING]):.1f}")
     calibration = [n for n in said if n >= CALIBRATING]
     return ["## Peers on the same cases", "",
             f"{len(ours)} cases, {len(nulls)} healthy logs. Each peer's thresholds are its highest scores of each "
@@ -160,7 +160,7 @@ def _lines(said: dict[int, Any], kept: dict[int, Any], nulls: Sequence[int], cal
                           key=lambda o: o["score"] - least[o["stage"]], default=None) for n, one in here.items()}
         cases = [_case(kept[n]["truth"], here[n], loudest[n]) for n in sorted(here) if n < FIRST_NULL]
         false = sum(loudest.get(n) is not None for n in nulls)
-        seconds = float(np.mean([one["seconds"] for one in here.values()]))
+        seconds = float(np.mean([one["processor_s"] for one in here.values()]))
         lines.append((name, cases, percent(false, len(nulls)), f"{seconds:.2f}"))
     return lines
 
@@ -175,8 +175,9 @@ def _case(truth: dict[str, Any], one: dict[str, Any], loudest: dict[str, Any] | 
     """A peer's say in the shape of a diagnosis, marked by the same scorer."""
     answer: dict[str, Any] = {"verdict": "none", "causes": [], "unexplained": [], "terms": []}
     if loudest is None:
-        return counted(truth, answer, one["seconds"], {word: one["silent"][word] for word in AGAIN}, False)
+        return counted(truth, answer, one["processor_s"], {word: one["silent"][word] for word in AGAIN}, False)
     variables = loudest["variables"]
     answer |= {"verdict": "unexplained", "terms": [{"term": {"form": loudest["form"]}}],
                "unexplained": [{"channel": loudest["stage"], "variable": variables[0], "variables": variables}]}
-    return counted(truth, answer, one["seconds"], {word: loudest[word] for word in AGAIN}, loudest["form"] != "span")
+    others = {word: loudest[word] for word in AGAIN}
+    return counted(truth, answer, one["processor_s"], others, loudest["form"] != "span")

@@ -151,6 +151,6 @@ def _common(words: Any) -> str:
 
 
 def peers_table(lines: Sequence[tuple[str, Sequence[Case], str, str]]) -> list[str]:
-    """A line each: method, its cases, terms named in healthy logs, seconds a case."""
-    return table(["method", *HEADS, "healthy logs: a term", "s a case"],
+    """A line each: method, its cases, terms named in healthy logs, seconds of processor a case."""
+    return table(["method", *HEADS, "healthy logs: a term", "s of processor a case"],
                  [[name, *row(cases), nulls, seconds] for name, cases, nulls, seconds in lines])

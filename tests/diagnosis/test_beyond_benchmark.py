@@ -72,9 +72,9 @@ def test_the_truth_takes_everything_away_and_its_opposite_makes_it_worse(bench: 
 
 def test_a_gain_within_the_tolerances_is_no_error_of_the_term(bench: Any) -> None:
     rows = np.arange(5000.0)
-    hidden = np.sin(rows / 30.0)
+    hidden = 0.02 * np.sin(rows / 30.0)
     truth = bench.beyond_other_run.Truth("gate", 0.1, hidden, np.zeros(5000), np.full(5000, 0.01))
-    assert bench.beyond_other_run.worth([truth], {"gate": hidden + 0.01})["share"] > 0.999
+    assert bench.beyond_other_run.worth([truth], {"gate": hidden + 0.01})["share"] > 0.98
     assert bench.beyond_other_run.worth([truth], {"gate": hidden + 0.01})["adopted"] > 0.0
 
 
