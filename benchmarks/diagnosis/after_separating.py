@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from run import ROOT, code_hash, done_in
+from kept import ROOT, code_hash, done_in
 from verdict import exit_code
 
 
@@ -41,9 +41,9 @@ def again(kept: dict[str, Any]) -> dict[str, Any] | None:
     w = wanted(number, seed)
     case = one(number, seed, "all", (w.category,), w.kinds, w.ids)
     assert case.redriven is not None
-    columns, truth = case.redriven(driven_too(name))
-    answer = ask.diagnosis("run", columns, load("huanghai", MACHINE).model, case.name, seed)
-    return {"number": number, "manoeuvre": name, "truth": {**case.truth, **truth}, "answer": answer}
+    driven = case.redriven(driven_too(name), None)
+    answer = ask.diagnosis("run", driven.columns, load("huanghai", MACHINE).model, case.name, seed)
+    return {"number": number, "manoeuvre": name, "truth": {**case.truth, **driven.truth}, "answer": answer}
 
 
 def ambiguous(kept: dict[int, dict[str, Any]]) -> list[dict[str, Any]]:

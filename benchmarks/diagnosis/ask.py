@@ -4,25 +4,33 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
 
-def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> dict[str, Any]:
+def found(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> Diagnosis:
     """`kind`: run, lag, catch, weigh, heads, place. Raises whatever the diagnosis raises."""
     if kind == "run":
         from control.diagnosis.runs.diagnose import diagnose_run
 
-        found = diagnose_run(columns, machine, path=f"{name}.csv", seed=seed)
-    else:
-        from control.diagnosis.tables import Table, diagnose_tables
+        return diagnose_run(columns, machine, path=f"{name}.csv", seed=seed)
+    from control.diagnosis.tables import Table, diagnose_tables
 
-        numbers = {k: v for k, v in columns.items() if v.dtype != object}
-        texts = [(k, v.astype(str)) for k, v in columns.items() if v.dtype == object]
-        name_of, label = texts[0] if texts else ("", None)
-        table = Table(kind, numbers, name_of, f"{name}.csv", label)
-        found = diagnose_tables([table], machine, seed=seed)
-    answer: dict[str, Any] = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    numbers = {k: v for k, v in columns.items() if v.dtype != object}
+    texts = [(k, v.astype(str)) for k, v in columns.items() if v.dtype == object]
+    name_of, label = texts[0] if texts else ("", None)
+    return diagnose_tables([Table(kind, numbers, name_of, f"{name}.csv", label)], machine, seed=seed)
+
+
+def published(one: Diagnosis) -> dict[str, Any]:
+    """A diagnosis as its JSON says it."""
+    answer: dict[str, Any] = json.loads(json.dumps(one.to_json(), allow_nan=False))
     return answer
+
+
+def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> dict[str, Any]:
+    """`found`, published."""
+    return published(found(kind, columns, machine, name, seed))
 
 
 def missing(kind: str = "run") -> str:

@@ -10,45 +10,17 @@ the time, and the next call goes on from there.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
-import multiprocessing
 import sys
 import time
 import traceback
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[2]
+from kept import ROOT, code_hash, worked
+
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks"), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
 
-# They neither make a case nor answer it.
-AFTERWARDS = ("score.py", "report.py", "class_report.py", "make.py", "write.py")
 PLANS = ("catalogue", "classes")
-
-
-def code_hash() -> str:
-    """Of everything that decides an answer or a case: answers of other code are not mixed in."""
-    digest = hashlib.sha256()
-    for folder in ("control/diagnosis", "control/machine", "tests/diagnosis/hidden"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            if not (folder.endswith("hidden") and path.name in AFTERWARDS):
-                digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def done_in(path: Path) -> dict[int, dict[str, Any]]:
-    """Case number -> what was kept. A last line cut off by an interruption is left out."""
-    kept: dict[int, dict[str, Any]] = {}
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            try:
-                one = json.loads(line)
-            except json.JSONDecodeError:
-                continue
-            kept[one["number"]] = one
-    return kept
 
 
 class Task(NamedTuple):
@@ -101,14 +73,6 @@ def examine(task: Task) -> dict[str, Any]:
             "trouble": trouble, "whole_s": time.perf_counter() - started}
 
 
-def _results(tasks: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
-    if jobs <= 1:
-        yield from map(examine, tasks)
-        return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(examine, tasks)
-
-
 def main() -> int:
     from hidden.cases import CATEGORIES
     from hidden.classes import CLASSES
@@ -140,31 +104,14 @@ def main() -> int:
     plan = "drawn" if args.category or args.kind else "classes" if args.plan == "classes" else "plan"
     words = "-".join((str(args.seed), args.programmes, plan, *sorted(set(args.category or ())), *(args.kind or ()),
                       code_hash()))
-    args.keep.mkdir(parents=True, exist_ok=True)
-    path = args.keep / f"{words}.jsonl"
-    asked = tasks_of(args)
-    wanted_numbers = {task.number for task in asked}
-    kept = {k: one for k, one in done_in(path).items() if k in wanted_numbers}
-    tasks = [task for task in asked if task.number not in kept]
     began = time.monotonic()
-    with path.open("a", encoding="utf-8", newline="\n") as out:
-        for one in _results(tasks, args.jobs):
-            kept[one["number"]] = one
-            out.write(json.dumps(one) + "\n")
-            out.flush()
-            if one["trouble"]:
-                print(f"\ncase {one['number']}:\n{one['trouble']}", file=sys.stderr)
-            spent = time.monotonic() - began
-            left = spent / max(1, len(kept) - (len(asked) - len(tasks))) * (len(asked) - len(kept))
-            print(f"\r{len(kept)}/{len(asked)}, {left / 60:.0f} min left ", end="", file=sys.stderr, flush=True)
-            if spent > 60.0 * args.minutes:
-                break
+    kept, count = worked(tasks_of(args), examine, args.keep / f"{words}.jsonl", args.jobs, args.minutes)
     marks = [mark(o["truth"], o["answer"], o["seconds"], o["gain_share"]) for o in kept.values()]
     spent = time.monotonic() - began
     busy = sum(o.get("whole_s", o["seconds"]) for o in kept.values())
     text = report(marks, f"Diagnosis of hidden effects, seed {args.seed}, programmes: {args.programmes}",
                   sections(marks) if any("log" in m.truth for m in marks) else ()) + \
-        f"\nCode {code_hash()}; {len(tasks)} cases in this call, wall time {spent / 60:.1f} min with {args.jobs} " \
+        f"\nCode {code_hash()}; {count} cases in this call, wall time {spent / 60:.1f} min with {args.jobs} " \
         f"jobs; making and asking all {len(kept)} took {busy / 60:.1f} min of one job.\n"
     if args.out is None:
         print(text)

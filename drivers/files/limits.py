@@ -6,7 +6,6 @@ names it, its size and what is allowed; nothing of it is unpacked first.
 from __future__ import annotations
 
 import json
-import re
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path

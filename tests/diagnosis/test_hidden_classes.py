@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 HIDDEN = Path(__file__).parent / "hidden"
-MODULES = ("cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect", "extras", "logged",
-           "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases", "runlog", "score", "terms")
+MODULES = ("another_run", "cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect",
+           "extras", "logged", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases", "runlog",
+           "score", "terms")
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ import pytest
 
 HIDDEN = Path(__file__).parent / "hidden"
 REPO = HIDDEN.parents[2]
-MODULES = ("cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect", "extras", "logged",
-           "manoeuvres", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases",
-           "runlog", "score", "shapes", "table_cases", "tables", "terms", "write")
+MODULES = ("another_run", "cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect",
+           "extras", "logged", "manoeuvres", "noise", "nominal", "plan", "plant", "programmes", "report",
+           "run_cases", "runlog", "score", "shapes", "table_cases", "tables", "terms", "write")
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,7 @@ class Case(NamedTuple):
     columns: Columns
     truth: dict[str, Any]
     gain_share: Share
-    redriven: Redriven | None = None      # of a run: the same machine and noise on a changed drive
+    redriven: Redriven | None = None      # of most runs: the same machine on a changed drive
 
 
 def cases(count: int, seed: int = 1, programmes: str = "all", start: int = 0,

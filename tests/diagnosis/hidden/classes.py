@@ -2,7 +2,7 @@
 columns, other noise, three at once, a loop that trims, and dependences that no catalogue holds."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from .programmes import Drive, chosen, drive
 from .run_cases import (
     LEAST_KG,
     Planted,
+    changed_by,
     effect_of,
     fits,
     plain,
@@ -28,7 +29,7 @@ from .run_cases import (
     traits_of,
     within_tolerance,
 )
-from .truth import Columns, Made, Relations, share_of, told
+from .truth import Columns, Made, Redrive, Redriven, Relations, share_of, told
 
 RUN_IDS = tuple(i for i, k in IDS.items() if "run" in k.seen)
 WITH_ONSET = tuple(i for i in RUN_IDS if i not in (
@@ -119,7 +120,25 @@ def class_case(category: str, wanted: Sequence[str], split: str, rng: np.random.
     truth = {"programme": p.name, "noise": kind, "rows": int(columns["time_s"].size), "outside": outside,
              "causes": causes, "traits": [plain(t) for t in traits], "physics": physics._asdict(),
              "log": {"row_s": d.row_s, **recipe.told, "columns": {x.name: x.like for x in more}}}
-    return "run", columns, truth, share_of(planted, eye.trace, eye.inner), None
+    again = _redriven(d, physics, planted, traits, more, noises, log_seed, truth) if category in ("term", "column") \
+        else None
+    return "run", columns, truth, share_of(planted, eye.trace, eye.inner), again
+
+
+def _redriven(d: Drive, physics: Physics, planted: tuple[Effect, ...], traits: tuple[Effect, ...],
+              more: Sequence[extras.Extra], noises: dict[str, run_noise.Noise], log_seed: int,
+              truth: dict[str, Any]) -> Redriven:
+    def redriven(change: Callable[[Drive], Drive], other_seed: int | None) -> Redrive:
+        """A span belongs to the run that it was in: the other has none."""
+        there = tuple(e for e in planted if e.term is None or e.term.kind != "span")
+        seed, other_drive = log_seed if other_seed is None else other_seed, change(d)
+        again = [extras.again(x, other_drive, np.random.default_rng([seed, k, 23])) for k, x in enumerate(more)]
+        other = Plant(other_drive, {x.name: x.true for x in again})
+        sensors = {name: run_noise.at_rate(n, d.row_s, other_drive.row_s) for name, n in noises.items()}
+        seen = runlog.columns(other, physics, (*there, *traits), sensors, seed) | {x.name: x.told for x in again}
+        return Redrive(seen, {**truth, "programme": other_drive.programme.name, "rows": int(other_drive.time_s.size)},
+                       lambda: changed_by(other, physics, there, traits))
+    return redriven
 
 
 def _ids(category: str, wanted: Sequence[str], rng: np.random.Generator) -> tuple[str, ...] | None:

@@ -64,6 +64,11 @@ def dealt(drive: Drive, count: int, rng: np.random.Generator, cause: bool) -> li
             for k, n in enumerate(names)]
 
 
+def again(one: Extra, drive: Drive, rng: np.random.Generator) -> Extra:
+    """The same column on another drive."""
+    return _column(one.name, drive, rng, one.like)
+
+
 def _column(name: str, drive: Drive, rng: np.random.Generator, like: str) -> Extra:
     known, t = KNOWN[name], drive.time_s
     true = known.middle + known.spread * _unit(like, drive, rng)

@@ -89,6 +89,11 @@ def louder(kind: str, row_s: float, rng: np.random.Generator) -> dict[str, Noise
     return out
 
 
+def at_rate(one: Noise, row_s: float, other_row_s: float) -> Noise:
+    """The same sensor in a log of another rate."""
+    return one._replace(fresh_rows=max(1, round(one.fresh_rows * row_s / other_row_s)))
+
+
 def _hum(count: int, step_s: float, period_s: float, draws: Floats) -> Floats:
     """Noise (count,) of unit spread that rings at a period (AR(2), damped within about three periods)."""
     period = max(period_s, 2.5 * step_s)

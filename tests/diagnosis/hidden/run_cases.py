@@ -9,11 +9,11 @@ import numpy as np
 from . import noise as run_noise
 from . import nominal as nom
 from . import runlog
-from .detect import Eye
+from .detect import READINGS, Eye
 from .nominal import IDS, OUTSIDE, Effect, Physics
 from .plant import Plant
 from .programmes import Drive, Programme, chosen, drive
-from .truth import Columns, Made, Relations, share_of, told
+from .truth import Changed, Made, Redrive, Relations, share_of, told
 
 _GROUPS = {"shaft": ("shaft.",), "gate": ("gate.", "flow.", "scale."), "flow": ("gate.", "flow.", "scale."),
            "scale": ("gate.", "flow.", "scale."), "speed": ("speed.",), "canopy": ("canopy.",)}
@@ -120,17 +120,29 @@ def run_case(category: str, wanted: tuple[str, ...], split: str, rng: np.random.
              "causes": [told(e, z, r, span_of(d)) for (e, z), r in zip(found, relations, strict=True)],
              "traits": [plain(e) for e in traits], "physics": physics._asdict()}
 
-    def redriven(change: Callable[[Drive], Drive]) -> tuple[Columns, dict[str, Any]]:
+    def redriven(change: Callable[[Drive], Drive], other_seed: int | None) -> Redrive:
         other = Plant(change(d))
         seen = Eye(other, noises, Physics())
         causes = []
         for e, _ in found:
             z = seen.z([e], [q for q in planted if q != e])
             causes.append(told(e, z, relation(seen, e, z, planted), span_of(other.drive)))
-        return (runlog.columns(other, physics, (*planted, *traits), noises, log_seed),
-                {**truth, "rows": int(other.drive.time_s.size), "causes": causes})
+        return Redrive(runlog.columns(other, physics, (*planted, *traits), noises,
+                                      log_seed if other_seed is None else other_seed),
+                       {**truth, "rows": int(other.drive.time_s.size), "causes": causes},
+                       lambda: changed_by(other, physics, planted, traits))
 
     return "run", columns, truth, share_of(planted, eye.trace, eye.inner), redriven
+
+
+def changed_by(plant: Plant, physics: Physics, hidden: tuple[Effect, ...], traits: tuple[Effect, ...]) -> Changed:
+    """What `hidden`, and what its tolerances and traits, change in the readings of a machine."""
+    with_it, without = plant.run(physics, (*hidden, *traits)), plant.run(physics, traits)
+    nominal = plant.run(Physics())
+    metered = plant.run(physics._replace(flow_ratio=1.0, level_kg=Physics().level_kg))      # shaft and gate as they are
+    base = {**nominal, "scale": metered["scale"]}
+    return Changed({name: with_it[name] - without[name] for name in READINGS},
+                   {name: without[name] - base[name] for name in READINGS})
 
 
 def _planted(category: str, eye: Eye, wanted: tuple[str, ...], outsiders: tuple[str, ...], rng: np.random.Generator,

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,26 @@ from .programmes import Drive
 Floats = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]
 Share = Callable[[Sequence[dict[str, Any]]], float | None]
-Redriven = Callable[[Callable[[Drive], Drive]], tuple[Columns, dict[str, Any]]]     # a changed drive, all else the same
+
+
+class Changed(NamedTuple):
+    """Without noise, by reading (rows,): what is `hidden` changes, and what this machine's `tolerance` does, each stage
+    asked with what the stages before it truly did. Readings: shaft, gate, scale, wheel, gnss, heads."""
+
+    hidden: dict[str, Floats]
+    tolerance: dict[str, Floats]
+
+
+class Redrive(NamedTuple):
+    """The same hidden machine on another drive."""
+
+    columns: Columns
+    truth: dict[str, Any]
+    changed: Callable[[], Changed]
+
+
+# drive -> changed drive, seed of the noise (None: that of the first run)
+Redriven = Callable[[Callable[[Drive], Drive], int | None], Redrive]
 Made = tuple[str, Columns, dict[str, Any], Share, Redriven | None]      # kind of data, columns, truth, share of gain
 
 EQUAL = 0.99                      # likeness of two traces from which on the data cannot tell them apart
