@@ -8,7 +8,7 @@ from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_ef
 from control.machine.planting import Planted
 from control.machine.terms import Form, Source, Term
 
-from .result import Cause, Diagnosis, TermFound
+from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
 WORSE = -0.05               # held-out gain of a term below which it is not adopted: less is the scale's own noise
 
@@ -102,6 +102,8 @@ def not_adoptable(cause: Cause) -> str:
         return "began during the run: repair it, the model stays"
     if cause.until_s is not None:
         return "ended during the run: the model stays"
+    if any(rival.id == UNKNOWN for rival in cause.rivals):
+        return "it may be something else: no machine file takes up what is only suspected"
     return "" if cause.size.value is not None else "its size is not known"
 
 
