@@ -128,6 +128,14 @@ def test_yaml_is_plain_data_with_names(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError) as said:
         by_kind([str(path)])
     assert len(said.value.lines) == 1
+    assert "plain data without tags" in str(said.value) or "!" not in text
+
+
+def test_yaml_has_a_depth(tmp_path: Path) -> None:
+    path = tmp_path / "job.yaml"
+    path.write_text(f"format: topdress-job/1\na: {'[' * 60}{']' * 60}\n")
+    with pytest.raises(ConfigError, match="nested too deeply or too large"):
+        by_kind([str(path)])
 
 
 @pytest.mark.parametrize("data", [b"a" * 200_000, b"time_s" + b",c" * 3000 + b"\n1\n", b"x,y\n" + b'"' * 200_000],
@@ -185,13 +193,14 @@ def test_a_sheet_under_any_name_is_looked_through(tmp_path: Path) -> None:
         read_raw(zipped(tmp_path / "x.xlsx", [("elsewhere", far)]))
 
 
-def test_a_workbook_that_lies_about_its_sizes_is_refused(tmp_path: Path) -> None:
-    """Its reader would unpack all there is: the checksum is made for as much as the directory says."""
+@pytest.mark.parametrize("more", [b"", b" "], ids=["as much", "one byte more"])
+def test_a_workbook_that_lies_about_its_sizes_is_refused(tmp_path: Path, more: bytes) -> None:
+    """Its reader would unpack all there is: the checksum is made for as much as the directory says, or for one more."""
     begin = b"<worksheet><sheetData>" + b" " * 1000
     path = zipped(tmp_path / "x.xlsx", [("xl/worksheets/sheet1.xml", begin + b" " * (8 << 20))], declares=len(begin))
     data = bytearray(path.read_bytes())
     central = data.find(b"PK\x01\x02")
-    data[central + 16:central + 20] = struct.pack("<I", zlib.crc32(begin))
+    data[central + 16:central + 20] = struct.pack("<I", zlib.crc32(begin + more))
     path.write_bytes(data)
     with pytest.raises(ValueError, match=r"unpacks to more than|CRC"):
         read_raw(path)
@@ -255,7 +264,7 @@ def test_a_long_sheet_is_read(tmp_path: Path) -> None:
 def test_ground_is_unpacked_no_further_than_it_says(tmp_path: Path) -> None:
     bits = base64.b64encode(zlib.compress(bytes(100 << 20), 9)).decode()
     told = {"west_m": 0.0, "south_m": 0.0, "cell_m": 0.25, "rows": 8, "columns": 8, "bits": bits}
-    with pytest.raises(ValueError, match="bytes of cells for 8 x 8"):
+    with pytest.raises(ValueError, match="10 bytes of cells for 8 x 8"):
         unpacked(told)
     with pytest.raises(ValueError, match="allowed up to 400000000"):
         unpacked(told | {"rows": 10**6, "columns": 10**6})
