@@ -27,6 +27,9 @@ def import_log(
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
     from drivers.files.imports.trouble import ImportTrouble
+    twice = next((path for k, path in enumerate(files) if path.resolve() in [one.resolve() for one in files[:k]]), None)
+    if twice is not None:
+        raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
     try:
         if guess:
             _guess(files, _place_of_guess(files, mapping, out), force)

@@ -127,6 +127,9 @@ def resolve(where: str | Path, folders: Iterable[str], beside: Path | None = Non
         path = Path(where)
         return beside / path if beside is not None else path
     names = {name: path for folder in folders for name, path in shipped(folder).items()}
+    if text not in names and Path(text).exists():
+        raise ConfigError([f"{text}: is there, but no configuration: allowed is a .yaml file (topdress map tells what "
+                           "a prescription holds, topdress import what a log does)"])
     if text not in names:
         raise ConfigError([f"{text}: no configuration of this name is shipped: allowed {', '.join(names) or 'none'}, "
                            f"or the path of a .yaml file{nearest(text, names)}"])

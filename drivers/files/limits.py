@@ -73,6 +73,8 @@ def check_file(path: Path) -> None:
             _check_size(file.suffix, file.stat().st_size, str(file))
         return
     if not path.is_file():
+        if path.exists():
+            raise BeyondLimits(f"{path}: a pipe or a device: allowed is a file")       # reading may never end
         return
     if path.suffix.lower() in _ZIPPED and zipfile.is_zipfile(path):
         _check_zip(path)
@@ -100,6 +102,8 @@ def read_json(path: Path) -> Any:
 
     Deep nesting and whole numbers of any length are refused as no JSON, not with an error of their own.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError("a pipe or a device: allowed is a file")
     size = path.stat().st_size
     if size > JSON.most:
         raise ValueError(f"{_amount(size, JSON.unit)}: allowed up to {_amount(JSON.most, JSON.unit)}")

@@ -62,16 +62,17 @@ def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path:
     assert (tmp_path / "new.yaml").exists()
 
 
-def test_what_is_only_suspected_is_adopted_with_a_note_and_what_grew_is_not(tmp_path: Path,
-                                                                           capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_only_suspected_or_grew_is_not_adopted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = lag_table(tmp_path / "one.csv", 0.3)
     found = diagnose_tables([read_bench_table(table)], Machine())
-    suspected = replace(found.causes[0], id="lag.offset", probability=0.5, rivals=(Rival(UNKNOWN, 0.5),))
-    grown = replace(suspected, id="lag.rebound", onset_s=10.0, grows=True, rivals=())
-    _adopt(replace(found, causes=(suspected, grown)), Machine(), [table], tmp_path / "new.yaml")
+    sure = replace(found.causes[0], id="lag.offset", probability=1.0, rivals=())
+    suspected = replace(sure, id="shaft.gain", probability=0.5, rivals=(Rival(UNKNOWN, 0.5),))
+    grown = replace(sure, id="lag.rebound", onset_s=10.0, grows=True)
+    _adopt(replace(found, causes=(sure, suspected, grown)), Machine(), [table], tmp_path / "new.yaml")
     said = capsys.readouterr().err
-    assert "lag.offset is adopted, though this data cannot tell it from something else" in said
+    assert "shaft.gain is not adopted: it may be something else" in said
     assert "lag.rebound is not adopted: grew during the run" in said
+    assert f"{tmp_path / 'new.yaml'}, before -> after" in said and "lag.offset: 0 -> " in said
     assert [one.id for one in load(tmp_path / "new.yaml", MACHINE).model.adopted] == ["lag.offset"]
 
 

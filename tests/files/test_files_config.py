@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.files.config import ConfigError, Kind, load, load_any, save, schema, sha256_of, validated
+from drivers.files.config import ConfigError, Kind, load, load_any, resolve, save, schema, sha256_of, validated
 
 Written = Callable[..., Path]
 
@@ -128,6 +128,13 @@ def test_rules_of_a_model_speak_for_themselves(written: Written) -> None:
 def test_files_that_are_no_configuration(written: Written, content: bytes, said: str) -> None:
     (found,) = lines_of(written(content, "t.yaml"))
     assert said in found
+
+
+def test_a_file_that_is_there_and_no_configuration_is_not_looked_for_among_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "map.geojson").write_text("{}")
+    with pytest.raises(ConfigError, match=r"map.geojson: is there, but no configuration: allowed is a .yaml file"):
+        resolve("map.geojson", ["crops"])
 
 
 def test_a_missing_file_and_an_unknown_name(tmp_path: Path) -> None:

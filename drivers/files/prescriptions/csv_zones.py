@@ -10,6 +10,7 @@ import shapely
 from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
 from drivers.files.imports.dialect import encoding_of
+from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 
@@ -20,7 +21,11 @@ _IN_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
 
 
 def holds_polygons(path: Path) -> bool:
-    """Whether a text file begins as a table of polygons rather than as a log. Raises OSError."""
+    """Whether a text file begins as a table of polygons rather than as a log. Raises PrescriptionError, OSError."""
+    try:
+        check_file(path)
+    except BeyondLimits as error:
+        raise PrescriptionError(str(error)) from None
     with path.open("rb") as file:
         return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
 
