@@ -104,7 +104,7 @@ def _errors(groups: Sequence[Array], means: Array) -> Array:
         return UNREPEATED * np.abs(means)
     pooled = sum(float(np.sum((group - group.mean()) ** 2)) for group in groups) / spare
     errors = np.array([np.sqrt(pooled / len(group)) for group in groups])
-    return np.maximum(errors, ROUNDED * np.abs(means))
+    return np.asarray(np.maximum(errors, ROUNDED * np.abs(means)))
 
 
 def across(tables: Sequence[BenchTable], machine: Machine) -> tuple[Across, ...]:
