@@ -247,7 +247,8 @@ def main() -> int:
     print(*table_of(counts), sep="\n")
     for line in lines if told.lines else [line for line in lines if not line.startswith("imported")]:
         print(line)
-    return int(any(found["TRACEBACK"] or found["differ"] for found in counts.values()))
+    wrong = any(found["TRACEBACK"] or found["differ"] for found in counts.values())
+    return int(wrong or not lines)
 
 
 if __name__ == "__main__":
