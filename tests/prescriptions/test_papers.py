@@ -97,7 +97,7 @@ def test_the_papers_own_test_played_through_the_model_gives_its_tables() -> None
     assert np.polyfit(speeds, lags, 1)[0] == pytest.approx(-8.3e-3, abs=1e-4)
     detected = np.array([published.TOTAL_LAG_S[int(n)][1] for n in speeds])
     assert np.sqrt(np.mean((lags - detected) ** 2)) < 0.032                # eq 6 itself: 0.031
-    (_, sums, settled), words = experiment_tables(Machine())
+    (_, _, sums, settled), words = experiment_tables(Machine())
     ours = {str(row[0]): row[1:] for row in sums.rows}
     assert ours["table 4 detected, s"][1] == pytest.approx(0.238, abs=0.001)       # the model before
     assert all(row[0] < 0.05 and row[2] < 0.05 for row in ours.values())
@@ -155,7 +155,7 @@ def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert told.exit_code == 0, told.stderr
     page = (tmp_path / "r" / "reproduce.html").read_text()
     assert page.count("<svg") == 3 and "position at 1 Hz" in page and "http" not in page.replace("http-equiv", "")
-    assert len(list((tmp_path / "r").glob("*.csv"))) == 13
+    assert len(list((tmp_path / "r").glob("*.csv"))) == 14
     anchors = set(re.findall(r'href="#([^"]+)"', page))
     assert anchors and all(page.count(f'id="{anchor}"') == 1 for anchor in anchors)
 
