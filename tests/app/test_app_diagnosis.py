@@ -143,14 +143,14 @@ async def test_both_sides_of_the_file_stand_in_the_question(desk, service, shown
 async def test_the_last_change_is_taken_back_after_a_question(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("u")
+        await pilot.press("z")
         await pilot.pause()
         assert not isinstance(desk.screen, Confirm)         # the shipped file has no history
         page.machine = "bench"
-        await pilot.press("u")
+        await pilot.press("z")
         await pilot.pause()
         assert isinstance(desk.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(desk))
-        await pilot.press("escape", "u", "enter")
+        await pilot.press("escape", "z", "enter")
         await pilot.pause()
         assert service.asked[1:] == ["take back bench"]
         assert isinstance(desk.screen, TextDialog) and "bench-2026-03-19.yaml" in "\n".join(shown(desk))

