@@ -44,3 +44,12 @@ def test_control_is_ours() -> None:
     """python-control on PyPI installs into the same folder `control/`."""
     import control
     assert not hasattr(control, "StateSpace")
+
+
+@pytest.mark.parametrize("start", ["control.diagnosis.runs.diagnose", "control.calibration"])
+def test_an_answer_does_not_wait_for_all_of_scipy(start: str) -> None:
+    """scipy.stats alone, which scipy.signal loads too, takes a second; scipy.special has the same quantiles."""
+    code = f"import {start}, sys; print(*sys.modules)"
+    ended = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr
+    assert not set(ended.stdout.split()) & {"scipy.stats", "scipy.signal"}

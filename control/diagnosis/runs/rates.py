@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
-from scipy.stats import t as student_t
+from scipy.special import chdtrc, chdtri, stdtrit
 
 from control.diagnosis.result import RateFit, Size
 from control.geodesy import TangentPlane
@@ -41,7 +40,7 @@ MOVING_MPS = 0.3
 MIN_CHANGE = 0.02           # standard deviation over mean of a target that shows a lag
 MAX_CORRELATION = 0.95
 DIFFER_P = 1e-3             # passes that differ more than this are said to differ
-DROP_90 = float(chi2.ppf(0.9, 1))
+DROP_90 = float(chdtri(1, 0.1))
 
 
 class _Pass(NamedTuple):
@@ -216,8 +215,8 @@ def _gain(passes: list[_Pass], at: int, independent: float) -> tuple[float, floa
     mean = float(share @ gains / share.sum())
     spread = float(share @ (gains - mean) ** 2)
     free = len(passes) - 1
-    differ = free > 0 and float(chi2.sf(spread, free)) < DIFFER_P
+    differ = free > 0 and float(chdtrc(free, spread)) < DIFFER_P
     widened = max(1.0, spread / free) if differ else 1.0
-    sides = float(student_t.ppf(0.95, free_rows))
+    sides = float(stdtrit(free_rows, 0.95))
     return mean, sides * float(np.sqrt(widened / share.sum())), differ
 
