@@ -24,6 +24,7 @@ from console.cli import reproduce as reproduce_command
 from console.cli import serve as serve_command
 from console.cli.plain_errors import guarded
 from console.cli.plain_output import take_terminals
+from console.threads import few_for_matrices
 
 app = typer.Typer(name="topdress", no_args_is_help=False, add_completion=False, rich_markup_mode=None,
                   pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
@@ -61,6 +62,7 @@ app.command("serve-machine")(guarded(serve_machine.serve_machine))
 
 def main() -> None:
     """The entry point `topdress`."""
+    few_for_matrices()
     import control
     if not hasattr(control, "log_row") and _foreign(control.__doc__):
         typer.echo("another package (python-control) is installed over topdress's folder `control`: install topdress "

@@ -29,6 +29,7 @@ from console.app.pages.diagnosis.data import (
 from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.services.free_path import free_path
+from console.threads import ONE_THREAD
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
 MOST_FILES = 200
 HEADER_BYTES = 8_192
 PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
-                                     "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")}        # a core stays for the loop
 
 
 def data_folder() -> Path:
