@@ -11,6 +11,7 @@ from control.readings import DriveCommand, GnssFix
 from drivers.ports import UNPLUGGED, Clock, Port, PortState
 from drivers.virtual.encoders import Sensed
 from drivers.virtual.faults import PortFaults, Spoiler
+from drivers.virtual.served_line import ServedLine
 
 RELEASE = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE = "/dev/virtual"
@@ -138,14 +139,14 @@ class GpsdServer:
     """
 
     def __init__(self, host: str, number: int, clock: Clock, seed: int, terminal: Port | None = None) -> None:
-        self._clock, self._seed, self._terminal = clock, seed, terminal
+        self._clock, self._seed = clock, seed
         self._server: socket.socket | None = _listening(host, number)
         self.number: int = self._server.getsockname()[1]
         self._host = host
         self._faults = PortFaults()
         self._connects = 0
         self._clients: list[_Client] = []
-        self._fixed = None if terminal is None else _Spoilt(terminal, clock, seed)
+        self._fixed = None if terminal is None else ServedLine((terminal,), clock, seed)
 
     @property
     def name(self) -> str:
@@ -153,7 +154,7 @@ class GpsdServer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return (self.name,) if self._terminal is None else (self.name, self._terminal.name)
+        return (self.name,) if self._fixed is None else (self.name, *self._fixed.names)
 
     def clients(self) -> Sequence[Line]:
         self.push()
@@ -162,8 +163,6 @@ class GpsdServer:
     def fault(self, faults: PortFaults) -> None:
         """From now on this is wrong with every line."""
         self._faults = faults
-        if self._terminal is not None:
-            self._terminal.plug(not faults.unplugged)
         if faults.unplugged:
             self._let_go()
         for client in self._clients:
@@ -189,8 +188,8 @@ class GpsdServer:
 
     def close(self) -> None:
         self._let_go()
-        if self._terminal is not None:
-            self._terminal.close()
+        if self._fixed is not None:
+            self._fixed.close()
 
     def _accept(self) -> None:
         while self._server is not None and len(self._clients) < MOST_CLIENTS:
@@ -260,31 +259,6 @@ class _Client:
     def close(self) -> None:
         self.open = False
         self._connection.close()
-
-
-class _Spoilt:
-    """A port whose sender's words are spoilt on their way."""
-
-    def __init__(self, port: Port, clock: Clock, seed: int) -> None:
-        self._port = port
-        self._spoiler = Spoiler(clock, seed=seed)
-
-    def fault(self, faults: PortFaults) -> None:
-        self._spoiler.faults = faults
-
-    def read(self) -> bytes:
-        return self._port.read()
-
-    def write(self, data: bytes) -> None:
-        self._spoiler.put(data)
-        self.push()
-
-    def push(self) -> None:
-        for data in self._spoiler.due():
-            self._port.write(data)
-
-    def state(self) -> PortState:
-        return self._port.state()
 
 
 def _listening(host: str, number: int) -> socket.socket:
