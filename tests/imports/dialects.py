@@ -391,19 +391,22 @@ def _against_truth(of: Deal, truth: dict[str, Floats], out: Path) -> list[str]:
             want[of.holes[name] > 0.0] = np.nan
         name_here = name if name != EXTRA else next((c for c in log.columns if c.startswith("x_")), name)
         got = log.numbers(name_here)
-        if (np.isnan(got) != np.isnan(want)).any():
-            wrong.append(f"{name}: {int(np.isnan(got).sum())} not known, {int(np.isnan(want).sum())} in truth")
-            continue
-        step = 10.0 ** -DIGITS.get(name, 4) / UNITS[name][of.units[name]]
-        digit = 0.51 * (step + 10.0 ** -DECIMALS.get(name, 9))
-        off = np.nanmax(np.abs(got - want))
-        if off > digit + 2e-6 * np.nanmax(np.abs(want)):
-            wrong.append(f"{name}: off by {off:g}")
+        wrong += column_wrong(name, of.units[name], got, want)
     if of.work != "none":
         working = log.texts("state") == "working" if log.has("state") else log.numbers("work_switch") == 1.0
         if (working != (truth["work"] > 0.0)).any():
             wrong.append("working rows differ")
     return wrong
+
+
+def column_wrong(name: str, unit: str, got: Floats, want: Floats) -> list[str]:
+    """What a column that was written with `unit` is off by, beyond the digits of what was dealt and what is kept."""
+    if (np.isnan(got) != np.isnan(want)).any():
+        return [f"{name}: {int(np.isnan(got).sum())} not known, {int(np.isnan(want).sum())} in truth"]
+    step = 10.0 ** -DIGITS.get(name, 4) / UNITS[name][unit]
+    digit = 0.51 * (step + 10.0 ** -DECIMALS.get(name, 9))
+    off = np.nanmax(np.abs(got - want))
+    return [f"{name}: off by {off:g}"] if off > digit + 2e-6 * np.nanmax(np.abs(want)) else []
 
 
 def main() -> int:

@@ -26,7 +26,6 @@ import numpy.typing as npt
 from typer.testing import CliRunner
 
 from console.cli import app
-from drivers.files.log_text import DECIMALS
 from drivers.files.read_log import read_log
 
 
@@ -254,15 +253,7 @@ def _against(of: Dress, truth: dict[str, Floats], out: Path, kept: npt.NDArray[n
     if np.abs(log.time_s - want_s).max() > 1.1e-3:
         wrong.append(f"time_s off by {np.abs(log.time_s - want_s).max():g} s")
     for name in of.columns:
-        got, want = log.numbers(name), truth[name][kept]
-        if np.isnan(got).any():
-            wrong.append(f"{name}: {int(np.isnan(got).sum())} not known")
-            continue
-        step = 10.0 ** -D.DIGITS.get(name, 4) / D.UNITS[name][of.units[name]]
-        digit = 0.51 * (step + 10.0 ** -DECIMALS.get(name, 9))
-        off = np.abs(got - want).max()
-        if off > digit + 2e-6 * np.abs(want).max():
-            wrong.append(f"{name}: off by {off:g}")
+        wrong += D.column_wrong(name, of.units[name], log.numbers(name), truth[name][kept])
     return wrong
 
 
