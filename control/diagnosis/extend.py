@@ -10,7 +10,7 @@ from control.machine.terms import Form, Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
-WORSE = -0.05               # held-out gain of a term below which it is not adopted: less is the scale's own noise
+WORSE = -0.05               # held-out gain below which a term is neither told nor adopted: less is scale noise
 
 
 def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",

@@ -16,7 +16,6 @@ from .dose_watch import DoseWatch
 from .measuring import Measuring
 from .plant import Plant, Truth
 
-START_AFTER_S = 2.0         # the operator orders ready and start this long after the machine begins to move
 REFILL_SEEN_KG = 5.0
 
 

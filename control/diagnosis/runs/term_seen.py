@@ -4,10 +4,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from control.machine.compiled import term_run
-from control.machine.terms import Term, own_command, params_of
+from control.machine.terms import Term, own_command
 
-from .noise import series_of
 from .search import Refit, Search
 from .stages import RunData
 from .term_columns import ActedOn
@@ -65,15 +63,3 @@ def means_along(search: Search, now: Refit, found: Found, data: RunData) -> tupl
     count = np.maximum(1.0, inside.sum(axis=1))
     told = inside @ values / count
     return tuple(zip((inside @ along / count).tolist(), mean.tolist(), told.tolist(), strict=True))
-
-
-def along_variable(term: Term, places: Array) -> Array:
-    """Value of a term of one variable at places of it, nothing having moved before (places,)."""
-    still = np.arange(len(places), dtype=np.float64) * 1e6
-    return np.asarray(term_run(params_of(term), places, places, still))
-
-
-def residual_rows(search: Search, now: Refit, found: Found) -> Array:
-    """What the term does to its channel, (m,)."""
-    channel = ActedOn(search.model, now.parts, found.term.acts_on).channel
-    return series_of(found.trace.coefficients[channel.name], channel.cut)

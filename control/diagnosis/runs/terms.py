@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.extend import WORSE
 from control.machine.compiled import term_run
 from control.machine.machine import Machine, of_nominal
 from control.machine.term_sums import over_log
@@ -56,7 +57,6 @@ SHIFTS = 7                  # shifts of slow variables in time: what is gained t
 SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
-WORSE = -0.05               # of the held-out error: what makes it worse than the scale's own noise may is not told
 SPAN_AGAIN = 4.0            # times what a further box gains
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
@@ -157,10 +157,10 @@ def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequen
     which drift looks like one: of each quantity and variables one form."""
     chosen: dict[tuple[Acts, tuple[str, ...]], _Candidate] = {}
     still = Ground(search.columns, now.parts, base, _still(noise))
+    boxes = _scanned(still, dictionary, of_boxes=True)
     for start in _starts(search, noise):
         ground = Ground(search.columns, now.parts, base, start)
-        found = [one for acts, (acted, _) in dictionary.of.items()
-                 for one in _scan(ground, still, acted, dictionary.entries(acts))]
+        found = [*_scanned(ground, dictionary, of_boxes=False), *boxes]
         for one in sorted(found, key=lambda c: -c.score)[:VERIFIED]:
             if one.score > MIN_SCORE:
                 chosen.setdefault((one.acts, one.tried.over), one)
@@ -241,12 +241,17 @@ def _kept(series: Array, channel: ChannelSeries, share: float) -> npt.NDArray[np
     return np.ascontiguousarray(every[:, :max(64, int(share * every.shape[1]))], dtype=np.float32)
 
 
-def _scan(ground: Ground, still: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
-    """The best form over each variable, or two, under a given noise; boxes in time under a still one."""
+def _scanned(ground: Ground, dictionary: Dictionary, of_boxes: bool) -> list[_Candidate]:
+    """The whole dictionary under a given noise: its boxes in time, or all else."""
+    return [one for acts, (acted, _) in dictionary.of.items() for one in _scan(ground, acted, [
+        entry for entry in dictionary.entries(acts) if (entry.forms[0].form is Form.SPAN) == of_boxes])]
+
+
+def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
+    """The best form over each variable, or two, under a given noise."""
     found: list[_Candidate] = []
     for entry in entries:
-        box = entry.forms[0].form is Form.SPAN
-        normal, right = (still if box else ground).kept_products(acted.channel, entry.kept)
+        normal, right = ground.kept_products(acted.channel, entry.kept)
         if entry.level:
             normal, right = without(normal, right, len(right) - 1)
             normal, right = normal[:-1, :-1], right[:-1]
@@ -458,7 +463,7 @@ def _gain_of_another(search: Search, now: Refit, base: Sequence[Column], held: i
     """What a further box in time gains beside one that is among the base."""
     still, data = Ground(search.columns, now.parts, base, _still(one.noise)), search.model.data
     boxes = variables._replace(one=("time_s",), two=())
-    best = max(_scan(still, still, acted, list(_entries(acted, boxes, data))), key=lambda c: c.score)
+    best = max(_scan(still, acted, list(_entries(acted, boxes, data))), key=lambda c: c.score)
     if best.tried.form is not Form.SPAN or best.score <= MIN_SCORE:
         return 0.0
     return _verified(search, now, base, held, one.noise, best, acted, variables).gain
@@ -476,7 +481,7 @@ def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: in
         single = len(one.tried.over) == 1
         some = _Variables(moved, one.tried.over if single else (), () if single else one.tried.over,
                           np.roll(variables.work, shift))
-        for candidate in _scan(quiet, quiet, acted, list(_entries(acted, some, data))):
+        for candidate in _scan(quiet, acted, list(_entries(acted, some, data))):
             if candidate.tried.over == one.tried.over and candidate.score > 0.0:
                 fits = _fits(search, now, base, held, now.noise, candidate.tried, acted, some)
                 most = max(most, fits.gain - candidate.tried.price + one.tried.price)
@@ -527,7 +532,3 @@ def _taken(sizes: Array, columns: Sequence[tuple[Column, Array]]) -> Array:
 
 def total_price(terms: Sequence[Found]) -> float:
     return sum(one.tried.price for one in terms)
-
-
-def channel_of(one: Found, channels: Sequence[ChannelSeries]) -> ChannelSeries:
-    return next(c for c in channels if c.name == CHANNEL_OF[one.term.acts_on])
