@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
+from scipy.ndimage import binary_opening, median_filter
 
 from control.diagnosis import effects
 from control.machine.machine import Machine
@@ -38,7 +38,8 @@ UNSEEN_SD = 0.2             # of that mass
 
 # Missing pulses of the wheel, as dips of its speed over the GNSS speed.
 SWELL = 41                  # samples over which noise grows and shrinks
-MIN_DIPS = 6                # and three more for each rise of the same size
+MIN_DIPS = 6                # and three more for each rise of the same size ...
+LONG_DIP = 3                # ... rows of one, or of those that last so long: a reading's tail is over in one
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 MIN_DIP = 0.1               # of the speed
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
@@ -84,8 +85,9 @@ def _without_dips(s: Speed) -> tuple[Speed, ReadOff | None]:
     usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
     deep = max(deep, 0.5 * usually)         # a GNSS outlier this large upwards is as odd as a dip is
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
-    starts, odd = _starts(dips), _starts(rises)
-    if starts < MIN_DIPS + 3 * odd:
+    starts = _starts(dips)
+    if not any(_starts(_lasting(dips, rows)) >= MIN_DIPS + 3 * _starts(_lasting(rises, rows))
+               for rows in (1, LONG_DIP)):
         return s, None
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
@@ -105,6 +107,11 @@ def _usual(ratio: Array) -> tuple[float, float]:
     middle = float(np.median(ranked[at:at + count + 1]))
     above = ranked[ranked > middle] - middle
     return middle, 1.4826 * float(np.median(above)) if len(above) else 0.0
+
+
+def _lasting(on: npt.NDArray[np.bool_], rows: int) -> npt.NDArray[np.bool_]:
+    """Spells of at least so many rows."""
+    return np.asarray(binary_opening(on, np.ones(rows, bool)))
 
 
 def _starts(on: npt.NDArray[np.bool_]) -> int:

@@ -29,7 +29,7 @@ from .evidence import (
     without_best_block,
     without_best_stretch,
 )
-from .hypothesis import MAX_SWITCHES, Part, Parts, without
+from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
 from .names_or_terms import beyond_names
@@ -60,14 +60,16 @@ MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and share of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
 BEGUN_IN_DRIFT = 2.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it ...
 BEGUN_AGAIN = 4.0           # ... and so many times what a further beginning gains: a drift begins again and again ...
-BEGUN_SURE = 6.0            # ... asked of what gains less than so many times THRESHOLD
+BEGUN_SURE = 7.5           # ... asked of what gains less than so many times THRESHOLD
 MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
 SURE = 4.0                  # ... asked of what gains less than so many times THRESHOLD
 
 # What could stand in a part's place.
+AHEAD = 1.0                 # a rival that explains more by so much takes the part's place
+SWAPS = 3                   # at most
 RIVAL_GAP = 6.0             # behind by at most this: 95 % of a chi-square with one degree of freedom is 3.8
 RIVAL_SHARE = 0.03          # or by this share of what the cause explains: forms are never quite right ...
-BEGUN_RIVAL_SHARE = 0.1     # ... and less so in time: nothing begins at once or grows evenly
+BEGUN_RIVAL_SHARE = 0.06    # ... and less so in time: nothing begins at once or grows evenly
 MAX_RIVALS = 12             # of a scan that are looked at
 SCAN_REACH = 3.0            # times the gap, plus SCAN_MARGIN: what is further behind in a scan is not refitted
 SCAN_MARGIN = 10.0
@@ -135,6 +137,8 @@ def judged(search: Search) -> Judged:
         current = _begun(search, current)
         current, dropped = _without_doubtful(search, current)
         refused = [*refused, *dropped]
+        if not current.parts:
+            structure_gain = max(one.beyond for one in dropped)
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
     current, terms, or_boxes = beyond_names(search, current, null)
     left = None if terms else unexplained(search.columns, current, explained)
@@ -142,7 +146,7 @@ def judged(search: Search) -> Judged:
         beside = _beside(search, current, left)
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
-    gains, rivals = _rivals(search, current)
+    current, gains, rivals = _best_placed(search, current)
     return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms,
                   or_boxes)
 
@@ -380,6 +384,30 @@ def _with_dependence(search: Search, parts: Parts, now: Refit, left: Dependence)
     shapes = search.columns.forms.over(left.stage, left.variable)
     p, before = search.columns.compressed(parts, shapes)
     return best_fitted(p, np.arange(before + len(shapes)), now.noise, search.model.channels).log_likelihood
+
+
+def _best_placed(search: Search, now: Refit) -> tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+    """The hypothesis with each part's best rival in its place where that explains more; gains and rivals of its parts.
+
+    Each is held against the others under the noise that it leaves itself; that with the least lead over it stays.
+    """
+    def lead(several: Sequence[tuple[RivalOf, ...]]) -> float:
+        return max((-one[0].behind for one in several if one), default=0.0)
+
+    best = (now, *_rivals(search, now))
+    tried = best
+    for _ in range(SWAPS):
+        if lead(tried[2]) <= AHEAD:
+            break
+        parts = tried[0].parts
+        for k, several in enumerate(tried[2]):
+            if several and several[0].behind < -AHEAD:
+                parts = replaced(parts, k, several[0].part)
+        other = search.refit(parts, tried[0].noise)
+        tried = (other, *_rivals(search, other))
+        if lead(tried[2]) < lead(best[2]):
+            best = tried
+    return best
 
 
 def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:

@@ -17,6 +17,7 @@ QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)     # where a form may bend
 MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 WAYS_S = (1.5, 5.0)                 # which way something has been moving, over so long
 WAY_SHARE = 0.1                     # of its spread: a difference of so much tells the way
+ONE_AXIS = 0.03                     # of the variance along an axis: less across it is none
 CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 SPAN_EDGES = 24
 SHAPES = 4                          # smooth half-waves that a table is made of
@@ -113,7 +114,7 @@ class _Mixer:
 def over_one(v: Scaled, time_s: Array, work: npt.NDArray[np.bool_]) -> Basis:
     """All forms over one variable."""
     if v.name in ANGLES:
-        return _periodic(v)
+        return _periodic(v, work)
     if v.name == "time_s":
         return _spans(v)
     at, z = knots(v, work), v.z
@@ -155,10 +156,17 @@ def _ended(mixer: _Mixer, at: Array, low: float, high: float, hinge0: int) -> No
                 mixer.add(Form.DEAD_ZONE, ends, [{0: 1.0, hinge0 + i: -1.0, hinge0 + j: 1.0}], count * count // 2)
 
 
-def _periodic(v: Scaled) -> Basis:
+def _periodic(v: Scaled, work: npt.NDArray[np.bool_]) -> Basis:
+    """Cycles of an angle. Where all angles lie on one axis (up and down a field) sine and cosine are not told apart:
+    one cycle along that axis is tried, which says nothing of what was not driven."""
     angle = v.x * np.pi / 180.0
     cycles = CYCLES[v.name]
     series = np.array([wave(n * angle) for n in cycles for wave in (np.sin, np.cos)])
+    strengths, axes = np.linalg.eigh(np.cov(series[:2, work]))
+    if strengths[0] < ONE_AXIS * strengths[1]:
+        mix = np.zeros((len(series), 1))
+        mix[:2, 0] = axes[:, 1]
+        return Basis(series, (Tried(Form.PERIODIC, (v.name,), {"cycles": float(cycles[0])}, mix, PER_AMPLITUDE),))
     forms = []
     for k, n in enumerate(cycles):
         found = np.zeros((len(series), 2))
@@ -255,10 +263,19 @@ def coefficients(one: Tried, amplitude: Array, level: float, by: dict[str, Scale
         Form.MEMORY: {"slope": a[0] / s if len(a) > 1 else 0.0, "bend": a[-1] / s, "at": at,
                       "tau_s": knob.get("tau_s", 0.0)},
         Form.SIDE: {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * s, "tau_s": knob.get("tau_s", 0.0)},
-        Form.PERIODIC: {"cycles": knob.get("cycles", 0.0), "sine": a[0], "cosine": a[-1]},
+        Form.PERIODIC: {"cycles": knob.get("cycles", 0.0), **_waves(one, amplitude)},
         Form.SPAN: {**place, "above": a[0]}}
     zero = {Form.HINGE: knob.get("at", 0.0), Form.SATURATION: knob.get("low_end", 0.0)}.get(one.form, 0.0)
     return {**found[one.form], "level": level + a[0] * zero}        # these forms are 0 elsewhere than at z = 0
+
+
+def _waves(one: Tried, amplitude: Array) -> dict[str, float]:
+    """Sine and cosine of a cycle."""
+    if one.form is not Form.PERIODIC:
+        return {}
+    k = CYCLES[one.over[0]].index(int(one.knobs["cycles"]))
+    sine, cosine = one.mix[2 * k:2 * k + 2] @ amplitude
+    return {"sine": float(sine), "cosine": float(cosine)}
 
 
 def table_of(one: Tried, amplitude: Array, level: float, by: dict[str, Scaled]) -> tuple[list[float], list[float]]:

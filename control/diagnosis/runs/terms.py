@@ -27,7 +27,7 @@ from . import term_forms
 from .channels import ChannelSeries
 from .evidence import coarser, spread_over, without_best_block
 from .held_out import amplitudes, errors_of, held_out
-from .likelihood import Z90, Column, Fit, Label, Role, best_fitted, calm, power_left, problem, projected
+from .likelihood import Z90, Column, Fit, Label, Role, best_fitted, calm, fitted, power_left, problem, projected
 from .noise import Noise, coefficients, segments, series_of
 from .search import Refit, Search
 from .smooth import MIN_RANGE, RANGES
@@ -35,7 +35,7 @@ from .stages import RunData
 from .term_columns import CHANNEL_OF, ActedOn, tried
 from .term_forms import Scaled, Tried
 from .term_ground import Ground, gain_of, gains_of_single, without
-from .unexplained import DOWNSTREAM, MIN_FIELD_PERCENT, MIN_SHARE, OPEN_SHARE, TIME_FACTOR, TIME_LIKE, as_drift
+from .unexplained import DOWNSTREAM, MIN_FIELD_PERCENT, MIN_SHARE, OPEN_SHARE, TIME_FACTOR, TIME_LIKE, as_drift, walks
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
@@ -142,7 +142,8 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
         found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
         verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
     for found in sorted(verified, key=lambda f: f.tried.price - f.gain):
-        enough = found.gain - found.tried.price > _threshold(found, explained) and _worth(found)
+        enough = found.gain - found.tried.price > walks(dictionary.of[found.term.acts_on][0].channel) * \
+            _threshold(found, explained) and _worth(found)
         if enough and _holds(search, now, base, len(held), found, *dictionary.of[found.term.acts_on]) \
                 and _pays(search, now, base, found):
             found = found._replace(held_out=held_out_gain(search, now, base, found))
@@ -340,7 +341,8 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
     plain = best_fitted(p, np.arange(len(base) + len(level)), noise, search.model.channels)
     full = max((best_fitted(p, np.arange(len(base) + len(columns)), start, search.model.channels)
                 for start in (plain.noise, noise)), key=lambda fit: fit.log_likelihood)
-    return _Fits(columns, both, len(level), plain, full)
+    again = fitted(p, np.arange(len(base) + len(level)), full.noise)    # a better noise is no gain of the form
+    return _Fits(columns, both, len(level), max(plain, again, key=lambda fit: fit.log_likelihood), full)
 
 
 def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], one: _Candidate,

@@ -12,7 +12,7 @@ from control.machine.elements import Table as Nodes
 from .channels import ChannelSeries
 from .columns import Columns
 from .evidence import scores, slow_share, spread_over, without_best_block
-from .likelihood import Column, Fit, Label, Problem, Role, best_fitted, power_left
+from .likelihood import Column, Fit, Label, Problem, Role, best_fitted, fitted, power_left
 from .noise import Noise
 from .search import Refit
 from .smooth import SHAPES, TABLES, Span, shape, span, variables_of
@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 OPEN_THRESHOLD = 30.0       # for SHAPES shapes, the largest over all stages and variables
 OPEN_SHARE = 0.03           # of what the named causes explain: their forms are never quite right
 TIME_FACTOR = 2.0           # factor on both for variables over which slow noise looks smooth
+WALK_FACTOR = 2.0           # factor on both where what is metered between the rows is not in the log
 TIME_LIKE = frozenset({"time_s", "hopper_kg"})      # these are: time, and what only falls with time
 TIME_TIE = 0.7              # time is named instead of the hopper's level from this share of its gain on
 
@@ -72,7 +73,10 @@ def unexplained(columns: Columns, now: Refit, explained: float) -> Dependence | 
     explained : gain of the named causes, twice the log-likelihood.
     """
     found = strongest(columns, now)
-    if found is None or not significant(found, explained) or not holds(columns, now, found, explained):
+    if found is None:
+        return None
+    walking = walks(columns.model.channel(TABLES[found.stage].channel))
+    if not significant(found, explained, walking) or not holds(columns, now, found, explained):
         return None
     return found
 
@@ -102,11 +106,17 @@ def _is_drift(columns: Columns, now: Refit, one: Dependence) -> bool:
     return one.gain < DRIFT_MARGIN * gain_elsewhere(columns, now, one.stage, one.variable)
 
 
-def significant(found: Dependence, explained: float) -> bool:
-    """Whether a dependence is worth a verdict. explained : gain of the named causes, twice the log-likelihood."""
+def walks(channel: ChannelSeries) -> float:
+    """Factor on thresholds in a channel in which something adds up unseen between the rows, as a drift does."""
+    return WALK_FACTOR if channel.prior.walk_sd > 0.0 else 1.0
+
+
+def significant(found: Dependence, explained: float, walking: float = 1.0) -> bool:
+    """Whether a dependence is worth a verdict. explained : gain of the named causes, twice the log-likelihood.
+    walking : see `walks`."""
     if found.explained_share < MIN_SHARE and found.field_percent < MIN_FIELD_PERCENT:
         return False
-    factor = TIME_FACTOR if found.variable in TIME_LIKE else 1.0
+    factor = max(walking, TIME_FACTOR if found.variable in TIME_LIKE else 1.0)
     return found.gain > factor * max(OPEN_THRESHOLD, OPEN_SHARE * explained)
 
 
@@ -140,11 +150,16 @@ def moved_gain(columns: Columns, now: Refit, stage: str, variable: str, share: f
 
 
 def _without_and_with(columns: Columns, now: Refit, shapes: Sequence[Column]) -> tuple[Problem, Fit, Fit]:
-    """A hypothesis and `shapes` as one problem, fitted without and with the shapes, which come last."""
+    """A hypothesis and `shapes` as one problem, fitted without and with the shapes, which come last.
+
+    The noise found with them is tried without them too: a better place for the noise is no gain of the shapes.
+    """
     channels = columns.model.channels
     p, before = columns.compressed(now.parts, shapes)
     plain = best_fitted(p, np.arange(before), now.noise, channels)
-    return p, plain, best_fitted(p, np.arange(before + len(shapes)), plain.noise, channels)
+    full = best_fitted(p, np.arange(before + len(shapes)), plain.noise, channels)
+    again = fitted(p, np.arange(before), full.noise)
+    return p, max(plain, again, key=lambda fit: fit.log_likelihood), full
 
 
 def dependence(columns: Columns, now: Refit, stage: str, variable: str) -> Dependence | None:

@@ -30,6 +30,7 @@ DRIFT_S = 30.0
 MIN_BLOCKS = 8              # of DRIFT_S
 MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
                             # largest of 60 healthy channels: 29
+MIN_PERIODS = 5.0           # of a line within the log: what comes round less often is drift
 MIN_PERIOD_S = 4.5          # quicker than that a sensor hums, and no dose follows it on the ground
 MAX_LOUD = 8.0              # of the machine file's noise: sensors are not worse by more (healthy loud logs: 5)
 MAX_SHORT_DRIFT = 3.0       # of the noise, for the r.m.s. of a log shorter than MIN_BLOCKS
@@ -132,9 +133,11 @@ def _evidence(one: Judged) -> list[Refused]:
 def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
     """Period of a frequency that stands out of the noise that a hypothesis leaves, s; None where none does."""
     power = left ** 2 / strengths(one.found.noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
-    at = int(np.argmax(power))
     omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in channel.cut.bounds])
-    highest = float(omega[channel.cut.order][at])
+    omega = omega[channel.cut.order]
+    power = np.where(omega * len(left) > 2.0 * np.pi * MIN_PERIODS, power, 0.0)
+    at = int(np.argmax(power))
+    highest = float(omega[at])
     explained = max(0.0, 2.0 * (one.found.log_likelihood - one.null.log_likelihood))
     if highest <= 0.0 or power[at] < max(MAX_LINE, MIN_SHARE * explained):
         return None
