@@ -140,8 +140,8 @@ class RunData(NamedTuple):
     hopper: Hopper | None
     speed: Speed | None
     heads: Heads | None
-    inputs: dict[str, Array] = {}       # what terms are asked with (`terms.needed`), at every row of the log
-    row_s: Array = np.empty(0)          # of those rows
+    inputs: dict[str, Array] = {}       # what terms are asked with (`terms.needed`), at `row_s`
+    row_s: Array = np.empty(0)          # time of every row, of a long log of the `known_rows`
 
 
 class _Rows(NamedTuple):
@@ -201,7 +201,8 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     rows = known_rows(len(time))
     variables |= further
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
-                   every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads, inputs, time)
+                   every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads,
+                   {name: series[rows] for name, series in inputs.items()}, time[rows])
 
 
 def term_inputs(log: Clean, every: _Rows, machine: Machine) -> dict[str, Array]:
