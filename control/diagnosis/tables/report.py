@@ -17,7 +17,7 @@ from .cost import field_cost
 from .evidence import label_contrasts
 from .experiments import Pair, Plan, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
-from .piece import BoolArray, Candidate, Piece, SizedEffect, group_name
+from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
 from .selection import Selected, Selection
 from .sizes import settings_differ
@@ -61,7 +61,7 @@ def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, sus
     return Cause(candidate.id, Size(size, size - half, size + half, unit_of(candidate.id, problem.machine)), None,
                  probability, rivals,
                  candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
-                 scope=None if candidate.scope is None else group_name(*problem.group_names[candidate.scope]))
+                 scope=None if candidate.scope is None else problem.scope_name(candidate.scope))
 
 
 def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[float, tuple[Rival, ...]]:
@@ -135,8 +135,12 @@ def _names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
-def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[str, ...]:
-    """Plain sentences about the rows themselves; columns that could not be judged first."""
+def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement,
+                retold: Sequence[str] = ()) -> tuple[str, ...]:
+    """Plain sentences about the rows themselves; columns that could not be judged first.
+
+    `tables`: as given; `retold`: what of them was set aside because another tells it.
+    """
     selection, structure = judgement.selection, judgement.structure
     ids = {candidate.id for candidate in selection.candidates}
     out = [text for table in tables for text in _not_judged_sentences(table)]
@@ -148,9 +152,10 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
     out += [sentence(pair) for pair in across(tables, problem.machine)]
+    out += retold
     out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
             if clock is not None and clock.shown]
-    out += [f"{candidate.id} {size:+.3g} holds in the rows of {group_name(*problem.group_names[candidate.scope])} only"
+    out += [f"{candidate.id} {size:+.3g} holds in the rows of {problem.scope_name(candidate.scope)} only"
             for candidate, size in selection.effects if candidate.scope is not None]
     out += _lack_of_fit_sentences(problem, selection)
     if structure is not None and structure.shown and selection.selected:

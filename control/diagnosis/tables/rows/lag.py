@@ -40,6 +40,7 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         observed = observed / speed
     label = labels_of(table)[keep]
     roles = roles_of(label)
+    # A column of times beside one of distances is the detector's; any other may have been read off distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
@@ -56,7 +57,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
                  column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
                  varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
-                 clocked=name != "lag_m")
+                 clocked=name != "lag_m", on_ground=name == "lag_m",
+                 named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))
 
 
 def _ids(name: str, roles: Roles) -> tuple[str, ...]:
