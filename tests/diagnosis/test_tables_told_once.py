@@ -62,7 +62,7 @@ def test_times_worked_out_of_another_tables_distances_name_no_second_speed(with_
 
 
 def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None:
-    driven, times = distances_and_times_worked_out_of_them(1.27)
+    _, times = distances_and_times_worked_out_of_them(1.27)
     means = times.columns["lag_s"][:7] * 1.27
     before = BenchTable("place", {"shaft_rpm": np.unique(RPM)[:6], "speed_mps": np.full(6, 1.2),
                                   "miss_m": np.round(means[:6], 2)}, "stage", "gain.csv", np.full(6, "before"))
@@ -73,7 +73,7 @@ def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None
     assert distances.columns["lag_m"] == pytest.approx(means, abs=0.01)
     assert set(distances.columns["speed_mps"]) == {1.2} and set(distances.label) == {"field"}
     views = table_views([times, before], Machine(), diagnose_tables([times, before], Machine()).causes)
-    assert [view.name for view in views] == ["times.csv lag_m", "times.csv lag_s"]      # pictures of the rows that count
+    assert [view.name for view in views] == ["times.csv lag_m", "times.csv lag_s"]      # the rows that count
 
 
 def test_times_of_their_own_are_not_taken_for_worked_out() -> None:
@@ -110,7 +110,8 @@ def test_two_causes_in_the_field_are_still_two() -> None:
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the papers' tables are not in ../shared/data")
-@pytest.mark.parametrize("names", [("1_distance", "4_total"), ("4_total", "6_gain"), ("1_distance", "4_total", "6_gain"),
+@pytest.mark.parametrize("names", [("1_distance", "4_total"), ("4_total", "6_gain"),
+                                   ("1_distance", "4_total", "6_gain"),
                                    ("1_distance", "4_total", "5_corrected"), ("4_total", "5_corrected"),
                                    ("1_distance", "2_response", "3_drop_time", "4_total", "5_corrected", "6_gain")])
 def test_what_the_papers_field_has_more_is_named_once(names: tuple[str, ...]) -> None:

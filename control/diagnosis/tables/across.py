@@ -80,7 +80,9 @@ def series_of(table: BenchTable, machine: Machine) -> list[Series]:
         for column, unit in (("lag_m", "m"), ("lag_s", "s"), ("drop_s", "s"), ("miss_m", "m")):
             if column not in table.columns:
                 continue
-            used = rows & np.isfinite(table.columns[column])
+            used = rows & np.isfinite(table.columns[column]) & ~table.running()
+            if not used.any():
+                continue
             rpm = np.unique(table.columns["shaft_rpm"][used])
             groups = [table.columns[column][used & (table.columns["shaft_rpm"] == n)] for n in rpm]
             means = np.array([np.mean(group) for group in groups])

@@ -117,8 +117,9 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
     return Problem(
         tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
         np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
-        names, tuple(scopes), setting, tuple(candidates), np.column_stack([_tolerances(pieces), _rounding(rounding, setting)]),
-        prior_rss, prior_dof, tuple(one.noise for one in judged), tuple(one.clock for one in judged))
+        names, tuple(scopes), setting, tuple(candidates),
+        np.column_stack([_tolerances(pieces), _rounding(rounding, setting)]), prior_rss, prior_dof,
+        tuple(one.noise for one in judged), tuple(one.clock for one in judged))
 
 
 def _judged(piece: Piece, machine: Machine, seed: int) -> _Judged:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.calibration.bench_table import LAGS, SPEEDS, BenchTable
+from control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
 from control.machine.machine import Machine
 
 from .across import KMH, MIN_SHARED, Series, series_of
@@ -96,7 +96,7 @@ def retold(kept: Series, again: Series) -> Retelling | None:
 
 
 def _rows_of(table: BenchTable, series: Series) -> BoolArray:
-    return np.asarray((labels_of(table) == series.label) & np.isfinite(table.columns[series.column]))
+    return np.asarray((labels_of(table) == series.label) & np.isfinite(table.columns[series.column]) & ~table.running())
 
 
 def _without(table: BenchTable, column: str, rows: BoolArray) -> BenchTable:
@@ -110,23 +110,18 @@ def _filled(table: BenchTable) -> BenchTable:
     measured = [table.columns[name] for name in (*LAGS, "miss_m") if name in table.columns]
     if table.kind not in ("lag", "place") or not measured:
         return table
-    return _where(table, np.any([np.isfinite(values) for values in measured], axis=0))
+    return where(table, np.any([np.isfinite(values) for values in measured], axis=0))
 
 
 def _as_distances(table: BenchTable, rows: BoolArray, pair: Retelling) -> BenchTable:
     """Times worked out with one speed as the distances that they were, beside the speed that is written."""
     times, distances = (pair.kept, pair.again) if pair.kept.unit == "s" else (pair.again, pair.kept)
     assert pair.speed_mps is not None
-    some = _where(table, rows)
+    some = where(table, rows)
     columns = {name: values for name, values in some.columns.items() if name not in (*LAGS, *SPEEDS)}
     written = pair.speed_mps if distances.mps is None else distances.mps
     return replace(some, columns={**columns, "lag_m": some.columns[times.column] * pair.speed_mps,
                                   "speed_mps": np.full(some.rows, written)}, findings=())
-
-
-def _where(table: BenchTable, rows: BoolArray) -> BenchTable:
-    return replace(table, columns={name: values[rows] for name, values in table.columns.items()},
-                   label=None if table.label is None else table.label[rows])
 
 
 def _said(pair: Retelling) -> str:
