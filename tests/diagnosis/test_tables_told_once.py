@@ -79,9 +79,9 @@ def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None
 def test_times_of_their_own_are_not_taken_for_worked_out() -> None:
     driven, _ = distances_and_times_worked_out_of_them(1.2)
     own = BenchTable("lag", {"shaft_rpm": RPM, "lag_s": np.round(1.24 * LAG_S + noise(5), 3)}, path="own.csv")
-    assert told_once([driven, own], Machine()).findings == ()
+    assert told_once([driven, own], Machine()).retellings == ()
     driven, coarse = distances_and_times_worked_out_of_them(1.2, digits=1)       # a tenth of a second agrees by chance
-    assert told_once([driven, coarse], Machine()).findings == ()
+    assert told_once([driven, coarse], Machine()).retellings == ()
 
 
 def test_one_speed_in_times_and_in_misses_is_one_cause() -> None:
@@ -117,6 +117,8 @@ def test_two_causes_in_the_field_are_still_two() -> None:
 def test_what_the_papers_field_has_more_is_named_once(names: tuple[str, ...]) -> None:
     found = diagnose_tables([read_bench_table(DATA / f"lag_table{name}.csv") for name in names], Machine())
     assert of_the_field(found) == ["lag.speed_scale"]
+    told = [text for text in found.findings if "km/h, which holds in" in text]
+    assert all("table4_total.csv field" not in text or "of 4.50 " in text for text in told)     # L1's distances speak
     if names != ("4_total", "5_corrected"):         # L4's times alone do not say which speed they were worked out with
         assert found.verdict == "named"
         assert found.causes[0].size.value == pytest.approx(24.1, abs=0.5)

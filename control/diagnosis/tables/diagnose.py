@@ -104,7 +104,7 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
         channels=channels_of(problem, judgement.structure_p), verdict=verdict, causes=causes,
         not_shown=not_shown(problem, judgement.selection, told), unexplained=judgement.unexplained,
         next_run=next_run_of(problem, judgement), gain=held_out_gain(problem, judgement.selection.effects, seed),
-        extended_machine=None, findings=findings_of(problem, tables, judgement, once.findings))
+        extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))
 
 
 def _refuse_twins(tables: Sequence[BenchTable]) -> None:

@@ -11,7 +11,7 @@ from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENC
 from control.diagnosis.result import UNKNOWN, Cause, Channel, NextRun, Rival, Size
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
-from .across import across, sentence
+from .across import across
 from .clock import Clock
 from .cost import field_cost
 from .evidence import label_contrasts
@@ -19,6 +19,7 @@ from .experiments import Pair, Plan, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
+from .retold import Retelling, sentences
 from .selection import Selected, Selection
 from .sizes import settings_differ
 from .verdict import Judgement
@@ -136,10 +137,10 @@ def _names(pairs: Sequence[Pair]) -> str:
 
 
 def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement,
-                retold: Sequence[str] = ()) -> tuple[str, ...]:
+                retellings: Sequence[Retelling]) -> tuple[str, ...]:
     """Plain sentences about the rows themselves; columns that could not be judged first.
 
-    `tables`: as given; `retold`: what of them was set aside because another tells it.
+    `tables`: as given; `retellings`: what of them was set aside because another tells it.
     """
     selection, structure = judgement.selection, judgement.structure
     ids = {candidate.id for candidate in selection.candidates}
@@ -151,8 +152,7 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
     for index, piece in enumerate(problem.pieces):
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
-    out += [sentence(pair) for pair in across(tables, problem.machine)]
-    out += retold
+    out += sentences(across(tables, problem.machine), retellings)
     out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
             if clock is not None and clock.shown]
     out += [f"{candidate.id} {size:+.3g} holds in the rows of {problem.scope_name(candidate.scope)} only"

@@ -16,7 +16,7 @@ import numpy as np
 from control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
 from control.machine.machine import Machine
 
-from .across import KMH, MIN_SHARED, Series, series_of
+from .across import KMH, MIN_SHARED, Across, Series, sentence, series_of
 from .noise import quantum_of
 from .piece import BoolArray
 from .rows.labels import labels_of
@@ -32,12 +32,17 @@ class Retelling(NamedTuple):
     again: Series
     speed_mps: float | None
 
+    @property
+    def silent(self) -> str:
+        """Name of the series that needs no sentence of its own beside other tables: the other one speaks for both."""
+        return self.kept.name if self.speed_mps is not None and self.kept.unit == "s" else self.again.name
+
 
 class ToldOnce(NamedTuple):
-    """Tables in which every measurement stands once, in the order given, and a sentence for each one set aside."""
+    """Tables in which every measurement stands once, in the order given, and what was set aside."""
 
     tables: tuple[BenchTable, ...]
-    findings: tuple[str, ...]
+    retellings: tuple[Retelling, ...]
 
 
 def told_once(tables: Sequence[BenchTable], machine: Machine) -> ToldOnce:
@@ -63,7 +68,7 @@ def told_once(tables: Sequence[BenchTable], machine: Machine) -> ToldOnce:
                 twice = rows
             kept = _without(kept, series.column, twice)
         out.append(_filled(kept))
-    return ToldOnce(tuple(table for table in out if table.rows), tuple(_said(one) for one in found))
+    return ToldOnce(tuple(table for table in out if table.rows), tuple(found))
 
 
 def _retellings(of_table: Sequence[Sequence[Series]]) -> list[Retelling]:
@@ -122,6 +127,15 @@ def _as_distances(table: BenchTable, rows: BoolArray, pair: Retelling) -> BenchT
     written = pair.speed_mps if distances.mps is None else distances.mps
     return replace(some, columns={**columns, "lag_m": some.columns[times.column] * pair.speed_mps,
                                   "speed_mps": np.full(some.rows, written)}, findings=())
+
+
+def sentences(pairs: Sequence[Across], retellings: Sequence[Retelling]) -> tuple[str, ...]:
+    """What the tables say of each other, each thing once, and what counts once."""
+    told = {frozenset((one.kept.name, one.again.name)) for one in retellings}
+    silent = {one.silent for one in retellings}
+    return (*(sentence(pair) for pair in pairs if frozenset((pair.first.name, pair.second.name)) in told
+              or not silent & {pair.first.name, pair.second.name}),
+            *(_said(one) for one in retellings))
 
 
 def _said(pair: Retelling) -> str:
