@@ -10,7 +10,8 @@ import numpy.typing as npt
 from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
-from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, group_name, with_effects
+from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, with_effects, within_scope
+from control.diagnosis.tables.retold import told_once
 from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
@@ -70,7 +71,7 @@ def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence
     parts = tuple(Part(SizedEffect(Candidate(cause.id, cause.member), cause.size.value), cause.scope)
                   for cause in causes
                   if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
-    return tuple(_view(piece, machine, parts) for table in map(usable, tables)
+    return tuple(_view(piece, machine, parts) for table in told_once(list(map(usable, tables)), machine).tables
                  for piece in pieces_of(table, machine))
 
 
@@ -82,7 +83,7 @@ def _view(piece: Piece, machine: Machine, parts: tuple[Part, ...]) -> TableView:
     groups = []
     for text in dict.fromkeys(piece.group.tolist()):
         rows = piece.group == text
-        held = [part for part in parts if part.scope in (None, group_name(piece.table, text))]
+        held = [part for part in parts if within_scope(part.scope, piece, text, part.id)]
         if held:
             extended[rows] = piece.predict(with_effects(machine, tuple(part.effect for part in held)))[rows]
         names = {part.id for part in held}

@@ -8,7 +8,8 @@ OF_RUNS = {"shaft_rpm": "shaft speed commanded, r/min", "opening_mm": "opening c
 OF_TABLES = {"shaft_rpm": "shaft speed, r/min", "opening_mm": "opening, mm", "duration_s": "duration, s",
              "speed_mps": "ground speed, m/s", "target_kg": "target, kg", "area_m2": "area, m2", "outlet": "outlet",
              "ndvi_reference": "NDVI of the reference", "head": "head", "warm_min": "minutes since switched on",
-             "height_m": "height, m", "corrected_lag_s": "lag corrected for, s", "replicate": "replicate",
+             "height_m": "height, m", "corrected_lag_s": "lag corrected for, s",
+             "before_rpm": "shaft speed before, r/min", "replicate": "replicate",
              "label": "label", "constant": "a constant"}
 
 

@@ -159,7 +159,7 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
         assert speed is not None            # fit_lag refuses a lag_m table without speeds
         lags = table.columns["lag_m"] / speed
     speeds = table.columns["shaft_rpm"]
-    chosen = chosen & np.isfinite(lags) & np.isfinite(speeds)
+    chosen = chosen & np.isfinite(lags) & np.isfinite(speeds) & ~table.running()
     points = tuple((float(x), float(y)) for x, y in zip(speeds[chosen], lags[chosen], strict=True))
     used = speeds[chosen & (speeds >= line.from_rpm - 1e-6) & (speeds <= line.to_rpm + 1e-6)]
     middle, about = float(np.mean(used)), float(np.sum((used - np.mean(used)) ** 2))

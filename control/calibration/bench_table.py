@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,14 +22,15 @@ NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {      # of each group one colu
 KNOWN = frozenset({
     "shaft_rpm", *LAGS, *SPEEDS, "replicate", "opening_mm", "duration_s", "mass_kg", "outlet", "area_m2", "target_kg",
     "applied_kg", "width_m", "revolutions", "head", "ndvi_reference", "ndvi", "warm_min", "height_m", "miss_m",
-    "corrected_lag_s"})
+    "corrected_lag_s", "before_rpm"})
 RANGES: dict[str, tuple[float, float]] = {
     "shaft_rpm": (0.0, 1000.0), "lag_s": (-5.0, 60.0), "drop_s": (-5.0, 60.0), "response_s": (-5.0, 60.0),
     "lag_m": (-50.0, 500.0), "speed_mps": (0.01, 20.0), "speed_kmh": (0.04, 72.0), "opening_mm": (0.0, 500.0),
     "duration_s": (1e-3, 36000.0), "mass_kg": (0.0, 20000.0), "outlet": (1.0, 100.0), "area_m2": (1e-3, 1e8),
     "target_kg": (1e-6, 1e6), "applied_kg": (0.0, 1e6), "width_m": (0.01, 100.0), "revolutions": (1e-6, 1e9),
     "head": (1.0, 100.0), "ndvi_reference": (-1.0, 1.0), "ndvi": (-1.5, 1.5), "warm_min": (0.0, 10000.0),
-    "height_m": (0.01, 20.0), "miss_m": (-200.0, 200.0), "corrected_lag_s": (0.0, 60.0)}
+    "height_m": (0.01, 20.0), "miss_m": (-200.0, 200.0), "corrected_lag_s": (0.0, 60.0),
+    "before_rpm": (0.0, 1000.0)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,11 @@ class BenchTable:
     @property
     def rows(self) -> int:
         return len(next(iter(self.columns.values()))) if self.columns else 0
+
+    def running(self) -> npt.NDArray[np.bool_]:
+        """Rows (n,) of a shaft that turned before its change; where nothing is said of it, it stood."""
+        before = self.columns.get("before_rpm", np.zeros(self.rows))
+        return np.asarray(np.nan_to_num(before) > 0.0)
 
     def speed_mps(self) -> Array | None:
         """Written ground speed, (n,) m/s; None where the table has none."""
@@ -79,12 +85,12 @@ def usable(table: BenchTable) -> BenchTable:
 
     Raises ValueError with one line for an unknown kind, a missing column, a number out of range or no row left.
     """
-    where = table.path or "table"
+    path = table.path or "table"
     if table.kind not in KINDS:
-        raise ValueError(f"{where}: kind {table.kind!r}: allowed {', '.join(KINDS)}")
+        raise ValueError(f"{path}: kind {table.kind!r}: allowed {', '.join(KINDS)}")
     group = missing(table.kind, table.columns)
     if group is not None:
-        raise ValueError(f"{where}: column {' or '.join(group)}: missing: a {table.kind} table needs it")
+        raise ValueError(f"{path}: column {' or '.join(group)}: missing: a {table.kind} table needs it")
     measured = [name for name in LAGS if name in table.columns]
     needed = [name for group in NEEDED[table.kind] for name in group if name in table.columns and name not in LAGS]
     keep = np.all([np.isfinite(table.columns[name]) for name in needed], axis=0)
@@ -96,13 +102,18 @@ def usable(table: BenchTable) -> BenchTable:
             continue
         wrong = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
         if len(wrong):
-            raise ValueError(f"{where}: row {wrong[0] + 1}, column {name}: {values[wrong[0]]:g}: "
+            raise ValueError(f"{path}: row {wrong[0] + 1}, column {name}: {values[wrong[0]]:g}: "
                              f"allowed {low:g} to {high:g}")
     if not keep.any():
-        raise ValueError(f"{where}: no row has all of {', '.join(needed)}")
+        raise ValueError(f"{path}: no row has all of {', '.join(needed)}")
     if keep.all():
         return table
     dropped = int((~keep).sum())
-    return BenchTable(table.kind, {name: values[keep] for name, values in table.columns.items()}, table.label_column,
-                      table.path, None if table.label is None else table.label[keep],
-                      (*table.findings, f"{where}: {dropped} rows lack a needed number and are left out"))
+    return replace(where(table, keep),
+                   findings=(*table.findings, f"{path}: {dropped} rows lack a needed number and are left out"))
+
+
+def where(table: BenchTable, rows: npt.NDArray[np.bool_]) -> BenchTable:
+    """The table with these rows (n,) only."""
+    return replace(table, columns={name: values[rows] for name, values in table.columns.items()},
+                   label=None if table.label is None else table.label[rows])

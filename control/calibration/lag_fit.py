@@ -67,6 +67,8 @@ def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, fr
     low = machine.fall.valid_from_rpm if from_rpm is None else from_rpm
     high = machine.fall.valid_to_rpm if to_rpm is None else to_rpm
     chosen &= np.isfinite(lags)
+    running = int(np.sum(chosen & table.running()))
+    chosen &= ~table.running()
     used = chosen & (speeds >= low - _SLACK_RPM) & (speeds <= high + _SLACK_RPM)
     if low > high:
         raise ValueError(f"{table.path}: shaft speeds from {low:g} to {high:g} r/min: allowed is a range that rises; "
@@ -82,6 +84,8 @@ def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, fr
     line = LagFit(measured, fit.interval(0), fit.interval(1), first, last, len(n),
                   float(np.sqrt(np.sum(fit.residuals ** 2) / fit.dof)), float(np.corrcoef(n, y)[0, 1]), fit.residuals,
                   (f"the line holds from {first:g} to {last:g} r/min",
+                   *([f"{running} rows of a shaft that turned before are not used: the line is that of starts"]
+                     if running else []),
                    *_beyond(fit.coefficients, speeds, lags, chosen & ~used, response, machine)))
     return _calibrated(machine, line, response, table, date), line
 

@@ -217,6 +217,7 @@ class ControlLoop:
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         speed_then = speed_ahead_mps(moment.speed_mps, sensed.acceleration_mps2, lag.total_s)
         wanted_kg_s = rate * self.machine.geometry.working_width_m * speed_then / 10_000.0
+        wanted_kg_s /= reach.thinned(profile, sensed.track_m, holding, lag)
         pair = self._setting.pair(wanted_kg_s, now, self._expected.pair, moment.conditions)
         stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
         return Decision(holding, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point)

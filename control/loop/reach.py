@@ -3,9 +3,10 @@ from __future__ import annotations
 
 from control.loop.moment import Moment
 from control.machine.change_lag import ChangeLags, Lag, Settled
+from control.machine.fall import thinned
 from control.metering.setting import Setting
 from control.sensing import travelled_ahead_m
-from control.targets.profile import Change, Target
+from control.targets.profile import Change, Profile, Target
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
 
@@ -22,6 +23,7 @@ class Reach:
         self._acceleration = moment.sensed.acceleration_mps2
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
+        self._dt_s = moment.dt_s
         self._kept: dict[float, Settled] = {}       # lag by rate: a tick asks for the same rate several times
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
 
@@ -29,9 +31,23 @@ class Reach:
         return self._lags.lag(self._settled(before.rate_kg_ha), self._settled(change.target.rate_kg_ha))
 
     def distance_m(self, lag: Lag) -> float:
+        """A command holds until the next tick: of the two ticks about the right moment the nearer one is taken."""
         if not self._look_ahead:
             return 0.0
-        return travelled_ahead_m(self._speed, self._acceleration, lag.total_s)
+        return travelled_ahead_m(self._speed, self._acceleration, lag.total_s + 0.5 * self._dt_s)
+
+    def thinned(self, profile: Profile, track_m: float, held: Target, lag: Lag) -> float:
+        """Flow that lands over flow released now: when this lands, the target further ahead sets the shaft's speed.
+
+        1 without look-ahead, and where what lies there is not known to go on from here.
+        """
+        if not self._look_ahead or held.rate_kg_ha <= 0.0:
+            return 1.0
+        later = profile.at(track_m + self.distance_m(lag) + self._speed * lag.drop_s)
+        if later.source is not held.source or later.rate_kg_ha <= 0.0:
+            return 1.0
+        return thinned(self._setting.machine.fall, self._settled(held.rate_kg_ha).shaft_rpm,
+                       self._settled(later.rate_kg_ha).shaft_rpm)
 
     def small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
         """Lag of a small change from a rate; where that rate is nothing, from another one."""

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .elements import Array
-
-SHORTEST_S = 1e-6           # a drop time of nothing
+from .fall import SHORTEST_S
 
 
 class Ground(NamedTuple):

@@ -26,6 +26,11 @@ def response_s(machine: Machine, shaft_rpm: float) -> float:
     return shaft.dead_time_s + shaft.extra_dead_time_s + rising
 
 
+def change_response_s(machine: Machine) -> float:
+    """Time from a command until a shaft that turns already changes its speed, s."""
+    return machine.shaft.dead_time_s + machine.shaft.extra_dead_time_s
+
+
 def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     """From 2 r/min to the first granule on the ground, s: the rig's test played through the model (lag paper, table 3).
 

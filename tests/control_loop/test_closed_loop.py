@@ -21,6 +21,19 @@ def test_look_ahead_puts_the_rate_where_it_belongs(simulated: Any, strategy: str
     assert on.steps > 30
 
 
+def test_a_change_is_made_on_the_tick_nearest_to_its_moment(simulated: Any) -> None:
+    """On the first tick past it, it comes half a tick late: 0.03 m."""
+    assert abs(simulated(240.0, "opening_first").errors.place_bias_m) < 0.02
+
+
+def test_what_the_next_change_does_to_the_stream_in_the_tube_is_made_up_for(simulated: Any) -> None:
+    """A faster shaft carries down faster what was released before: 9 kg/ha and 0.09 m where nobody reckons with it."""
+    found = simulated(240.0, "speed_first").errors
+    assert found.rate_error_kg_ha < 7.5
+    assert found.place_error_m < 0.07
+    assert abs(found.bias_kg_ha) < 3.0
+
+
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_kg_landed_equal_kg_released(simulated: Any, strategy: str) -> None:
     found = simulated(240.0, strategy).errors

@@ -33,7 +33,10 @@ KMH = 3.6
 
 
 class Series(NamedTuple):
-    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`: written ground speed."""
+    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`: written ground speed.
+
+    `label` and `column`: where its `rows` stand in the table; `printed`: (rows,) as they stand there.
+    """
 
     name: str
     unit: str
@@ -41,6 +44,13 @@ class Series(NamedTuple):
     value: Array
     error: Array
     mps: float | None
+    label: str
+    column: str
+    printed: Array
+
+    @property
+    def rows(self) -> int:
+        return len(self.printed)
 
 
 class Across(NamedTuple):
@@ -70,7 +80,9 @@ def series_of(table: BenchTable, machine: Machine) -> list[Series]:
         for column, unit in (("lag_m", "m"), ("lag_s", "s"), ("drop_s", "s"), ("miss_m", "m")):
             if column not in table.columns:
                 continue
-            used = rows & np.isfinite(table.columns[column])
+            used = rows & np.isfinite(table.columns[column]) & ~table.running()
+            if not used.any():
+                continue
             rpm = np.unique(table.columns["shaft_rpm"][used])
             groups = [table.columns[column][used & (table.columns["shaft_rpm"] == n)] for n in rpm]
             means = np.array([np.mean(group) for group in groups])
@@ -81,7 +93,8 @@ def series_of(table: BenchTable, machine: Machine) -> list[Series]:
                     name += " with what was corrected for"
                 means = means + _corrected_m(table, used & (label != UNCORRECTED), rpm, machine)
             found.append(Series(name, unit, rpm, means, _errors(groups, means),
-                                None if speed is None else float(np.nanmean(speed[rows]))))
+                                None if speed is None else float(np.nanmean(speed[rows])), label, column,
+                                table.columns[column][used]))
     return found
 
 

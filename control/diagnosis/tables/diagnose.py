@@ -8,9 +8,9 @@ from control.diagnosis.result import Data, Diagnosis
 from control.machine.machine import Machine
 
 from .evidence import held_out_gain, not_shown
-from .piece import Piece
 from .problem import problem_of
 from .report import causes_of, channels_of, findings_of, next_run_of
+from .retold import told_once
 from .rows import pieces_of
 from .selection import select
 from .verdict import judged
@@ -83,8 +83,9 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
         raise ValueError("no table given: at least one is needed")
     tell = progress or (lambda share, what: None)
     tables = [usable(table) for table in tables]
-    pieces = [piece for table in tables for piece in pieces_of(table, machine)]
-    _refuse_twins(pieces)
+    _refuse_twins(tables)
+    once = told_once(tables, machine)
+    pieces = [piece for table in once.tables for piece in pieces_of(table, machine)]
     tell(0.1, "noise and steps in the times")
     problem = problem_of(pieces, machine, seed + 20)
     tell(0.2, "search")
@@ -103,11 +104,11 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
         channels=channels_of(problem, judgement.structure_p), verdict=verdict, causes=causes,
         not_shown=not_shown(problem, judgement.selection, told), unexplained=judgement.unexplained,
         next_run=next_run_of(problem, judgement), gain=held_out_gain(problem, judgement.selection.effects, seed),
-        extended_machine=None, findings=findings_of(problem, tables, judgement))
+        extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))
 
 
-def _refuse_twins(pieces: Sequence[Piece]) -> None:
-    names = [piece.name for piece in pieces]
-    for name in names:
-        if names.count(name) > 1 and name.split(" ")[0]:
-            raise ValueError(f"{name}: given twice: each table once")
+def _refuse_twins(tables: Sequence[BenchTable]) -> None:
+    paths = [table.path for table in tables if table.path]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise ValueError(f"{path}: given twice: each table once")

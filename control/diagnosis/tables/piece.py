@@ -1,7 +1,7 @@
 """One measured column of a bench table beside what the machine model says about it."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class Candidate(NamedTuple):
-    """An effect that may be hypothesised. `scope`: index of the only group of rows that has it, None: all have it."""
+    """An effect that may be hypothesised. `scope`: index (Problem.scopes) of the groups of rows that alone have it,
+    None: all have it."""
 
     id: str
     member: int | None = None
@@ -46,11 +47,29 @@ class Piece(NamedTuple):
     at_definition: Mapping[str, Array] = {}     # id -> (k,): worth of a unit of each form where the size is defined
     noise_sd: float | None = None           # what the machine file says of the sensor, for spread 1
     clocked: bool = False                   # times of a detector: may come in steps
+    on_ground: bool = False                 # distances along the travel, of a drive
+    named_only: frozenset[str] = frozenset()    # ids that these rows have only where a scope names them
 
     @property
     def table(self) -> str:
         """Name of the table that the column is in."""
         return self.name.rsplit(" ", 1)[0]
+
+
+SCOPE_AND = " and "
+
+
+def scope_name(groups: Iterable[tuple[str, str]]) -> str:
+    """What people call the groups (table, label) that alone have an effect: the `scope` of its cause."""
+    return SCOPE_AND.join(group_name(table, label) for table, label in groups)
+
+
+def within_scope(scope: str | None, piece: Piece, label: str, effect_id: str) -> bool:
+    """Whether a cause with this scope holds in a piece's rows of one label."""
+    if scope is None:
+        return effect_id not in piece.named_only
+    own = group_name(piece.table, label)
+    return own == scope or own in scope.split(SCOPE_AND)
 
 
 def group_name(table: str, label: str) -> str:

@@ -10,7 +10,7 @@ from control.machine.machine import CATALOGUE, Machine, size_scale
 
 from .clock import DITHERED, Clock, coarse_clock, rounding_sd
 from .noise import Noise, noise_of, quantum_of, resolution_of, smoothed
-from .piece import Array, Candidate, IntArray, Piece, SizedEffect, with_effects
+from .piece import Array, Candidate, IntArray, Piece, SizedEffect, scope_name, with_effects
 
 MIN_SHARED = 4          # replicates beyond the first of each setting, from which on their common rounding is counted
 PRIOR_DOF = 1.0         # weight of the machine file's sensor noise, where it states one, in rows
@@ -28,6 +28,7 @@ class Problem(NamedTuple):
     piece: IntArray
     group: IntArray
     group_names: tuple[tuple[str, str], ...]        # table, label
+    scopes: tuple[frozenset[int], ...]      # groups that an effect may hold in alone: each one, then some together
     setting: IntArray
     candidates: tuple[Candidate, ...]
     nuisances: Array                        # (n, q)
@@ -48,7 +49,7 @@ class Problem(NamedTuple):
             inside = self.piece == index
             done: dict[tuple[SizedEffect, ...], Array] = {}
             for group in np.unique(self.group[inside]).tolist():
-                here = tuple(effect for effect in effects if effect.candidate.scope in (None, group))
+                here = tuple(effect for effect in effects if self._holds(effect.candidate, piece, group))
                 if not here:
                     continue
                 if here not in done:
@@ -56,6 +57,14 @@ class Problem(NamedTuple):
                 rows = self.group == group
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
+
+    def _holds(self, candidate: Candidate, piece: Piece, group: int) -> bool:
+        if candidate.scope is None:
+            return candidate.id not in piece.named_only
+        return group in self.scopes[candidate.scope]
+
+    def scope_name(self, scope: int) -> str:
+        return scope_name(self.group_names[group] for group in sorted(self.scopes[scope]))
 
     def slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
         """Rows under the effects, (n,), and their change per unit of each candidate's size on top of them, (n, c).
@@ -98,14 +107,19 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
     rounding = np.concatenate([np.full(len(one.setting), one.rounding) for one in judged])
     group, names = _groups(pieces)
     candidates = list(dict.fromkeys(candidate for piece in pieces for candidate in piece.candidates))
+    scopes = [frozenset({number}) for number in range(len(names))]
     if len(names) > 1:
         candidates += _scoped(pieces, group, index)
+        together, shared = _together(pieces, candidates, scopes, group, index)
+        scopes += together
+        candidates += shared
     prior_rss, prior_dof = _prior(judged)
     return Problem(
         tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
         np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
-        names, setting, tuple(candidates), np.column_stack([_tolerances(pieces), _rounding(rounding, setting)]),
-        prior_rss, prior_dof, tuple(one.noise for one in judged), tuple(one.clock for one in judged))
+        names, tuple(scopes), setting, tuple(candidates),
+        np.column_stack([_tolerances(pieces), _rounding(rounding, setting)]), prior_rss, prior_dof,
+        tuple(one.noise for one in judged), tuple(one.clock for one in judged))
 
 
 def _judged(piece: Piece, machine: Machine, seed: int) -> _Judged:
@@ -165,6 +179,25 @@ def _scoped(pieces: Sequence[Piece], group: IntArray, index: IntArray) -> list[C
                             for effect_id in pieces[k].scoped_ids)
         found += [Candidate(effect_id, None, number) for effect_id in ids]
     return found
+
+
+def _together(pieces: Sequence[Piece], candidates: Sequence[Candidate], scopes: Sequence[frozenset[int]],
+              group: IntArray, index: IntArray) -> tuple[list[frozenset[int]], list[Candidate]]:
+    """Times of one label and what was measured on the ground, as one scope: one cause in the field is one quantity.
+
+    Times may have been read off distances in the same field in which other tables measured places.
+    """
+    ground = frozenset(number for k, piece in enumerate(pieces) if piece.on_ground
+                       for number in np.unique(group[index == k]).tolist())
+    found, shared = [], []
+    for candidate in candidates:
+        if candidate.scope is None or candidate.scope in ground or not ground:
+            continue
+        scope = scopes[candidate.scope] | ground
+        if scope not in found:
+            found.append(scope)
+        shared.append(candidate._replace(scope=len(scopes) + found.index(scope)))
+    return found, shared
 
 
 def _prior(judged: Sequence[_Judged]) -> tuple[float, float]:

@@ -11,14 +11,15 @@ from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENC
 from control.diagnosis.result import UNKNOWN, Cause, Channel, NextRun, Rival, Size
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
-from .across import across, sentence
+from .across import across
 from .clock import Clock
 from .cost import field_cost
 from .evidence import label_contrasts
 from .experiments import Pair, Plan, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
-from .piece import BoolArray, Candidate, Piece, SizedEffect, group_name
+from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
+from .retold import Retelling, sentences
 from .selection import Selected, Selection
 from .sizes import settings_differ
 from .verdict import Judgement
@@ -61,7 +62,7 @@ def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, sus
     return Cause(candidate.id, Size(size, size - half, size + half, unit_of(candidate.id, problem.machine)), None,
                  probability, rivals,
                  candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
-                 scope=None if candidate.scope is None else group_name(*problem.group_names[candidate.scope]))
+                 scope=None if candidate.scope is None else problem.scope_name(candidate.scope))
 
 
 def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[float, tuple[Rival, ...]]:
@@ -135,8 +136,12 @@ def _names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
-def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[str, ...]:
-    """Plain sentences about the rows themselves; columns that could not be judged first."""
+def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement,
+                retellings: Sequence[Retelling]) -> tuple[str, ...]:
+    """Plain sentences about the rows themselves; columns that could not be judged first.
+
+    `tables`: as given; `retellings`: what of them was set aside because another tells it.
+    """
     selection, structure = judgement.selection, judgement.structure
     ids = {candidate.id for candidate in selection.candidates}
     out = [text for table in tables for text in _not_judged_sentences(table)]
@@ -147,10 +152,10 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
     for index, piece in enumerate(problem.pieces):
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
-    out += [sentence(pair) for pair in across(tables, problem.machine)]
+    out += sentences(across(tables, problem.machine), retellings)
     out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
             if clock is not None and clock.shown]
-    out += [f"{candidate.id} {size:+.3g} holds in the rows of {group_name(*problem.group_names[candidate.scope])} only"
+    out += [f"{candidate.id} {size:+.3g} holds in the rows of {problem.scope_name(candidate.scope)} only"
             for candidate, size in selection.effects if candidate.scope is not None]
     out += _lack_of_fit_sentences(problem, selection)
     if structure is not None and structure.shown and selection.selected:

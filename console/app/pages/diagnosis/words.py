@@ -48,7 +48,8 @@ VARIABLES = {
     "time_s": N_("time"), "outlet": N_("outlet"), "ndvi_reference": N_("NDVI of the reference"),
     "warm_min": N_("minutes since switched on"), "target_kg": N_("target, kg"), "area_m2": N_("area, m2"),
     "duration_s": N_("duration, s"), "height_m": N_("height, m"), "replicate": N_("replicate"), "label": N_("label"),
-    "corrected_lag_s": N_("lag corrected for, s"), "constant": N_("a constant"), "ndvi": N_("NDVI"),
+    "corrected_lag_s": N_("lag corrected for, s"), "before_rpm": N_("shaft speed before, r/min"),
+    "constant": N_("a constant"), "ndvi": N_("NDVI"),
 }
 
 RUNS = {

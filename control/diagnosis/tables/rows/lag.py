@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from control.calibration.bench_table import LAGS, BenchTable
+from control.calibration.bench_table import LAGS, BenchTable, where
 from control.diagnosis.effects import (
     LAG_ASYMMETRY,
     LAG_FIRST_FILL,
@@ -14,9 +14,9 @@ from control.diagnosis.effects import (
     SHAFT_DEAD_TIME,
 )
 from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
-from control.machine.fall import start_drop_s
+from control.machine.fall import drop_s, start_drop_s
 from control.machine.machine import Machine
-from control.machine.start import response_s
+from control.machine.start import change_response_s, response_s
 
 from .labels import Roles, column_of, labels_of, roles_of
 
@@ -39,7 +39,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         assert speed is not None
         observed = observed / speed
     label = labels_of(table)[keep]
-    roles = roles_of(label)
+    roles = roles_of(where(table, keep))
+    # A column of times beside one of distances is the detector's; any other may have been read off distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
@@ -49,6 +50,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     drops = name != "response_s"
     nuisances = {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
     variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
+    if roles.running.any():
+        variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"][keep])
     if speed is not None:
         variables["speed_mps"] = speed
     # A distance has a constant error in m: the slower the drive, the larger the error of its time.
@@ -56,7 +59,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
                  column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
                  varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
-                 clocked=name != "lag_m")
+                 clocked=name != "lag_m", on_ground=name == "lag_m",
+                 named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))
 
 
 def _ids(name: str, roles: Roles) -> tuple[str, ...]:
@@ -82,15 +86,17 @@ def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
 def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
     """Lag of each row, s: the machine's own model with its effects, but for the scale of distances.
 
-    A row is a start out of a standing shaft, as a rig and the papers time it. How much shorter a change of a running
-    shaft is, no table of the papers tells: where labels tell starts from changes, it is what is found between them.
+    A row is a start out of a standing shaft, as a rig and the papers time it, unless it carries the speed from which
+    the shaft changed: that one answers as soon as it changes and has the settled drop of a running shaft. Labels alone
+    do not tell the speed before: between them, it is what is found.
     """
     fall = machine.fall
     total = np.zeros(len(rpm))
+    rows = list(zip(rpm.tolist(), roles.running.tolist(), strict=True))
     if name != "drop_s":
-        total += [response_s(machine, n) for n in rpm.tolist()]
+        total += [change_response_s(machine) if running else response_s(machine, n) for n, running in rows]
     if name != "response_s":
-        total += [start_drop_s(fall, n) for n in rpm.tolist()]
+        total += [drop_s(fall, n) if running else start_drop_s(fall, n) for n, running in rows]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
     return total
 

@@ -35,7 +35,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
     assert speed is not None
     label = labels_of(table)
-    roles = roles_of(label)
+    roles = roles_of(table)
     corrected = np.where(label == UNCORRECTED, 0.0, predicted(machine, rpm, "lag_s", roles))
     if "corrected_lag_s" in table.columns:
         given = table.columns["corrected_lag_s"]
@@ -51,8 +51,10 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     variables = {"shaft_rpm": rpm, "speed_mps": speed,
                  "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
                  "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
+    if roles.running.any():
+        variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"])
     return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
                   label, column_of(table), tuple(Candidate(row.id) for row in effects),
                   tuple(row.id for row in effects if table.kind in row.scoped_in), varying(variables),
                   {"dead_time": speed * machine.tolerance.dead_time_s},
-                  {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]}),)
+                  {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]}, on_ground=True),)
