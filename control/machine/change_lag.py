@@ -96,16 +96,17 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     times: list[float] = []
     masses: list[float] = []
     drops: list[float] = []
-    lead = int(2.0 / STEP_S)
+    lead, drop = int(2.0 / STEP_S), drop_s(machine.fall, rpm)
     for k in range(-lead, int(lasts / STEP_S)):
         now = k * STEP_S
         if now >= dead_shaft:
             rpm = approach(rpm, after.shaft_rpm, tau, shaft.acceleration_rpm_s, STEP_S)
+            drop = drop_s(machine.fall, rpm)
         if now >= gate.dead_time_s:
             opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))
         times.append(now)
         masses.append(rpm * opening)
-        drops.append(drop_s(machine.fall, rpm))
+        drops.append(drop)
     released = np.array(times)
     lands_s = (released + carried_s(released, np.array(drops))).tolist()
     middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)
