@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -42,6 +43,7 @@ class Snapshot:
     finished: bool = False                          # by the operator: nothing is offered any more
     quit: bool = False                              # the worker was told to end: nothing was cut off
     logs_before: tuple[str, ...] = ()               # the job's earlier parts, oldest first
+    worked: bool = False                            # flow was told: what the snapshot lacks is in the log
     time_s: float = 0.0                             # of the last row that is in here
     sums: Sums = NOTHING
     sums_s: float = 0.0                             # of the last row that is in the sums
@@ -68,7 +70,7 @@ class Snapshot:
 
     @property
     def worth_going_on(self) -> bool:
-        return not self.finished and self.area_ha >= WORTH_HA
+        return not self.finished and (self.worked or self.area_ha >= WORTH_HA)
 
 
 def beside(log: str | Path) -> Path:
@@ -77,11 +79,14 @@ def beside(log: str | Path) -> Path:
 
 
 def write(path: Path, snapshot: Snapshot) -> None:
-    """Whole or not at all. Raises OSError."""
+    """Whole or not at all, and the newest of its folder even where the clock was set back. Raises OSError."""
     own = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
     own |= {"sums": snapshot.sums._asdict(), "alarms": plain_records(snapshot.alarms),
             "ground": packed(snapshot.ground)}
     write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
+    others = max((_saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0)
+    if others >= _saved_ns(path):
+        os.utime(path, ns=(others + 1_000_000, others + 1_000_000))
 
 
 def read(path: Path) -> Snapshot:

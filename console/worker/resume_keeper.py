@@ -115,6 +115,8 @@ class Keeper:
         if self._book.see(row.time_s, row.utc, seen.alarms):
             self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)      # an alarm is kept soon
         changes = self._since(self._last, row) | self._told(row.events or "")
+        if row.state == State.WORKING and row.shaft_rpm_cmd and not self._snapshot.worked:
+            changes["worked"], self._saved_s = True, -inf   # a cut in the first second is one to go on after
         self._last = row
         if handed.sums is not None:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}

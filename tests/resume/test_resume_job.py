@@ -80,6 +80,14 @@ class Standing(NamedTuple):
     flow_trim_on: bool = True
 
 
+class Loop(NamedTuple):
+    """What a loop that has done nothing yet tells."""
+
+    sums: Sums = Sums()
+    flow_trim: float = 1.0
+    plane: None = None
+
+
 def _read(folder, data):
     path = folder / "told.resume.json"
     path.write_text(json.dumps(data))
@@ -195,6 +203,28 @@ def test_the_newest_job_hides_those_before(tmp_path):
     os.utime(tmp_path / "b.resume.json", (9, 9))
     path, kept = resume.newest(tmp_path)
     assert path.name == "b.resume.json" and kept.area_ha == 2.0
+
+
+def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_path):
+    keeper = Keeper(tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: "")
+    keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="working")))
+    keeper.work(False)
+    assert resume.newest(tmp_path) is None
+    keeper.take(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working")))
+    keeper.work(False)
+    _, kept = resume.newest(tmp_path)
+    assert kept.worked and kept.area_ha == 0.0 and kept.time_s == 1.05
+
+
+def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
+    import os
+    import time
+    hour_ns = 3_600_000_000_000
+    resume.write(tmp_path / "a.resume.json", Snapshot("a.csv", sums=Sums(area_ha=1.0)))
+    os.utime(tmp_path / "a.resume.json", ns=(time.time_ns() + hour_ns, time.time_ns() + hour_ns))
+    resume.write(tmp_path / "b.resume.json", Snapshot("b.csv", sums=Sums(area_ha=2.0)))
+    path, _ = resume.newest(tmp_path)
+    assert path.name == "b.resume.json"
 
 
 def test_totals_that_go_on_are_those_of_one_run():
