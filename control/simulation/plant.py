@@ -72,6 +72,7 @@ class Truth(NamedTuple):
     in_pass: bool
     refill_kg: float
     doses: int = 0              # of point mode that the shaft has begun
+    ndvi: float = 0.0           # of the canopy at the outlets, mean over the working width
 
 
 class Plant:
@@ -161,7 +162,7 @@ class Plant:
         self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
                            drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
                            pose.east_m, pose.north_m, pose.in_pass, refill,
-                           self._doses)
+                           self._doses, self._width_ndvi(pose, 0.0))
         if self._keep is not None:
             self._keep(self.truth)
         return self._read(speed, pose, pitch, supply, flow)
@@ -287,14 +288,20 @@ class Plant:
         if now < self._next_heads_s - 1e-9:
             return None
         self._next_heads_s += 1.0 / self._sim.heads_hz
-        geometry, angle = self.machine.geometry, radians(pose.heading_deg)
-        east = pose.east_m + geometry.heads_m * sin(angle)
-        north = pose.north_m + geometry.heads_m * cos(angle)
-        spacing = geometry.working_width_m / geometry.heads
         readings = []
-        for head in range(geometry.heads):
-            aside = (head - 0.5 * (geometry.heads - 1)) * spacing
-            here = self._canopy.at(east + aside * cos(angle), north - aside * sin(angle))
+        for head, here in enumerate(self._canopy_across(pose, self.machine.geometry.heads_m)):
             reads = head_reads(self._true.heads, HeadInput(here, head + 1.0, now))
             readings.append(min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next())))
         return tuple(readings)
+
+    def _canopy_across(self, pose: Pose, ahead_m: float) -> list[float]:
+        """NDVI across the working width, at each head's place of it, `ahead_m` before the outlets."""
+        geometry, angle = self.machine.geometry, radians(pose.heading_deg)
+        east, north = pose.east_m + ahead_m * sin(angle), pose.north_m + ahead_m * cos(angle)
+        spacing = geometry.working_width_m / geometry.heads
+        asides = [(head - 0.5 * (geometry.heads - 1)) * spacing for head in range(geometry.heads)]
+        return [self._canopy.at(east + aside * cos(angle), north - aside * sin(angle)) for aside in asides]
+
+    def _width_ndvi(self, pose: Pose, ahead_m: float) -> float:
+        across = self._canopy_across(pose, ahead_m)
+        return sum(across) / len(across)
