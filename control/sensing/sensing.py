@@ -15,8 +15,6 @@ from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
 
 FILTER_TAU_S = 0.25             # filter `speed_used`, second order: its step response is half-way after 0.2 s;
                                 # a steady acceleration passes without delay
-DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
-                                # another, and a forecast that goes on for the whole lag overshoots at the end of it
 RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
 WHEEL_HOLDS_S = 0.5             # a wheel speed
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
@@ -270,21 +268,3 @@ class _Direction:
             signed -= 2.0 * self._unsure_m
         self._course_deg, self._stood, self._unsure_m = fix.heading_deg, slow, 0.0
         return signed
-
-
-def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
-    it, at least half of what the present speed would give."""
-    a = min(1.0, max(-1.0, acceleration_mps2))
-    more_m = a * DIES_OUT_S * (time_s - DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S)))
-    return speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
-
-
-def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
-    stays within 50-150 % of the present speed."""
-    a = min(1.0, max(-1.0, acceleration_mps2))
-    more = a * DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S))
-    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
-
-

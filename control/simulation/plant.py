@@ -21,7 +21,7 @@ from control.machine.shaft import ShaftInput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.term_sums import NOTHING, More, TermSums, Told
 from control.machine.terms import SHAFT_ANGLE, Term
-from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen
+from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedTold
 
 from .canopy import CanopyField
 from .noise import Normals, Slow
@@ -53,6 +53,7 @@ class Sensed(NamedTuple):
     work_switch: bool | None
     wheel_pulse_s: float | None = None      # when the newest pulse came
     plants: tuple[PlantSeen, ...] = ()      # told by the camera in this step
+    speed_told: SpeedTold | None = None     # by the tractor in this step
 
 
 class Truth(NamedTuple):
@@ -111,7 +112,7 @@ class Plant:
         rim = sim.run_in_m + machine.geometry.heads_m
         self._canopy = CanopyField(sim.canopy, (min(east) - rim, max(east) + rim),
                                    (min(north) - rim, max(north) + rim), seed)
-        self._driver = Driver(sim)
+        self._driver = Driver(sim, seed + 4)
         self._normal = Normals(seed + 1)
         noise = machine.noise
         self._scale_noise = Slow(self._normal, noise.scale_kg, noise.scale_correlation_s)
@@ -257,7 +258,7 @@ class Plant:
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
-            () if self._vision is None else self._vision.look(now, self._driven_m))
+            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.told())
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
         """Count pulses; the newest one's time is where its distance was reached within the step."""
