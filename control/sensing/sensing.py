@@ -12,9 +12,8 @@ from typing import NamedTuple
 from control.geodesy import TangentPlane
 from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
 from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
+from control.sensing.speed_filter import Moving
 
-FILTER_TAU_S = 0.25             # filter `speed_used`, second order: its step response is half-way after 0.2 s;
-                                # a steady acceleration passes without delay
 RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
 WHEEL_HOLDS_S = 0.5             # a wheel speed
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
@@ -61,8 +60,7 @@ class Sensing:
         self._antenna_m = antenna_m
         self._limits = limits or SensingLimits()
         self._time_s: float | None = None
-        self._speed = 0.0
-        self._acceleration = 0.0
+        self._moving = Moving()                     # filter `speed_used`
         self._filtered_s: float | None = None       # time of the sample last taken in
         self._ratio = 1.0
         self._track_m = 0.0
@@ -101,7 +99,7 @@ class Sensing:
         standstill = self._wheel_stands(wheel, now)
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
         source = self._take_speed(m, now, dt, gnss_speed, wheel_ok and not wheel_faulty, fix_new)
-        speed = self._speed if source != "none" else None
+        speed = self._moving.speed_mps if source != "none" else None
         self._track_m += self._direction.moved_m(
             (speed or 0.0) * dt, standstill or (speed or 0.0) < STOOD_BELOW_MPS, m.gnss if fix_new else None)
         moved_m = self._take_place(m, speed, dt, fix_new)
@@ -111,8 +109,8 @@ class Sensing:
                        and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
                        and (m.gnss is None or m.gnss.fix_quality > 0))
         east, north = self._outlet()
-        return Sensed(now, speed, self._acceleration, source, self._track_m, east, north, self._heading, self._turn,
-                      position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
+        return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
+                      self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
                       self._refused_m, moved_m)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
@@ -143,26 +141,14 @@ class Sensing:
         if source == "none":
             if self._heard_s is not None and now - self._heard_s <= HELD_SPEED_S:
                 return "held"
-            self._acceleration = 0.0
+            self._moving = self._moving._replace(acceleration_mps2=0.0)
             return "none"
         self._heard_s = now
-        self._speed = max(0.0, self._speed + self._acceleration * dt)
+        self._moving = self._moving.on(dt)
         if sample is not None:
-            self._filter(sample, now)
+            gap = 0.0 if self._filtered_s is None else now - self._filtered_s
+            self._moving, self._filtered_s = self._moving.taking(sample, gap), now
         return source
-
-    def _filter(self, sample: float, now: float) -> None:
-        gap = 0.0 if self._filtered_s is None else now - self._filtered_s
-        self._filtered_s = now
-        if not 0.0 < gap < 1.0:
-            self._speed, self._acceleration = sample, 0.0
-            return
-        keep = exp(-gap / FILTER_TAU_S)
-        error = sample - self._speed
-        self._speed = max(0.0, self._speed + (1.0 - keep * keep) * error)
-        self._acceleration += (1.0 - keep) * (1.0 - keep) / gap * error
-        if sample == 0.0 and self._speed < 0.05:
-            self._speed, self._acceleration = 0.0, 0.0
 
     def _take_place(self, m: Measurements, speed: float | None, dt: float, fix_new: bool) -> float | None:
         """The place of a new epoch that is possible, else reckoned on. How far off the old place was, where the new

@@ -15,6 +15,7 @@ from math import exp
 from typing import NamedTuple
 
 from control.readings import SpeedTold, is_fresh
+from control.sensing.speed_filter import Moving
 
 DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
                                 # another, and a forecast that goes on for the whole lag overshoots at the end of it
@@ -28,45 +29,63 @@ JUDGED_S = 1.3                  # how far ahead a forecast was made that is judg
 DIFFER_MPS = 0.05               # forecasts nearer to each other than this say nothing about which one is right
 FORGETS = 0.99                  # of what was learned, at each forecast judged (of ten a second that differ)
 JUDGED_EVERY_S = 0.1
-BESIDE_MPS2 = 0.3               # less acceleration beside the reference is its own delay, or noise
 AT_FIRST_MPS2 = 0.1 ** 2        # squared error that both have at first: believed by half
 
 
 class SpeedAhead(NamedTuple):
-    """The forecast made at one tick: a speed, and an acceleration that dies out; on top of it, where somebody told,
-    how much faster or slower the reference will be than now, in steps of `TABLE_STEP_S`, and how far it is believed."""
+    """The forecast made at one tick: a speed, and an acceleration that dies out; beside it, where somebody told, the
+    reference in steps of `TABLE_STEP_S`, what is driven on top of it, and how far all that is believed."""
 
     now_mps: float
     acceleration_mps2: float
-    told: tuple[float, ...] = ()            # m/s more than now
-    told_way_m: tuple[float, ...] = ()      # m more than at the present speed
+    told_mps: tuple[float, ...] = ()        # the reference
+    told_way_m: tuple[float, ...] = ()      # its way from now on
+    beside_mps: float = 0.0                 # faster than the reference, now
     beside_mps2: float = 0.0
     believed: float = 0.0                   # 0 to 1
 
     def mps(self, in_s: float) -> float:
         """Speed so many seconds ahead, m/s; never below 0."""
         own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s)
-        if not self.told:
+        if not self.told_mps:
             return own
-        known = self.now_mps + _at(self.told, in_s) + _more_mps(self.beside_mps2, in_s)
+        known = _at(self.told_mps, in_s) + self.beside_mps + _more_mps(self.beside_mps2, in_s)
         return max(0.0, own + self.believed * (known - own))
 
     def way_m(self, in_s: float) -> float:
         """Distance covered until then, m."""
         own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s)
-        if not self.told:
+        if not self.told_mps:
             return own
-        known = self.now_mps * in_s + _at(self.told_way_m, in_s) + _more_m(self.beside_mps2, in_s)
+        known = _at(self.told_way_m, in_s) + self.beside_mps * in_s + _more_m(self.beside_mps2, in_s)
         return max(0.0, own + self.believed * (known - own))
+
+
+class _Quieted:
+    """A speed that is steady or changing: the quick filter's where it has parted from the slow one, else the slow."""
+
+    def __init__(self) -> None:
+        self._steady_mps: float | None = None
+
+    def update(self, quick: Moving, dt_s: float) -> Moving:
+        if self._steady_mps is None:
+            self._steady_mps = quick.speed_mps
+        self._steady_mps += (1.0 - exp(-dt_s / STEADY_TAU_S)) * (quick.speed_mps - self._steady_mps)
+        share = min(1.0, max(0.0, abs(quick.speed_mps - self._steady_mps) / STEADY_MPS - 1.0))
+        return Moving(share * quick.speed_mps + (1.0 - share) * self._steady_mps, share * quick.acceleration_mps2)
 
 
 class Forecaster:
     """One per run; `update` once a tick."""
 
     def __init__(self) -> None:
-        self._steady: float | None = None
-        self._reference_mps = 0.0
+        self._forget()
         self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]      # squared, of the reference and of the own forecast
+
+    def _forget(self) -> None:
+        self._own, self._beside = _Quieted(), _Quieted()
+        self._reference_mps: float | None = None
+        self._reference = Moving()              # as the filter `speed_used` would see it
         self._waiting: deque[tuple[float, float, float]] = deque()      # time, reference's forecast, own forecast
 
     @property
@@ -78,40 +97,32 @@ class Forecaster:
                told: SpeedTold | None = None) -> SpeedAhead:
         """speed_mps: the filtered one that control uses; None: not known, which counts as standing."""
         if speed_mps is None:
-            self._steady = None
-            self._waiting.clear()
+            self._forget()
             return SpeedAhead(0.0, 0.0)
+        own = self._own.update(Moving(speed_mps, acceleration_mps2), dt_s)
         if told is None or not is_fresh(told.time_s, now_s, TOLD_HOLDS_S):
+            self._reference_mps = None
             self._waiting.clear()
-            quick = self._quick(speed_mps, dt_s)
-            self._reference_mps = speed_mps
-            return _blended(speed_mps, self._steady or 0.0, acceleration_mps2, quick)
-        return self._with_told(now_s, speed_mps, acceleration_mps2, dt_s, told)
-
-    def _with_told(self, now_s: float, speed_mps: float, acceleration_mps2: float, dt_s: float,
-                   told: SpeedTold) -> SpeedAhead:
+            return SpeedAhead(*own)
         self._judge(now_s, speed_mps)
-        since_s = max(0.0, now_s - told.time_s)
-        most = told.acceleration_mps2
-        before = self._reference_mps
-        self._reference_mps = _towards(before, _aimed(told, since_s), most * dt_s)
-        own_quick = self._quick(speed_mps, dt_s)
-        own = _blended(speed_mps, self._steady or 0.0, acceleration_mps2, own_quick)
-        reference_mps2 = (self._reference_mps - before) / dt_s if dt_s > 0.0 else 0.0
-        table, way = _driven(told, since_s, self._reference_mps)
-        beside_mps2 = acceleration_mps2 - reference_mps2
-        ahead = SpeedAhead(speed_mps if abs(reference_mps2) > 0.0 else own.now_mps, own.acceleration_mps2, table, way,
-                           own_quick * beside_mps2 if abs(beside_mps2) > BESIDE_MPS2 else 0.0, self.believed)
+        self._drive_reference(told, now_s, speed_mps, dt_s)
+        beside = self._beside.update(Moving(speed_mps - self._reference.speed_mps,
+                                            acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
+        table, way = _driven(told, now_s - told.time_s, self._reference_mps or 0.0)
+        ahead = SpeedAhead(*own, table, way, *beside, self.believed)
         if not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S:
-            self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S), own.mps(JUDGED_S)))
+            self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
+                                  ahead._replace(believed=0.0).mps(JUDGED_S)))
         return ahead
 
-    def _quick(self, speed_mps: float, dt_s: float) -> float:
-        """How far the quick filter is believed; the slow one goes on."""
-        if self._steady is None:
-            self._steady = speed_mps
-        self._steady += (1.0 - exp(-dt_s / STEADY_TAU_S)) * (speed_mps - self._steady)
-        return min(1.0, max(0.0, abs(speed_mps - self._steady) / STEADY_MPS - 1.0))
+    def _drive_reference(self, told: SpeedTold, now_s: float, speed_mps: float, dt_s: float) -> None:
+        """One tick on; it begins at the speed of the machine."""
+        if self._reference_mps is None:
+            self._reference_mps, self._reference, self._beside = speed_mps, Moving(speed_mps, 0.0), _Quieted()
+        aim = _aimed(told, max(0.0, now_s - told.time_s))
+        self._reference_mps = _towards(self._reference_mps, aim, told.acceleration_mps2 * dt_s)
+        if dt_s > 0.0:
+            self._reference = self._reference.on(dt_s).taking(self._reference_mps, dt_s)
 
     def _judge(self, now_s: float, speed_mps: float) -> None:
         while self._waiting and self._waiting[0][0] <= now_s:
@@ -119,10 +130,6 @@ class Forecaster:
             if abs(known - own) > DIFFER_MPS:
                 both = ((known - speed_mps) ** 2, (own - speed_mps) ** 2)
                 self._errors_mps2 = [FORGETS * kept + new for kept, new in zip(self._errors_mps2, both, strict=True)]
-
-
-def _blended(speed_mps: float, steady_mps: float, acceleration_mps2: float, quick: float) -> SpeedAhead:
-    return SpeedAhead(quick * speed_mps + (1.0 - quick) * steady_mps, quick * acceleration_mps2)
 
 
 def _aimed(told: SpeedTold, in_s: float) -> float:
@@ -135,14 +142,14 @@ def _towards(mps: float, aimed: float, most: float) -> float:
 
 
 def _driven(told: SpeedTold, since_s: float, reference_mps: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The reference ahead: how much faster than now, m/s, and how much farther than at the present speed, m."""
-    more, way, table, ways = reference_mps, 0.0, [0.0], [0.0]
+    """The reference ahead, m/s, and its way, m, in steps of `TABLE_STEP_S`."""
+    mps, way, table, ways = reference_mps, 0.0, [reference_mps], [0.0]
+    most = told.acceleration_mps2 * TABLE_STEP_S
     for k in range(round(TABLE_S / TABLE_STEP_S)):
-        following = _towards(more, _aimed(told, since_s + (k + 0.5) * TABLE_STEP_S), told.acceleration_mps2
-                             * TABLE_STEP_S)
-        way += (0.5 * (more + following) - reference_mps) * TABLE_STEP_S
-        more = following
-        table.append(more - reference_mps)
+        following = _towards(mps, _aimed(told, max(0.0, since_s) + (k + 0.5) * TABLE_STEP_S), most)
+        way += 0.5 * (mps + following) * TABLE_STEP_S
+        mps = following
+        table.append(mps)
         ways.append(way)
     return tuple(table), tuple(ways)
 
