@@ -26,10 +26,12 @@ from manoeuvres import GO, MANOEUVRES, Manoeuvre, driven, judge, sim_of, the_set
 from verdict import exit_code
 
 from control.field.job import Simulated
-from control.orders import Strategy
+from control.orders import Do, Order, Strategy
+from control.safety import SafetyLimits
 from control.simulation.figures import moves
 
 KNOWN = ("none", "set", "plan", "drive")
+GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))     # START held until the machine works
 PROMISED_FROM = 3               # seeds
 HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'held %':>8}{'p95':>7}{'graded':>8}{'smooth':>8}{'bias %':>8}"
         f"{'place m':>9}{'p95':>7}{'bias m':>8}{'steps':>6}{'lost':>5}{'beyond':>8}{'gate/h':>8}{'us/tick':>8}")
@@ -67,7 +69,9 @@ class Found(NamedTuple):
 def measured(what: Manoeuvre, strategy: Strategy, told: str, seeds: int, tree: str) -> Found:
     setup = the_setup()
     width_m = setup.machine.geometry.working_width_m
-    orders = GO if what.speeds and what.speeds[0][1] == 0 else None
+    orders = None
+    if what.speeds and what.speeds[0][1] == 0:
+        orders = GO_HELD if hasattr(SafetyLimits(), "launch_max_s") else GO
     sim = sim_of(what) | ({} if told == "none" else {"speed_told": told})
     each, needed, places, gate, ticks = [], [], [], [], 0
     begun = time.process_time()

@@ -15,8 +15,8 @@ from drivers.files.exports.as_applied import AsApplied
 
 ERROR_TO_PERCENT = 20.0         # the histogram's ends; what lies beyond is counted in its outermost bars
 MOST_STRETCHES = 4000           # that a map draws one by one
-HELD_WORDS = ("<p>The target is what control held for each stretch, in steps. What the crop needed between the steps is in "
-              "no log; a simulated run is held against that too: topdress simulate --summary.</p>")
+HELD_WORDS = ("<p>The target is what control held for each stretch, in steps. What the crop needed between the steps "
+              "is in no log; a simulated run is held against that too: topdress simulate --summary.</p>")
 
 
 def job_page(applied: AsApplied, software: str) -> str:

@@ -122,6 +122,7 @@ class Job(Part):
     look_ahead: bool = True
     flow_trim: bool = True
     no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
+    planned_speed_kmh: Annotated[float, Field(gt=0, le=30)] | None = None   # of the passes; None: nobody has planned it
     target: Wanted = Wanted()
     field: Ground = Ground()
     simulated: Simulated = Simulated()

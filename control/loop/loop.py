@@ -30,7 +30,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Answer, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, possible
+from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
@@ -174,7 +174,8 @@ class ControlLoop:
         if self._doses is not None:
             self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
-        ahead = self._forecaster.update(m.time_s, sensed.speed_mps, sensed.acceleration_mps2, dt_s, m.speed_told)
+        ahead = self._forecaster.update(m.time_s, sensed.speed_mps, sensed.acceleration_mps2, dt_s,
+                                        m.speed_told or self._planned_speed(m.time_s))
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
@@ -309,6 +310,11 @@ class ControlLoop:
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps))
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
+
+    def _planned_speed(self, now_s: float) -> SpeedTold | None:
+        """The job's, where the tractor tells none."""
+        kmh = self.job.planned_speed_kmh
+        return None if kmh is None else SpeedTold(now_s, ((0.0, kmh / 3.6),))
 
     def _conditions(self, m: Measurements) -> Conditions:
         return Conditions(m.time_s - self._begun_s,

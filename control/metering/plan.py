@@ -33,7 +33,7 @@ from .tube import Tube
 SHAFT_BAND_RPM = 0.6            # smaller moves are not made: the noise of the speed alone would make ten a second
 SHAFT_BAND_SHARE = 0.008        # of the shaft speed
 OPENING_BAND_MM = 0.15
-OPENING_BAND_SHARE = 0.02       # of the opening; the gate's moves are what wears
+OPENING_BAND_SHARE = 0.012      # of the opening; the gate's moves are what wears
 SHAFT_LOW_SHARE = 0.65          # of its set-point, to which the shaft may fall while it puts right what lands: the gate
                                 # cannot open as fast as it would have to for a slower shaft
 FALLS_AHEAD = 3                 # of speed first's plan

@@ -19,7 +19,8 @@ WHEEL_HOLDS_S = 0.5             # a wheel speed
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
 HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
 DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long
-HEADING_FROM_MPS = 0.3          # below, course over ground is noise
+HEADING_FROM_MPS = 0.3          # below, course over ground is noise ...
+FIRST_HEADING_FROM_MPS = 0.2    # ... but better than none: 9 degrees with 0.03 m/s
 HEADING_TAU_S = 0.5             # filter `heading`: first order
 STOOD_BELOW_MPS = 0.3           # slower than this, the direction of travel may turn round unseen
 COURSE_FROM_MPS = 0.2           # GNSS speed from which its course tells the direction of travel
@@ -165,7 +166,8 @@ class Sensing:
             judged = self._judged(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
             if judged is not None and judged.taken:
-                if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= HEADING_FROM_MPS:
+                if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= (
+                        FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS):
                     self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
                 return judged.off_m if judged.anew else None
         if self._east is not None and self._north is not None:

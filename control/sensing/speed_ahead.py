@@ -15,7 +15,7 @@ from math import exp
 from typing import NamedTuple
 
 from control.readings import SpeedTold, is_fresh
-from control.sensing.speed_filter import Moving
+from control.sensing.speed_filter import STANDS_MPS, Moving
 
 DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
                                 # another, and a forecast that goes on for the whole lag overshoots at the end of it
@@ -110,14 +110,15 @@ class Forecaster:
                                             acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
         table, way = _driven(told, now_s - told.time_s, self._reference_mps or 0.0)
         ahead = SpeedAhead(*own, table, way, *beside, self.believed)
-        if not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S:
+        if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
             self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
                                   ahead._replace(believed=0.0).mps(JUDGED_S)))
         return ahead
 
     def _drive_reference(self, told: SpeedTold, now_s: float, speed_mps: float, dt_s: float) -> None:
-        """One tick on; it begins at the speed of the machine."""
-        if self._reference_mps is None:
+        """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
+        tell."""
+        if self._reference_mps is None or speed_mps < STANDS_MPS:
             self._reference_mps, self._reference, self._beside = speed_mps, Moving(speed_mps, 0.0), _Quieted()
         aim = _aimed(told, max(0.0, now_s - told.time_s))
         self._reference_mps = _towards(self._reference_mps, aim, told.acceleration_mps2 * dt_s)
