@@ -179,7 +179,8 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
     typer.echo(f"{seconds:g} s, {job.strategy.value}, look-ahead {'on' if job.look_ahead else 'off'}, flow trim "
                f"{'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
     typer.echo(f"rate error   {found.rate_error_kg_ha:.1f} kg/ha against what was held "
-               f"({found.rate_error_percent:.2f} % of the mean target {found.mean_target_kg_ha:.1f}), landed mean {found.mean_landed_kg_ha:.1f} kg/ha")
+               f"({found.rate_error_percent:.2f} % of the mean target {found.mean_target_kg_ha:.1f}), "
+               f"landed mean {found.mean_landed_kg_ha:.1f} kg/ha")
     for name, miss, percent in (("graded", found.graded_error_kg_ha, found.graded_error_percent),
                                 ("smooth", found.smooth_error_kg_ha, found.smooth_error_percent)):
         if miss is not None and percent is not None:

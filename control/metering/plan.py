@@ -33,7 +33,8 @@ from .tube import Tube
 SHAFT_BAND_RPM = 0.6            # smaller moves are not made: the noise of the speed alone would make ten a second
 SHAFT_BAND_SHARE = 0.008        # of the shaft speed
 OPENING_BAND_MM = 0.15
-OPENING_BAND_SHARE = 0.012      # of the opening; the gate's moves are what wears
+OPENING_BAND_SHARE = 0.012      # of the opening; the gate's moves are what wears ...
+OPENING_BAND_BOTH_SHARE = 0.025     # ... and where the shaft makes good what it leaves out
 SHAFT_LOW_SHARE = 0.65          # of its set-point, to which the shaft may fall while it puts right what lands: the gate
                                 # cannot open as fast as it would have to for a slower shaft
 FALLS_AHEAD = 3                 # of speed first's plan
@@ -176,7 +177,8 @@ class Planner:
         if last is not None:
             if abs(planned.shaft_rpm - last.shaft_rpm) < max(SHAFT_BAND_RPM, SHAFT_BAND_SHARE * last.shaft_rpm):
                 shaft = last.shaft_rpm
-            if abs(planned.opening_mm - last.opening_mm) < max(OPENING_BAND_MM, OPENING_BAND_SHARE * last.opening_mm):
+            share = OPENING_BAND_BOTH_SHARE if self._setting.by_both else OPENING_BAND_SHARE
+            if abs(planned.opening_mm - last.opening_mm) < max(OPENING_BAND_MM, share * last.opening_mm):
                 opening = last.opening_mm
         return Pair(shaft, opening, planned.limited)
 
