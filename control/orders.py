@@ -38,7 +38,7 @@ class Do(StrEnum):
     """What an operator may order. The value that goes with it stands in the comment."""
 
     READY = "ready"                  # off -> ready; held or fault -> ready
-    START = "start"                  # ready or held -> working
+    START = "start"                  # ready or held -> working; value True: the button is down, repeated while it is
     HOLD = "hold"                    # working -> held
     STOP = "stop"                    # any -> off
     CALIBRATE = "calibrate"          # ready -> calibrating; value: seconds at most; repeated while the button is down

@@ -1,9 +1,12 @@
 """What the machine's sensors said, and what is sent to its drives. Every value carries its time."""
 from __future__ import annotations
 
+from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple
 
+MOST_TOLD = 200         # points of a speed plan
+FASTEST_TOLD_MPS = 30.0
 AHEAD_S = 0.1           # a reading may be this much newer than the tick that looks at it
 
 
@@ -54,6 +57,19 @@ class Measurements(NamedTuple):
     put_aside: tuple[str, ...] = ()              # devices whose driver failed: not listened to any more
     control_failed: bool = False                 # the tick before this one could not be finished
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
+    speed_told: SpeedTold | None = None          # newest
+
+
+class SpeedTold(NamedTuple):
+    """Speeds that the tractor, or whoever plans its way, says it will aim at.
+
+    points: (seconds after `time_s`, m/s), rising in time, the first at 0; the last one holds. It gets there with at
+    most `acceleration_mps2`.
+    """
+
+    time_s: float
+    points: tuple[tuple[float, float], ...]
+    acceleration_mps2: float = 0.5
 
 
 class DoseOrder(NamedTuple):
@@ -103,7 +119,17 @@ def possible(m: Measurements) -> Measurements:
             unknown["gnss"] = None
         elif odd:
             unknown["gnss"] = fix._replace(**odd)
+    if m.speed_told is not None and not _can_be_told(m.speed_told):
+        unknown["speed_told"] = None
     return m._replace(**unknown) if unknown else m
+
+
+def _can_be_told(told: SpeedTold) -> bool:
+    """Whether these are speeds of a machine that spreads, at times that rise from now on."""
+    times = [in_s for in_s, _ in told.points]
+    return (isfinite(told.time_s) and 0.0 < told.acceleration_mps2 <= 10.0 and 0 < len(times) <= MOST_TOLD
+            and times[0] == 0.0 and all(a < b for a, b in pairwise(times)) and times[-1] <= 60.0
+            and all(-FASTEST_TOLD_MPS <= mps <= FASTEST_TOLD_MPS for _, mps in told.points))
 
 
 def _can_be(reading: Reading, low: float, high: float) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from console.app.pages.calibrate.hold import HeldKey
+from console.app.held_key import HeldKey
 from console.app.words import alarm_words, answer_words
 from console.cli.keys import Keys, keys
 from console.cli.plain_errors import CommandError

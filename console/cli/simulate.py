@@ -164,9 +164,12 @@ def _truth_text(record: Record, width_m: float) -> str:
 
 
 def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool) -> None:
+    from control.orders import TargetSource
     from control.simulation.errors import errors
     record, alarms, took_s = run.record, run.alarms, run.took_s
-    found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m)
+    by_canopy = job.target.source is TargetSource.CANOPY
+    found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m,
+                   rule=setup.rule if by_canopy else None)
     if as_json:
         told = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
                 "flow_trim": job.flow_trim, "effects": list(effects), **found._asdict(),
@@ -175,8 +178,14 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
         return
     typer.echo(f"{seconds:g} s, {job.strategy.value}, look-ahead {'on' if job.look_ahead else 'off'}, flow trim "
                f"{'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
-    typer.echo(f"rate error   {found.rate_error_kg_ha:.1f} kg/ha ({found.rate_error_percent:.2f} % of the mean target "
-               f"{found.mean_target_kg_ha:.1f}), landed mean {found.mean_landed_kg_ha:.1f} kg/ha")
+    typer.echo(f"rate error   {found.rate_error_kg_ha:.1f} kg/ha against what was held "
+               f"({found.rate_error_percent:.2f} % of the mean target {found.mean_target_kg_ha:.1f}), "
+               f"landed mean {found.mean_landed_kg_ha:.1f} kg/ha")
+    for name, miss, percent in (("graded", found.graded_error_kg_ha, found.graded_error_percent),
+                                ("smooth", found.smooth_error_kg_ha, found.smooth_error_percent)):
+        if miss is not None and percent is not None:
+            typer.echo(f"             against the {name} need of the canopy {miss:.1f} kg/ha ({percent:.2f} % of the "
+                       f"mean need)")
     typer.echo(f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m (late is positive), "
                f"p50 {found.place_p50_m:.3f} m, p95 {found.place_p95_m:.3f} m, {found.steps} steps, "
                f"{found.steps_lost} lost")

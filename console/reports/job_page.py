@@ -15,6 +15,8 @@ from drivers.files.exports.as_applied import AsApplied
 
 ERROR_TO_PERCENT = 20.0         # the histogram's ends; what lies beyond is counted in its outermost bars
 MOST_STRETCHES = 4000           # that a map draws one by one
+HELD_WORDS = ("<p>The target is what control held for each stretch, in steps. What the crop needed between the steps "
+              "is in no log; a simulated run is held against that too: topdress simulate --summary.</p>")
 
 
 def job_page(applied: AsApplied, software: str) -> str:
@@ -93,7 +95,7 @@ def error_words(applied: AsApplied) -> str:
         return "<p>No target was logged.</p>"
     shares = [(f"within {limit:g} %", f"{fixed(100.0 * float(area[np.abs(error) <= limit].sum() / area.sum()), 1)} % "
                "of the area") for limit in (2.0, 5.0, 10.0, 20.0)]
-    return facts(shares)
+    return facts(shares) + HELD_WORDS
 
 
 def error_histogram(applied: AsApplied) -> Picture | None:

@@ -93,6 +93,8 @@ class Simulated(Part):
     speed_kmh: Annotated[float, Field(gt=0, le=30)] = 4.5
     speed_wander_percent: Annotated[float, Field(ge=0, le=30)] = 2.0
     speed_changes: tuple[SpeedChange, ...] = ()
+    # the tractor tells nothing, the speed that its driver has set, changes of that ahead as well, or all of its drive
+    speed_told: Literal["none", "set", "plan", "drive"] = "none"
     pass_length_m: Metres = 300.0
     passes: Annotated[int, Field(ge=1, le=1000)] = 24
     run_in_m: Metres = 12.0                     # straight beyond each end of a pass
@@ -120,6 +122,7 @@ class Job(Part):
     look_ahead: bool = True
     flow_trim: bool = True
     no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
+    planned_speed_kmh: Annotated[float, Field(gt=0, le=30)] | None = None   # of the passes; None: nobody has planned it
     target: Wanted = Wanted()
     field: Ground = Ground()
     simulated: Simulated = Simulated()

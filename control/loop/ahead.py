@@ -14,7 +14,7 @@ from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.orders import TargetSource
 from control.readings import Measurements
-from control.sensing import Sensed, travelled_ahead_m
+from control.sensing import Sensed
 from control.targets.canopy import CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.map_profile import MapProfile
@@ -118,7 +118,7 @@ class Ahead:
             return False
         if not sensed.backwards and not may_outside:
             return holding != OUTSIDE
-        ahead_m = travelled_ahead_m(moment.speed_mps, sensed.acceleration_mps2, stop.total_s)
+        ahead_m = moment.ahead.way_m(stop.total_s)
         if not sensed.backwards:
             return self.fence.inside(sensed.track_m + ahead_m)
         angle = radians(sensed.heading_deg)

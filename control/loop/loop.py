@@ -1,6 +1,7 @@
 """One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, isfinite
 
 from control.agronomy.crop import Crop
@@ -24,19 +25,20 @@ from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
 from control.metering.inverse import Conditions, flow_kg_s
+from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Answer, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, possible
+from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
-from control.sensing import Sensed, Sensing, speed_ahead_mps
+from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
 from control.targets.lag_correction import ChangeQueue
 from control.targets.map_profile import MapProfile
 from control.targets.point import Threshold
 from control.targets.point_source import PointSource
-from control.targets.profile import Change, Target
+from control.targets.profile import Change, Profile, Target
 
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
@@ -64,6 +66,8 @@ class ControlLoop:
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
         self._setting = Setting(machine, job.strategy)
+        self._planner = Planner(machine, self._setting)
+        self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(TrimLimits())
         self._expected = ExpectedDrives(machine)
@@ -170,7 +174,9 @@ class ControlLoop:
         if self._doses is not None:
             self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
-        return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0)
+        ahead = self._forecaster.update(m.time_s, sensed.speed_mps, sensed.acceleration_mps2, dt_s,
+                                        m.speed_told or self._planned_speed(m.time_s))
+        return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
         """The measurements and the time since the tick before. A clock that goes back, or tells no number, stands still
@@ -203,7 +209,8 @@ class ControlLoop:
         """The target that what is released now must meet, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
-        reach = Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead)
+        reach = Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
+                      self._planner.falls_s(now))
         if self._backing.look(sensed, allow.reverse):
             self._queue.restart(Target(0.0, choices.source), sensed.track_m)
         profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
@@ -215,12 +222,21 @@ class ControlLoop:
         planned = holding.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        speed_then = speed_ahead_mps(moment.speed_mps, sensed.acceleration_mps2, lag.total_s)
-        wanted_kg_s = rate * self.machine.geometry.working_width_m * speed_then / 10_000.0
-        wanted_kg_s /= reach.thinned(profile, sensed.track_m, holding, lag)
-        pair = self._setting.pair(wanted_kg_s, now, self._expected.pair, moment.conditions)
+        pair = self._planner.pair(Wanted(now, moment.dt_s, rate, self._rate_at(profile, holding, moment), moment.ahead),
+                                  self._expected.pair, moment.conditions)
         stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
         return Decision(holding, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point)
+
+    def _rate_at(self, profile: Profile, holding: Target, moment: Moment) -> Callable[[float], float]:
+        """What is to lie so many metres ahead of the outlets, where it comes from the same source as what is held and
+        is not nothing: starts and stops are made by the queue alone."""
+        choices, here = self._operator.choices, moment.sensed.track_m
+
+        def rate(ahead_m: float) -> float:
+            there = profile.at(here + ahead_m) if choices.look_ahead else holding
+            target = there if there.rate_kg_ha > 0.0 and there.source is holding.source else holding
+            return min(self.crop.max_rate_kg_ha, target.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0))
+        return rate
 
     def _meter(self, moment: Moment, decision: Decision) -> Metered:
         """What leaves the outlets now."""
@@ -264,6 +280,8 @@ class ControlLoop:
         if metered.flow_kg_s is not None and self._operator.choices.flow_trim_on:
             self._flow_trim.update(now, dt_s, metered.flow_kg_s, self._terms.weighed(m.hopper_kg))
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
+        turns = verdict.flow_allowed and not calibrating and not decision.by_point
+        self._planner.made(now, decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
                             moment.conditions.supply_v, dt_s, self._terms.drives)
         applied = metered.rate_kg_ha
@@ -292,6 +310,11 @@ class ControlLoop:
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps))
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
+
+    def _planned_speed(self, now_s: float) -> SpeedTold | None:
+        """The job's, where the tractor tells none."""
+        kmh = self.job.planned_speed_kmh
+        return None if kmh is None else SpeedTold(now_s, ((0.0, kmh / 3.6),))
 
     def _conditions(self, m: Measurements) -> Conditions:
         return Conditions(m.time_s - self._begun_s,

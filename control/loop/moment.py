@@ -8,7 +8,7 @@ from control.metering.inverse import Conditions
 from control.metering.strategies import Pair
 from control.orders import TargetSource
 from control.readings import Measurements
-from control.sensing import Sensed
+from control.sensing import Sensed, SpeedAhead
 from control.targets.lag_correction import Fired
 from control.targets.profile import Target
 
@@ -32,6 +32,7 @@ class Moment(NamedTuple):
     conditions: Conditions
     dt_s: float                     # since the tick before, at most 1 s
     speed_mps: float                # 0 where it is not known
+    ahead: SpeedAhead               # how fast it will go
 
 
 class Decision(NamedTuple):

@@ -41,8 +41,10 @@ class Operator:
     def order(self, order: Order, now_s: float) -> tuple[Answer, str]:
         """Obey or refuse; the answer, and the row's event, empty where there is none."""
         before = self._safety.state
-        answer = _HANDLERS.get(order.do, Operator._of_safety)(self, order, now_s)
-        held_down = order.do is Do.CALIBRATE and before is State.CALIBRATING       # the button is still down
+        held_down = ((order.do is Do.CALIBRATE and before is State.CALIBRATING)      # the button is still down
+                     or (order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)))
+        answer = self._of_safety(order, now_s, held_down) if order.do not in _HANDLERS else _HANDLERS[order.do](
+            self, order, now_s)
         if not answer.accepted or held_down or order.do is Do.ACKNOWLEDGE:
             return answer, ""
         return answer, order.do.value if order.value is None else f"{order.do.value} {order.value}".replace(";", ",")
@@ -96,7 +98,7 @@ class Operator:
     def _mark(self, order: Order, now_s: float) -> Answer:
         return YES
 
-    def _of_safety(self, order: Order, now_s: float) -> Answer:
+    def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """An order that safety answers, and what one that it accepted means here."""
         before = self._safety.state
         answer = self._safety.order(order, now_s)
@@ -107,7 +109,7 @@ class Operator:
             self._flow_trim.restart()
         elif order.do is Do.CALIBRATE and before is not State.CALIBRATING:
             self.bench = BenchSetting()
-        elif order.do is Do.START:
+        elif order.do is Do.START and not held_down:
             self._started()
         return answer
 

@@ -14,7 +14,6 @@ from pydantic import Field
 from .effect import Effect
 
 EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
-MOST_THINNED = 0.3      # from 40 to 70 r/min it is 0.25
 SHORTEST_S = 1e-6       # a drop time of nothing
 
 
@@ -105,18 +104,6 @@ def drop_s(p: Fall, shaft_rpm: float) -> float:
     """
     falls_s = max(0.0, -p.slope_s_per_rpm * shaft_rpm)
     return max(0.0, start_drop_s(p, shaft_rpm) - p.start_more_per_rpm * shaft_rpm * falls_s)
-
-
-def thinned(p: Fall, released_rpm: float, landing_rpm: float) -> float:
-    """Flow that lands over flow that was released, where the stream in the tube is carried at another pace by then.
-
-    What left the roller within dt comes down within dt times drop time at landing over drop time at release. At most
-    MOST_THINNED either way: a shaft that stands or starts says nothing of a stream. 1 where there is none.
-    """
-    if released_rpm <= 0.0 or landing_rpm <= 0.0:
-        return 1.0
-    share = drop_s(p, released_rpm) / max(SHORTEST_S, drop_s(p, landing_rpm))
-    return min(1.0 + MOST_THINNED, max(1.0 - MOST_THINNED, share))
 
 
 def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:

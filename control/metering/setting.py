@@ -1,4 +1,4 @@
-"""From a wanted flow to what goes on the wire: strategy, bumpless switching, trims, rounding, dead bands."""
+"""Which strategy plans, bumpless switching between them, and a pair to what goes on the wire: trims, rounding."""
 from __future__ import annotations
 
 from control.machine.change_lag import Settled
@@ -11,10 +11,8 @@ from .strategies import Pair, pair_for
 from .trims import DriveTrim
 
 SWITCH_S = 4.0              # a change of strategy is spread over this long
-SHAFT_BAND_RPM = 0.3        # smaller moves are not sent ...
-OPENING_BAND_MM = 0.15
-SHAFT_BAND_SHARE = 0.02    # ... nor those below this share of the set-point: the noise of the speed would make ten
-OPENING_BAND_SHARE = 0.025  # moves a second, for a tenth of a percent of rate error
+SHAFT_BAND_RPM = 0.3        # smaller moves are not sent: the plan leaves out what it need not do, this is for the trims
+OPENING_BAND_MM = 0.12
 
 
 class Setting:
@@ -34,24 +32,30 @@ class Setting:
         """The pair of the present strategy, as if it had always been in force."""
         return pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c)
 
-    def pair(self, wanted_kg_s: float, now_s: float, expected: Pair, c: Conditions) -> Pair:
-        """The pair to aim at now. While a strategy is being changed the shaft glides over and the gate follows the
-        shaft speed that is expected, so that the flow does not show it."""
-        goal = self.settled(wanted_kg_s, expected.opening_mm, c)
+    @property
+    def by_shaft(self) -> bool:
+        """Speed first, and no change of strategy under way."""
+        return self.strategy is Strategy.SPEED_FIRST and self._before is None
+
+    @property
+    def by_both(self) -> bool:
+        """Balanced, and no change of strategy under way."""
+        return self.strategy is Strategy.BALANCED and self._before is None
+
+    def goal(self, wanted_kg_s: float, now_s: float, opening_now_mm: float, c: Conditions) -> Pair:
+        """The settled pair to plan towards. While a strategy is being changed the shaft glides over, and the opening
+        goes with it."""
+        goal = self.settled(wanted_kg_s, opening_now_mm, c)
         if self._before is None:
             return goal
         share = (now_s - self._switched_s) / SWITCH_S
         if share >= 1.0 or goal.shaft_rpm <= 0.0:
             self._before = None
             return goal
-        start = pair_for(self.machine, self._before, wanted_kg_s, expected.opening_mm, c)
-        shaft = (1.0 - share) * start.shaft_rpm + share * goal.shaft_rpm
-        if expected.shaft_rpm < self.machine.limits.shaft_low_rpm:
-            return Pair(shaft, goal.opening_mm, goal.limited)
-        slope_rpm_s = (goal.shaft_rpm - start.shaft_rpm) / SWITCH_S
-        there = expected.shaft_rpm + slope_rpm_s * self.machine.gate.dead_time_s
+        start = pair_for(self.machine, self._before, wanted_kg_s, opening_now_mm, c)
         limits = self.machine.limits
-        opening = opening_for(self.machine, wanted_kg_s, max(limits.shaft_low_rpm, there), c)
+        shaft = max(limits.shaft_low_rpm, (1.0 - share) * start.shaft_rpm + share * goal.shaft_rpm)
+        opening = opening_for(self.machine, wanted_kg_s, shaft, c)
         return Pair(shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited)
 
     def nudged(self, pair: Settled) -> Settled:
@@ -76,9 +80,9 @@ class Setting:
         shaft = bare.shaft_rpm * (1.0 + trim.shaft_share)
         opening = bare.opening_mm + trim.gate_mm
         if last is not None and last.shaft_rpm > 0.0:
-            if abs(shaft - last.shaft_rpm) < max(SHAFT_BAND_RPM, SHAFT_BAND_SHARE * last.shaft_rpm):
+            if abs(shaft - last.shaft_rpm) < SHAFT_BAND_RPM:
                 shaft = last.shaft_rpm
-            if abs(opening - last.opening_mm) < max(OPENING_BAND_MM, OPENING_BAND_SHARE * last.opening_mm):
+            if abs(opening - last.opening_mm) < OPENING_BAND_MM:
                 opening = last.opening_mm
         return DriveCommand(_rounded(shaft, self.machine.limits.shaft_resolution_rpm), _rounded(opening, self._step_mm))
 

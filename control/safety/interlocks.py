@@ -51,7 +51,7 @@ def _speed(s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits
         return ("speed_silent",)
     if s.wheel_standstill:
         return ("standstill",)
-    if not motion.moving:
+    if not motion.moving and not motion.launching:
         waits = seen.speed_mps >= limits.start_speed_mps and awaits_course(motion)
         return ("course_unknown",) if waits else ("low_speed",)
     return ("reversing",) if motion.reversing and not allow.reverse else ()

@@ -21,6 +21,9 @@ class SafetyLimits:
     stop_speed_mps: float = 0.3             # flow stops below; a sensor "moves" at or above
     both_speeds_to_start: bool = True       # GNSS and wheel must both move (to calibrate: both stand); False only where
                                             # one is not fitted
+    launch_speed_mps: float = 0.1           # with START held: flow from here on, both sensors ...
+    launch_confirm_s: float = 0.5           # ... while START is repeated sooner than this ...
+    launch_max_s: float = 3.0               # ... and for at most so long below start_speed_mps
     standstill_speed_mps: float = 0.1       # below: standing, also without news from the wheel
     standstill_hold_s: float = 10.0         # standing this long while working: held
     speed_silent_s: float = 2.0             # both speeds silent this long: held
@@ -69,6 +72,7 @@ class SafetyLimits:
     def __post_init__(self) -> None:
         _refuse_bad_numbers(self)
         _refuse_order(self, "stop_speed_mps", "start_speed_mps")
+        _refuse_order(self, "launch_speed_mps", "start_speed_mps")
         _refuse_order(self, "calibrate_speed_mps", "calibrate_fault_speed_mps")
         _refuse_order(self, "rate_amber_percent", "rate_red_percent")
         _refuse_order(self, "console_hold_s", "console_off_s")

@@ -26,6 +26,7 @@ class Memory(NamedTuple):
     left_off_s: float = -inf                # off was last left
     calibrate_s: float = -inf               # last time the calibrate button was told to be down
     calibrate_until_s: float = -inf
+    start_held_s: float = -inf              # last time START was told to be held down
     allow: Allowances = Allowances()
     flowing: bool = False                   # flow was allowed at the last tick
     motion: Motion = Motion()

@@ -17,16 +17,22 @@ class Motion(NamedTuple):
     course_epoch_s: float | None = None
     stood: bool = False                         # since that course
     reversing: bool = False
+    launched_since_s: float | None = None       # flow with START held, since it is: before the machine counts as moving
+    launching: bool = False
+    course_since_stood: bool = False            # a course was believed since it last stood still
 
 
 def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_reverse: bool,
-          limits: SafetyLimits) -> Motion:
+          limits: SafetyLimits, start_held: bool = False) -> Motion:
     """The movement after this tick.
 
     Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course before a standstill; it
     lasts until the course flips once more across a standstill. A turn without a standstill changes nothing. After a
     standstill the machine counts as moving only once its course is known again (where it was known before), or
     reversing is allowed.
+
+    Launching: it creeps, START is held, and its course is known since it stood (or never was known); not for longer
+    than `launch_max_s` under one press.
     """
     speed, gnss = seen.speed_mps, seen.gnss_speed_mps
     slow = speed is not None and speed < limits.stop_speed_mps
@@ -39,13 +45,22 @@ def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_revers
         course, epoch, stood = seen.gnss_course_deg, seen.gnss_epoch_s, False
     stood = stood or slow or standing or (gnss is not None and gnss < limits.course_speed_mps)
     may_start = allow_reverse or not (stood and course is not None)
+    since_stood = not standing and (before.course_since_stood or epoch != before.course_epoch_s)
+    moving = _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits)
+    way_known = allow_reverse or before.course_deg is None or since_stood
+    creeping = start_held and not moving and way_known and _creeps(seen, s.wheel_standstill, limits)
+    launched = (before.launched_since_s if start_held and not moving else None)
+    if launched is None and creeping:
+        launched = now_s
     return Motion(
-        _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits),
+        moving,
         since(before.standing_since_s, now_s, standing),
         since(before.speed_lost_since_s, now_s, speed is None),
         since(before.wheel_doubt_since_s, now_s,
               s.wheel_standstill and gnss is not None and gnss > limits.wheel_fault_speed_mps),
-        course, epoch, stood, reversing)
+        course, epoch, stood, reversing, launched,
+        creeping and launched is not None and now_s - launched < limits.launch_max_s,
+        since_stood)
 
 
 def awaits_course(motion: Motion) -> bool:
@@ -61,6 +76,14 @@ def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool,
         return True
     both = wheel is not None and wheel >= stop and gnss is not None and gnss >= stop
     return may_start and speed >= limits.start_speed_mps and (both or not limits.both_speeds_to_start)
+
+
+def _creeps(seen: Senses, wheel_standstill: bool, limits: SafetyLimits) -> bool:
+    """Whether the speed in use and both speed sensors say that it has set off; one of them where only one is fitted."""
+    least = limits.launch_speed_mps
+    told = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
+    both = all(told) if limits.both_speeds_to_start else any(told)
+    return not wheel_standstill and seen.speed_mps is not None and both
 
 
 def _turn_deg(a: float, b: float) -> float:

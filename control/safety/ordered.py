@@ -48,8 +48,15 @@ def _ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outco
 
 
 def _start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    """True: the button is down; the console repeats it while it is. A press that outlived work does not begin it again:
+    leaving held is an act of its own."""
+    held_down = now_s - m.start_held_s < limits.launch_confirm_s
+    if order.value is True:
+        m = m._replace(start_held_s=now_s)
     if m.state is State.WORKING:
         return m, YES
+    if order.value is True and held_down and m.why_state != Do.READY.value:
+        return m, _no("start_held")
     if m.state not in (State.READY, State.HELD):
         return _wrong_state(m)
     alarm = unacknowledged_red(m.live)

@@ -36,6 +36,10 @@ class Safety:
     def state(self) -> State:
         return self._memory.state
 
+    def start_is_held(self, now_s: float) -> bool:
+        """Whether START was told to be held down so lately that it still is."""
+        return now_s - self._memory.start_held_s < self._limits.launch_confirm_s
+
     def order(self, order: Order, now_s: float) -> Answer:
         """Obey or refuse an order that concerns state, alarms or allowances; it takes effect at once.
 
@@ -48,7 +52,8 @@ class Safety:
         """One tick: take in the situation, move the state, book the alarms, say whether flow may be."""
         m, limits = self._memory, self._limits
         seen = senses(now_s, s, limits)
-        motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits)
+        start_held = m.state is State.WORKING and self.start_is_held(now_s)
+        motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held)
         rate = rated(m.rate, now_s, s, m.flowing and m.state is State.WORKING, limits)
         hopper = watched(m.hopper, now_s, seen.hopper_kg, s.expected_flow_kg_s, m.state is State.WORKING, limits)
         scale_heard = m.scale_heard or seen.hopper_kg is not None

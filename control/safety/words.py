@@ -63,6 +63,7 @@ REFUSALS: Mapping[str, str] = {
     "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),
     "calibrate_seconds": N_("A calibration run lasts more than 0 and at most {max_s} s."),
     "calibrate_setting": N_("A shaft speed is a number of r/min, an opening a number of mm, both 0 or more."),
+    "start_held": N_("Let go of START first."),
     "release_first": N_("Let go of the calibration button first."),
     "no_such_alarm": N_("There is no live alarm {alarm}."),
     "log_works": N_("The log works; there is nothing to go on without."),

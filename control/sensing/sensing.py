@@ -12,17 +12,15 @@ from typing import NamedTuple
 from control.geodesy import TangentPlane
 from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
 from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
+from control.sensing.speed_filter import Moving
 
-FILTER_TAU_S = 0.25             # filter `speed_used`, second order: its step response is half-way after 0.2 s;
-                                # a steady acceleration passes without delay
-DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
-                                # another, and a forecast that goes on for the whole lag overshoots at the end of it
 RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
 WHEEL_HOLDS_S = 0.5             # a wheel speed
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
 HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
 DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long
-HEADING_FROM_MPS = 0.3          # below, course over ground is noise
+HEADING_FROM_MPS = 0.3          # below, course over ground is noise ...
+FIRST_HEADING_FROM_MPS = 0.2    # ... but better than none: 9 degrees with 0.03 m/s
 HEADING_TAU_S = 0.5             # filter `heading`: first order
 STOOD_BELOW_MPS = 0.3           # slower than this, the direction of travel may turn round unseen
 COURSE_FROM_MPS = 0.2           # GNSS speed from which its course tells the direction of travel
@@ -63,8 +61,7 @@ class Sensing:
         self._antenna_m = antenna_m
         self._limits = limits or SensingLimits()
         self._time_s: float | None = None
-        self._speed = 0.0
-        self._acceleration = 0.0
+        self._moving = Moving()                     # filter `speed_used`
         self._filtered_s: float | None = None       # time of the sample last taken in
         self._ratio = 1.0
         self._track_m = 0.0
@@ -103,7 +100,7 @@ class Sensing:
         standstill = self._wheel_stands(wheel, now)
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
         source = self._take_speed(m, now, dt, gnss_speed, wheel_ok and not wheel_faulty, fix_new)
-        speed = self._speed if source != "none" else None
+        speed = self._moving.speed_mps if source != "none" else None
         self._track_m += self._direction.moved_m(
             (speed or 0.0) * dt, standstill or (speed or 0.0) < STOOD_BELOW_MPS, m.gnss if fix_new else None)
         moved_m = self._take_place(m, speed, dt, fix_new)
@@ -113,8 +110,8 @@ class Sensing:
                        and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
                        and (m.gnss is None or m.gnss.fix_quality > 0))
         east, north = self._outlet()
-        return Sensed(now, speed, self._acceleration, source, self._track_m, east, north, self._heading, self._turn,
-                      position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
+        return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
+                      self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
                       self._refused_m, moved_m)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
@@ -145,26 +142,14 @@ class Sensing:
         if source == "none":
             if self._heard_s is not None and now - self._heard_s <= HELD_SPEED_S:
                 return "held"
-            self._acceleration = 0.0
+            self._moving = self._moving._replace(acceleration_mps2=0.0)
             return "none"
         self._heard_s = now
-        self._speed = max(0.0, self._speed + self._acceleration * dt)
+        self._moving = self._moving.on(dt)
         if sample is not None:
-            self._filter(sample, now)
+            gap = 0.0 if self._filtered_s is None else now - self._filtered_s
+            self._moving, self._filtered_s = self._moving.taking(sample, gap), now
         return source
-
-    def _filter(self, sample: float, now: float) -> None:
-        gap = 0.0 if self._filtered_s is None else now - self._filtered_s
-        self._filtered_s = now
-        if not 0.0 < gap < 1.0:
-            self._speed, self._acceleration = sample, 0.0
-            return
-        keep = exp(-gap / FILTER_TAU_S)
-        error = sample - self._speed
-        self._speed = max(0.0, self._speed + (1.0 - keep * keep) * error)
-        self._acceleration += (1.0 - keep) * (1.0 - keep) / gap * error
-        if sample == 0.0 and self._speed < 0.05:
-            self._speed, self._acceleration = 0.0, 0.0
 
     def _take_place(self, m: Measurements, speed: float | None, dt: float, fix_new: bool) -> float | None:
         """The place of a new epoch that is possible, else reckoned on. How far off the old place was, where the new
@@ -181,7 +166,8 @@ class Sensing:
             judged = self._judged(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
             if judged is not None and judged.taken:
-                if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= HEADING_FROM_MPS:
+                if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= (
+                        FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS):
                     self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
                 return judged.off_m if judged.anew else None
         if self._east is not None and self._north is not None:
@@ -270,21 +256,3 @@ class _Direction:
             signed -= 2.0 * self._unsure_m
         self._course_deg, self._stood, self._unsure_m = fix.heading_deg, slow, 0.0
         return signed
-
-
-def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
-    it, at least half of what the present speed would give."""
-    a = min(1.0, max(-1.0, acceleration_mps2))
-    more_m = a * DIES_OUT_S * (time_s - DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S)))
-    return speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
-
-
-def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
-    stays within 50-150 % of the present speed."""
-    a = min(1.0, max(-1.0, acceleration_mps2))
-    more = a * DIES_OUT_S * (1.0 - exp(-time_s / DIES_OUT_S))
-    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
-
-

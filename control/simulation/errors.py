@@ -2,14 +2,21 @@
 
 Rate error: the area mean of |landed - target|. Place error: the distance between a step of the target and the half-way
 point of the landed step.
+
+The target is a staircase: what control held for a decision period, seen by noisy heads. Held against it, the rate error
+tells how well the machine does what it was told, and not how well the crop is served. For that it is held against what
+the crop needs where the canopy is the source: the graded need, the crop's rule at the true canopy of every place, and
+the smooth need, the same rule without grades.
 """
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from control.agronomy.noa import Rule
 from control.machine.elements import Array
 from control.machine.landing import Ground, carried_s, landed
 from control.targets.lag_correction import Fired
@@ -38,6 +45,17 @@ class Errors(NamedTuple):
     released_kg: float
     landed_kg: float
     area_ha: float
+    graded_error_kg_ha: float | None = None     # against the graded need; None: no rule, or nothing needed
+    graded_error_percent: float | None = None   # of the mean need
+    smooth_error_kg_ha: float | None = None     # against the smooth need
+    smooth_error_percent: float | None = None
+
+
+class Needs(NamedTuple):
+    """What the crop needs by bin of the ground, kg/ha: by its rule as it is, and without grades."""
+
+    graded_kg_ha: Array
+    smooth_kg_ha: Array
 
 
 class Landing(NamedTuple):
@@ -49,6 +67,7 @@ class Landing(NamedTuple):
     target_kg_ha: Array         # by bin of the ground
     landed_kg_ha: Array         # by bin
     inside: Array               # by bin: 1 where work was on and a target known
+    ndvi: Array                 # by bin: of the canopy, mean over the working width
 
 
 def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0) -> Landing:
@@ -64,7 +83,14 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     inside = (columns["working"][row] > 0.0) & (columns["in_pass"][row] > 0.0) & (target > 0.0)
     inside &= (centres >= driven[0]) & (centres <= driven[-1])
     here = np.clip(np.floor((driven - ground.origin_m) / BIN_M).astype(np.int64), 0, len(rate) - 1)
-    return Landing(ground, place, rate[here], target, rate, inside.astype(np.float64))
+    return Landing(ground, place, rate[here], target, rate, inside.astype(np.float64),
+                   columns["ndvi"][np.maximum(0, row - 1)])      # rows tell targets of their step's begin
+
+
+def needs(rule: Rule, ndvi: Array) -> Needs:
+    """What the crop needs at canopies (n,), its rule's cut-offs and limits included."""
+    smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
+    return Needs(*(np.array([one.decide(value).rate_kg_ha for value in ndvi.tolist()]) for one in (rule, smooth)))
 
 
 def falls_s(columns: dict[str, Array]) -> Array:
@@ -73,8 +99,10 @@ def falls_s(columns: dict[str, Array]) -> Array:
     return carried_s(columns["time_s"], settled) + columns["drop_s"] - settled
 
 
-def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, lever_arm_m: float = 0.0) -> Errors:
-    """Judge a run. The first metres after work begins count: a late start is an error like any other."""
+def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, lever_arm_m: float = 0.0,
+           rule: Rule | None = None) -> Errors:
+    """Judge a run. The first metres after work begins count: a late start is an error like any other. rule: of the
+    crop, where the canopy is the source."""
     land = landing(columns, width_m, lever_arm_m)
     inside = land.inside > 0.0
     target, got = land.target_kg_ha[inside], land.landed_kg_ha[inside]
@@ -83,13 +111,23 @@ def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, le
     mean_got = float(got.mean()) if len(got) else 0.0
     miss = float(np.abs(got - target).mean()) if len(target) else 0.0
     size = np.abs(places)
+    needed: tuple[Array, ...] = () if rule is None else needs(rule, land.ndvi[inside])
+    against = [_missed(got, need) for need in needed] or [(None, None), (None, None)]
     return Errors(miss, 100.0 * miss / mean_target if mean_target else 0.0, mean_got - mean_target,
                   mean_target, mean_got,
                   float(size.mean()) if len(places) else 0.0, float(places.mean()) if len(places) else 0.0,
                   float(np.percentile(size, 50)) if len(places) else 0.0,
                   float(np.percentile(size, 95)) if len(places) else 0.0, len(places), lost,
                   float((columns["flow_kg_s"] * _row_s(columns["time_s"])).sum()), float(land.ground.mass_kg.sum()),
-                  float(inside.sum() * BIN_M * width_m / 10_000.0))
+                  float(inside.sum() * BIN_M * width_m / 10_000.0), *against[0], *against[1])
+
+
+def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
+    """Mean |got - need|, kg/ha, and the same in % of the mean need."""
+    if not need.sum() > 0.0:
+        return None, None
+    miss = float(np.abs(got - need).mean())
+    return miss, 100.0 * miss / float(need.mean())
 
 
 def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float) -> tuple[Array, int]:

@@ -21,7 +21,7 @@ from control.machine.shaft import ShaftInput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.term_sums import NOTHING, More, TermSums, Told
 from control.machine.terms import SHAFT_ANGLE, Term
-from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen
+from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedTold
 
 from .canopy import CanopyField
 from .noise import Normals, Slow
@@ -53,6 +53,7 @@ class Sensed(NamedTuple):
     work_switch: bool | None
     wheel_pulse_s: float | None = None      # when the newest pulse came
     plants: tuple[PlantSeen, ...] = ()      # told by the camera in this step
+    speed_told: SpeedTold | None = None     # by the tractor in this step
 
 
 class Truth(NamedTuple):
@@ -72,6 +73,7 @@ class Truth(NamedTuple):
     in_pass: bool
     refill_kg: float
     doses: int = 0              # of point mode that the shaft has begun
+    ndvi: float = 0.0           # of the canopy at the outlets, mean over the working width
 
 
 class Plant:
@@ -110,7 +112,7 @@ class Plant:
         rim = sim.run_in_m + machine.geometry.heads_m
         self._canopy = CanopyField(sim.canopy, (min(east) - rim, max(east) + rim),
                                    (min(north) - rim, max(north) + rim), seed)
-        self._driver = Driver(sim)
+        self._driver = Driver(sim, seed + 4)
         self._normal = Normals(seed + 1)
         noise = machine.noise
         self._scale_noise = Slow(self._normal, noise.scale_kg, noise.scale_correlation_s)
@@ -161,7 +163,7 @@ class Plant:
         self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
                            drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
                            pose.east_m, pose.north_m, pose.in_pass, refill,
-                           self._doses)
+                           self._doses, self._width_ndvi(pose, 0.0))
         if self._keep is not None:
             self._keep(self.truth)
         return self._read(speed, pose, pitch, supply, flow)
@@ -256,7 +258,7 @@ class Plant:
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
-            () if self._vision is None else self._vision.look(now, self._driven_m))
+            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.told())
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
         """Count pulses; the newest one's time is where its distance was reached within the step."""
@@ -287,14 +289,20 @@ class Plant:
         if now < self._next_heads_s - 1e-9:
             return None
         self._next_heads_s += 1.0 / self._sim.heads_hz
-        geometry, angle = self.machine.geometry, radians(pose.heading_deg)
-        east = pose.east_m + geometry.heads_m * sin(angle)
-        north = pose.north_m + geometry.heads_m * cos(angle)
-        spacing = geometry.working_width_m / geometry.heads
         readings = []
-        for head in range(geometry.heads):
-            aside = (head - 0.5 * (geometry.heads - 1)) * spacing
-            here = self._canopy.at(east + aside * cos(angle), north - aside * sin(angle))
+        for head, here in enumerate(self._canopy_across(pose, self.machine.geometry.heads_m)):
             reads = head_reads(self._true.heads, HeadInput(here, head + 1.0, now))
             readings.append(min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next())))
         return tuple(readings)
+
+    def _canopy_across(self, pose: Pose, ahead_m: float) -> list[float]:
+        """NDVI across the working width, at each head's place of it, `ahead_m` before the outlets."""
+        geometry, angle = self.machine.geometry, radians(pose.heading_deg)
+        east, north = pose.east_m + ahead_m * sin(angle), pose.north_m + ahead_m * cos(angle)
+        spacing = geometry.working_width_m / geometry.heads
+        asides = [(head - 0.5 * (geometry.heads - 1)) * spacing for head in range(geometry.heads)]
+        return [self._canopy.at(east + aside * cos(angle), north - aside * sin(angle)) for aside in asides]
+
+    def _width_ndvi(self, pose: Pose, ahead_m: float) -> float:
+        across = self._canopy_across(pose, ahead_m)
+        return sum(across) / len(across)

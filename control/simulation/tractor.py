@@ -2,10 +2,14 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from math import cos, pi, radians, sin
 from typing import NamedTuple
 
+import numpy as np
+
 from control.field.job import Simulated
+from control.readings import SpeedTold
 
 BLOCK = 8               # passes are taken in blocks, four apart, so that the turns are wide enough to drive
 
@@ -106,27 +110,69 @@ def field_boundary(sim: Simulated, width_m: float, heading_deg: float) -> tuple[
     return tuple((a * sin(north) + c * cos(north), a * cos(north) - c * sin(north)) for a, c in corners)
 
 
-class Driver:
-    """Wanted speed to speed: bounded acceleration, a slow wander of the throttle, stops for refills."""
+TOLD_AHEAD_S, TOLD_STEP_S = 5.0, 0.1        # of what a tractor tells of its speeds to come
+WANDER_S = 8.0                              # correlation of the throttle's wander
 
-    def __init__(self, sim: Simulated) -> None:
+
+class Driver:
+    """Wanted speed to speed: bounded acceleration, a slow wander of the throttle, stops for refills.
+
+    Where the drive tells all that it will do, its wander is drawn so far ahead, from `seed`.
+    """
+
+    def __init__(self, sim: Simulated, seed: int = 0) -> None:
         self._sim = sim
         self._changes = sorted(sim.speed_changes, key=lambda change: change.at_s)
         self.speed_mps = 0.0
         self._wander = 0.0
+        self._time_s = 0.0
+        self._stopped = False
+        self._dt_s = 0.05
+        self._to_come: deque[float] = deque()           # wander of the next ticks
+        self._rng = np.random.default_rng(seed)
 
     def step(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
         """Speed at the end of the step, m/s; `kick`: one standard normal number."""
-        wanted, most = self._sim.speed_kmh / 3.6, 0.5
-        for change in self._changes:
-            if change.at_s <= time_s:
-                wanted, most = change.speed_kmh / 3.6, change.acceleration_mps2
-        keep = 1.0 - dt_s / 8.0
-        share = self._sim.speed_wander_percent / 100.0
-        self._wander = keep * self._wander + share * (2.0 * dt_s / 8.0) ** 0.5 * kick
-        wanted = 0.0 if stopped else wanted * (1.0 + self._wander)
+        self._time_s, self._stopped, self._dt_s = time_s + dt_s, stopped, dt_s
+        wanted, most = self._wanted(time_s)
+        if self._sim.speed_told == "drive":
+            wander = self._drawn_ahead(dt_s)
+        else:
+            wander = self._wander = self._wandered(self._wander, kick, dt_s)
+        wanted = 0.0 if stopped else wanted * (1.0 + wander)
         step = min(most * dt_s, max(-most * dt_s, wanted - self.speed_mps))
         self.speed_mps += step
         return self.speed_mps
 
+    def told(self) -> SpeedTold | None:
+        """What the tractor says now of its speeds to come."""
+        how = self._sim.speed_told
+        if how == "none":
+            return None
+        now, most = self._wanted(self._time_s)
+        if self._stopped or how == "set":
+            return SpeedTold(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
+        steps = [round(k * TOLD_STEP_S, 3) for k in range(round(TOLD_AHEAD_S / TOLD_STEP_S))]
+        aims = [self._wanted(self._time_s + in_s) for in_s in steps]
+        wander = [0.0 if how == "plan" else self._to_come[min(len(self._to_come) - 1, round(in_s / self._dt_s))]
+                  for in_s in steps]
+        return SpeedTold(self._time_s, tuple((in_s, aim * (1.0 + more)) for in_s, (aim, _), more
+                                             in zip(steps, aims, wander, strict=True)), max(a for _, a in aims))
 
+    def _wanted(self, time_s: float) -> tuple[float, float]:
+        """Speed, m/s, and acceleration, m/s2, that the driver wants at a time."""
+        wanted, most = self._sim.speed_kmh / 3.6, 0.5
+        for change in self._changes:
+            if change.at_s <= time_s:
+                wanted, most = change.speed_kmh / 3.6, change.acceleration_mps2
+        return wanted, most
+
+    def _wandered(self, before: float, kick: float, dt_s: float) -> float:
+        share = self._sim.speed_wander_percent / 100.0
+        return float((1.0 - dt_s / WANDER_S) * before + share * (2.0 * dt_s / WANDER_S) ** 0.5 * kick)
+
+    def _drawn_ahead(self, dt_s: float) -> float:
+        while len(self._to_come) * dt_s <= TOLD_AHEAD_S:
+            last = self._to_come[-1] if self._to_come else 0.0
+            self._to_come.append(self._wandered(last, float(self._rng.standard_normal()), dt_s))
+        return self._to_come.popleft()

@@ -95,7 +95,7 @@ class Stretches:
 
     def _edges(self, after_m: float, before_m: float) -> list[float]:
         """Every place in (after_m, before_m] where `at` may change, and `after_m` itself first."""
-        places = [after_m]
+        places = [after_m, self._from[0] - self.reach_m] if self._from else [after_m]
         k = max(0, bisect_right(self._from, after_m) - 1)
         for j in range(k, len(self._from)):
             following = self._from[j + 1] if j + 1 < len(self._from) else float("inf")

@@ -232,3 +232,16 @@ async def test_quit_asks_while_the_machine_works(app):
         await pilot.press("ctrl+q")
         await pilot.pause()
         assert isinstance(app.screen, Confirm)
+
+
+async def test_a_start_key_that_stays_down_is_told_as_held(app):
+    """A press is START; its repeats say that it is held. Two presses far apart are two presses."""
+    now = [100.0]
+    app.clock = lambda: now[0]
+    async with app.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        for step_s in (0.0, 0.4, 0.1, 3.0):
+            now[0] += step_s
+            await pilot.press("s")
+            await pilot.pause()
+        assert app.source.orders == [Order(Do.START), Order(Do.START, True), Order(Do.START, True), Order(Do.START)]

@@ -5,9 +5,9 @@ from math import cos, radians
 
 import pytest
 
+from console.app.held_key import KEY_GAP_S, SECOND_PRESS_S, HeldKey
 from console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchTest
 from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
-from console.app.pages.calibrate.hold import KEY_GAP_S, SECOND_PRESS_S, HeldKey
 from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample, metres
 from control.geodesy import TangentPlane
 

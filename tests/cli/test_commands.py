@@ -90,6 +90,15 @@ def test_summary_as_json() -> None:
     assert told["effects"] == ["flow.gain=8"]
     assert told["place_bias_m"] > 1.0
     assert told["landed_kg"] == pytest.approx(told["released_kg"])
+    assert told["graded_error_percent"] > 0.0 < told["smooth_error_percent"]
+
+
+def test_the_summary_says_against_what() -> None:
+    said = runner.invoke(app, ["simulate", "--seconds", "40", "--summary"]).output
+    for words in ("against what was held", "against the graded need", "against the smooth need"):
+        assert said.count(words) == 1
+    plain = runner.invoke(app, ["simulate", "--seconds", "20", "--job", "map_demo", "--summary"]).output
+    assert "against what was held" in plain and "need of the canopy" not in plain
 
 
 @pytest.mark.parametrize(("arguments", "said"), [

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from control.agronomy.noa import Rule
 from control.field.job import Job, Simulated
 from control.machine.planting import parse_planted
 from control.orders import Order, Strategy
@@ -19,14 +20,15 @@ from drivers.files.setup import load_setup
 class Run:
     """One simulated run and everything there is to say about it."""
 
-    def __init__(self, steps: list[Step], record: Record, width_m: float) -> None:
+    def __init__(self, steps: list[Step], record: Record, width_m: float, rule: Rule) -> None:
         self.steps = steps
         self.record = record
         self.width_m = width_m
+        self.rule = rule
 
     @property
     def errors(self) -> Errors:
-        return errors(self.record.columns(), self.record.fired, self.width_m)
+        return errors(self.record.columns(), self.record.fired, self.width_m, rule=self.rule)
 
     def alarms(self) -> set[str]:
         return {alarm.id for step in self.steps for alarm in step.tick.alarms}
@@ -54,6 +56,6 @@ def simulated() -> Callable[..., Run]:
             for step in simulated_run(plant, loop, seconds, orders):
                 record.add(step)
                 steps.append(step)
-            kept[key] = Run(steps, record, setup.machine.geometry.working_width_m)
+            kept[key] = Run(steps, record, setup.machine.geometry.working_width_m, setup.rule)
         return kept[key]
     return run

@@ -27,10 +27,10 @@ def test_a_change_is_made_on_the_tick_nearest_to_its_moment(simulated: Any) -> N
 
 
 def test_what_the_next_change_does_to_the_stream_in_the_tube_is_made_up_for(simulated: Any) -> None:
-    """A faster shaft carries down faster what was released before: 9 kg/ha and 0.09 m where nobody reckons with it."""
+    """A faster shaft carries down faster what was released before: 9 kg/ha where nobody reckons with it."""
     found = simulated(240.0, "speed_first").errors
     assert found.rate_error_kg_ha < 7.5
-    assert found.place_error_m < 0.07
+    assert abs(found.place_bias_m) < 0.03       # each change is spread over three falls: a single step scatters
     assert abs(found.bias_kg_ha) < 3.0
 
 

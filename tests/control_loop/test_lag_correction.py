@@ -3,14 +3,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.machine.change_lag import Lag, Settled, change_lag
-from control.machine.fall import drop_s, thinned
-from control.machine.landing import carried_s
 from control.machine.machine import Machine, with_effect
 from control.orders import TargetSource
 from control.targets.canopy import CanopyDecisions
@@ -38,24 +35,6 @@ def test_known_effects_of_the_fall_enter() -> None:
     down = change_lag(with_effect(Machine(), "lag.asymmetry", 0.4), Settled(70.0, 17.0), Settled(70.0, 14.0)).total_s
     assert late - plain == pytest.approx(0.3, abs=1e-6)
     assert down - plain == pytest.approx(0.2, abs=1e-6)
-
-
-@given(st.floats(40.0, 70.0), st.floats(40.0, 70.0))
-def test_what_lands_over_what_was_released_is_what_the_stream_makes_of_it(before_rpm: float, after_rpm: float) -> None:
-    """A parcel released before a change and landed after it, played through the carried stream."""
-    fall = Machine().fall
-    time_s = np.arange(0.0, 12.0, 0.001)
-    settled_s = np.array([drop_s(fall, before_rpm), drop_s(fall, after_rpm)])[(time_s >= 5.0).astype(int)]
-    lands_s = time_s + carried_s(time_s, settled_s)
-    k = 4500                            # 0.5 s before the change, in the tube when it comes
-    assert thinned(fall, before_rpm, after_rpm) == pytest.approx(0.001 / (lands_s[k + 1] - lands_s[k]), rel=1e-6)
-
-
-def test_a_standing_shaft_thins_nothing_and_nothing_is_thinned_without_end() -> None:
-    fall = Machine().fall
-    assert thinned(fall, 0.0, 50.0) == thinned(fall, 50.0, 0.0) == 1.0
-    steep = fall._replace(slope_s_per_rpm=-0.02)
-    assert thinned(steep, 10.0, 90.0) == 1.3 and thinned(steep, 90.0, 10.0) == 0.7
 
 
 class Constant:
@@ -121,6 +100,15 @@ def test_gaps_wider_than_the_reach_get_the_fallback() -> None:
         places.append(round(change.place_m, 6))
         after, holding = change.place_m, change.target
     assert places == [3.5, 8.5, 13.5]
+
+
+def test_the_first_stretch_begins_where_it_is_within_reach() -> None:
+    """What `at` says and where `next_change` says that it begins are one."""
+    stretches = Stretches(300.0, reach_m=1.5)
+    stretches.append(7.0, 8.0, 250.0)
+    change = stretches.next_change(0.0, 20.0, stretches.at(0.0))
+    assert change is not None and change.place_m == pytest.approx(5.5)
+    assert stretches.at(5.6).rate_kg_ha == change.target.rate_kg_ha == 250.0
 
 
 def test_samples_in_a_turn_are_not_taken_for_the_next_pass() -> None:

@@ -72,6 +72,60 @@ def test_flow_starts_above_half_and_stops_below_0_3(working):
     assert run.tick(speed_mps=0.51).flow_allowed
 
 
+class TestLaunching:
+    """Flow from a walking creep on, with START held: it lands a lag later, where the machine is then."""
+
+    @staticmethod
+    def creeping(run, seconds=0.2, **changes):
+        for _ in range(max(1, round(seconds / 0.2))):
+            run.order(Do.START, True)
+            run.tick(0.2, **({"speed_mps": 0.25} | changes))
+        return run.verdict.why_no_flow
+
+    def stood(self, working, **settings):
+        run = working(**settings)
+        run.tick(1.0, speed_mps=0.0)
+        return run
+
+    def test_flow_from_the_creep_on_while_start_is_held(self, working):
+        run = self.stood(working)
+        assert run.tick(0.3, speed_mps=0.25).why_no_flow, "not held: as ever"
+        assert self.creeping(run) == ()
+        assert run.tick(0.6, speed_mps=0.25).why_no_flow, "let go"
+        assert self.creeping(run) == ()
+
+    def test_not_without_moving_however_long_it_is_held(self, working):
+        assert self.creeping(self.stood(working), 2.0, speed_mps=0.0) == ("standstill",)
+        assert self.creeping(self.stood(working), 2.0, speed_mps=0.05)
+
+    @pytest.mark.parametrize("still", [
+        {"gnss_mps": 0.05}, {"wheel_mps": 0.05}, {"gnss_age_s": 5.0}, {"fix_quality": 0}])
+    def test_both_sensors_must_say_so(self, working, still):
+        assert self.creeping(self.stood(working), **still) != ()
+
+    def test_for_three_seconds_and_not_again_under_the_same_press(self, working):
+        run = self.stood(working)
+        assert self.creeping(run, 2.6) == ()
+        assert self.creeping(run, 1.0) != ()
+        run.tick(0.6, speed_mps=0.25)
+        assert self.creeping(run) == ()
+
+    def test_the_course_must_be_known_since_it_stood_and_forwards(self, working):
+        assert self.creeping(self.stood(working), course_deg=None) == ("low_speed",)
+        assert self.creeping(self.stood(working), course_deg=270.0) == ("reversing",)
+
+    def test_the_work_switch_holds(self, working):
+        assert self.creeping(self.stood(working), work_switch=False) == ("work_switch_up",)
+
+    def test_a_press_that_outlived_work_does_not_begin_it_again(self, working):
+        run = working()
+        run.order(Do.START, True)
+        run.order(Do.HOLD)
+        assert run.order(Do.START, True).why == "start_held"
+        run.tick(0.6)
+        assert run.order(Do.START, True).accepted
+
+
 @pytest.mark.parametrize("one_still", [
     {"gnss_mps": 0.05}, {"wheel_mps": 0.05}, {"gnss_age_s": 5.0}, {"wheel_age_s": 5.0}, {"fix_quality": 0}])
 def test_both_speed_sensors_must_move_to_start_but_one_is_enough_to_go_on(working, one_still):

@@ -63,6 +63,17 @@ def creep_backwards(run):
     return run.verdict.why_no_flow
 
 
+def launch(seconds=0.3, every_s=0.2, **changes):
+    """Stand, then creep at 0.25 m/s with START held, the course known."""
+    def observe(run):
+        run.tick(1.0, speed_mps=0.0)
+        for _ in range(round(seconds / every_s)):
+            run.order(Do.START, True)
+            run.tick(every_s, **({"speed_mps": 0.25} | changes))
+        return run.verdict.why_no_flow
+    return observe
+
+
 def stand_without_wheel(run):
     return run.tick(12.0, speed_used_mps=0.15, wheel_mps=0.15, gnss_mps=0.15).state
 
@@ -106,6 +117,9 @@ CHANGES = [
     ("start_speed_mps", 0.8, start_again(speed_mps=0.6)),
     ("stop_speed_mps", 0.1, flow(speed_mps=0.2)),
     ("both_speeds_to_start", False, start_again(wheel_age_s=5.0)),
+    ("launch_speed_mps", 0.3, launch()),
+    ("launch_confirm_s", 2.0, launch(2.0, every_s=0.8)),
+    ("launch_max_s", 9.0, launch(4.0)),
     ("standstill_speed_mps", 0.2, stand_without_wheel),
     ("standstill_hold_s", 20.0, state(15.0, speed_mps=0.0)),
     ("speed_silent_s", 4.0, state(3.0, speed_used_mps=None)),

@@ -18,7 +18,7 @@ from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, DriveLim
 
 ODD = (nan, inf, -inf, -1.0, 1e300)
 AGES = (0.0, 0.1, 0.4, 0.6, 1.9, 2.2, 70.0, nan)
-SPEEDS = (0.0, 0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 1.25)
+SPEEDS = (0.0, 0.05, 0.15, 0.22, 0.25, 0.35, 0.45, 0.55, 1.25)
 YES_NO = (True, False)
 
 DISTURBANCES = {
@@ -37,7 +37,8 @@ EVERY_ONE = [{name: value} for name, values in DISTURBANCES.items() for value in
 CHANGES = st.one_of(st.just({}), st.lists(st.sampled_from(EVERY_ONE), max_size=3).map(
     lambda singles: {name: value for single in singles for name, value in single.items()}))
 ORDERS = st.sampled_from([
-    Order(Do.READY), Order(Do.START), Order(Do.HOLD), Order(Do.STOP), Order(Do.CALIBRATE), Order(Do.CALIBRATE, 1.0),
+    Order(Do.READY), Order(Do.START), Order(Do.START, True), Order(Do.HOLD), Order(Do.STOP),
+    Order(Do.CALIBRATE), Order(Do.CALIBRATE, 1.0),
     Order(Do.CALIBRATE, nan), Order(Do.RELEASE), Order(Do.ACKNOWLEDGE, ""), Order(Do.ACKNOWLEDGE, "log_failed"),
     Order(Do.ALLOW_REVERSE, True), Order(Do.ALLOW_REVERSE, False), Order(Do.ALLOW_OUTSIDE, True),
     Order(Do.ALLOW_OUTSIDE, "yes"), Order(Do.GO_ON_UNLOGGED, True), Order(Do.GO_ON_UNLOGGED, False),
@@ -84,6 +85,10 @@ class Rules(RuleBasedStateMachine):
         self.started = False
         self.stopped_since_course = False
         self.backwards = False
+        self.start_s = -inf                     # START last told to be held
+        self.launched_s = None                  # since when it flows under it, slower than a start
+        self.course_since_stood = False
+        self.creeps = False
 
     def bring_to(self, state):
         """Most of what matters happens where random orders alone seldom get."""
@@ -112,6 +117,17 @@ class Rules(RuleBasedStateMachine):
         self.bring_to(State.WORKING)
         self.tick({"speed_mps": 0.2}, 0.05)
         self.tick(dict(change), 0.05)
+
+    @rule(every_s=st.sampled_from([0.05, 0.2, 0.45, 0.6]), times=st.sampled_from([1, 4, 20]),
+          speed_mps=st.sampled_from([0.05, 0.15, 0.22, 0.25, 0.45]), course_deg=st.sampled_from([90.0, 270.0, None]),
+          change=st.one_of(st.just({}), st.sampled_from(EVERY_ONE)))
+    def launch(self, every_s, times, speed_mps, course_deg, change):
+        """START held while the machine creeps, with one thing odd."""
+        self.bring_to(State.WORKING)
+        self.tick({"speed_mps": 0.0}, 0.05)
+        for _ in range(times):
+            self.give_order(Order(Do.START, True))
+            self.tick({"speed_mps": speed_mps, "course_deg": course_deg} | dict(change), every_s)
 
     @rule(seconds=st.sampled_from([0.3, 0.45, 0.6]), checked=st.booleans())
     def let_go_without_saying_so(self, seconds, checked):
@@ -175,6 +191,8 @@ class Rules(RuleBasedStateMachine):
     @rule(order=ORDERS)
     def give_order(self, order):
         before = self.safety.state
+        if order == Order(Do.START, True):
+            self.start_s = self.now_s
         answer = self.safety.order(order, self.now_s)
         after = self.safety.state
         self.ticked = False
@@ -241,8 +259,9 @@ class Rules(RuleBasedStateMachine):
         heard = self.now_s - fix.time_s <= max(0.5, 2.5 * period_s) and fix.fix_quality > 0
         speed = fix.speed_mps if heard and fix.speed_mps is not None and isfinite(fix.speed_mps) else None
         course_known = fix.heading_deg is not None and isfinite(fix.heading_deg) and fix.time_s != self.epoch_s
+        self.new_course, self.course_before = False, self.course_deg is not None
         if speed is not None and speed >= 0.2 and course_known:
-            self.epoch_s = fix.time_s
+            self.new_course, self.epoch_s = True, fix.time_s
             if self.course_deg is not None and self.stopped_since_course:
                 flip = abs(fix.heading_deg - self.course_deg)
                 if min(flip, 360.0 - flip) > 120.0:
@@ -253,6 +272,11 @@ class Rules(RuleBasedStateMachine):
         if s.wheel_standstill or (used_ok and used < 0.3) or (speed is not None and speed < 0.2):
             self.stopped_since_course = True
         wheel = s.measurements.wheel_speed_mps
+        standing = s.wheel_standstill or (used_ok and used < 0.1)
+        self.course_since_stood = not standing and (self.course_since_stood or self.new_course)
+        creeping = fresh(wheel, self.now_s, 0.8) and wheel.value >= 0.1 and speed is not None and speed >= 0.1
+        self.creeps = creeping and used_ok and not s.wheel_standstill and (
+            self.reverse_allowed or self.course_since_stood or not self.course_before)
         both = fresh(wheel, self.now_s, 0.8) and wheel.value >= 0.3 and speed is not None and speed >= 0.3
         if s.wheel_standstill or not used_ok or used < 0.3:
             self.started = False
@@ -263,6 +287,8 @@ class Rules(RuleBasedStateMachine):
         v, s, m = self.verdict, self.situation, self.situation.measurements
         assert v.flow_allowed is (not v.why_no_flow)
         assert set(v.why_no_flow) <= set(INTERLOCKS)
+        if self.started or not self.now_s - self.start_s < 0.5 or v.state is not State.WORKING:
+            self.launched_s = None
         if not v.flow_allowed:
             return
         assert v.state in (State.WORKING, State.CALIBRATING)
@@ -271,7 +297,11 @@ class Rules(RuleBasedStateMachine):
         if v.state is State.CALIBRATING:
             assert self.now_s - self.calibrate_s < 0.5 and self.now_s < self.calibrate_ends_s
             return
-        assert self.started, "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s"
+        if not self.started:
+            assert self.now_s - self.start_s < 0.5 and self.creeps, \
+                "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s, and START not held"
+            self.launched_s = self.now_s if self.launched_s is None else self.launched_s
+            assert self.now_s - self.launched_s < 3.0, "a launch has its time"
         assert s.position_ok or s.target_source not in (TargetSource.MAP, TargetSource.POINT)
         assert s.landing_inside is not False or self.outside_allowed
         assert s.log_ok or self.unlogged_allowed

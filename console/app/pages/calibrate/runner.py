@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Sequence
 
 from console.app import words
-from console.app.pages.calibrate.hold import HeldKey
+from console.app.held_key import HeldKey
 from console.locale import _
 from control.orders import Answer, Do, Order
 

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def start(page: RunScreen) -> None:
-    page.app.give(Do.START)
+    """A press is START; the repeats of a key that stays down say that it is held."""
+    now_s = page.app.clock()
+    page.start_key.key(now_s)
+    page.app.give(Do.START, True if page.start_key.down(now_s) else None)
 
 
 def ready(page: RunScreen) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from console.app.action import RUN, bindings
+from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
 from console.app.view import AlarmsView, RunView
@@ -13,6 +14,10 @@ from console.frame import Frame
 class RunScreen(PanelScreen):
     where: ClassVar[str] = RUN
     BINDINGS: ClassVar = bindings(ACTIONS)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.start_key = HeldKey()          # held down it lets the flow begin with the creep: the launch
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)

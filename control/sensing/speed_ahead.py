@@ -1,0 +1,185 @@
+"""How fast the machine will go over the next seconds: its own speed gone on with, and what the tractor says it wants.
+
+Without news from the tractor a change of speed can only be seen when it is there. Two filters look for it: a quick one
+that follows an acceleration without delay, and a slow one that is quieter. While both agree the speed is steady, and
+the quiet one is believed; where they part by more than noise explains, the quick one is.
+
+With news the told speeds are driven along with the acceleration that was told (the reference). What the machine does
+beside the reference (throttle, slope, slip) goes on as it would without news. How far the reference is believed is
+learned: where the two forecasts differ, both are kept until their time has come, and the one that came true weighs.
+"""
+from __future__ import annotations
+
+from collections import deque
+from math import exp
+from typing import NamedTuple
+
+from control.readings import SpeedTold, is_fresh
+from control.sensing.speed_filter import STANDS_MPS, Moving
+
+DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
+                                # another, and a forecast that goes on for the whole lag overshoots at the end of it
+STEADY_TAU_S = 0.22             # filter `steady`, first order, behind `speed_used`
+STEADY_MPS = 0.02               # apart by less: noise; by twice as much: a change of speed
+
+
+TOLD_HOLDS_S = 2.0              # a told speed
+TABLE_S, TABLE_STEP_S = 6.0, 0.1        # how far the reference is driven ahead, and in which steps
+JUDGED_S = 1.3                  # how far ahead a forecast was made that is judged: a lag
+DIFFER_MPS = 0.05               # forecasts nearer to each other than this say nothing about which one is right
+FORGETS = 0.99                  # of what was learned, at each forecast judged (of ten a second that differ)
+JUDGED_EVERY_S = 0.1
+AT_FIRST_MPS2 = 0.1 ** 2        # squared error that both have at first: believed by half
+
+
+class SpeedAhead(NamedTuple):
+    """The forecast made at one tick: a speed, and an acceleration that dies out; beside it, where somebody told, the
+    reference in steps of `TABLE_STEP_S`, what is driven on top of it, and how far all that is believed."""
+
+    now_mps: float
+    acceleration_mps2: float
+    told_mps: tuple[float, ...] = ()        # the reference
+    told_way_m: tuple[float, ...] = ()      # its way from now on
+    beside_mps: float = 0.0                 # faster than the reference, now
+    beside_mps2: float = 0.0
+    believed: float = 0.0                   # 0 to 1
+
+    def mps(self, in_s: float) -> float:
+        """Speed so many seconds ahead, m/s; never below 0."""
+        own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s)
+        if not self.told_mps:
+            return own
+        known = _at(self.told_mps, in_s) + self.beside_mps + _more_mps(self.beside_mps2, in_s)
+        return max(0.0, own + self.believed * (known - own))
+
+    def way_m(self, in_s: float) -> float:
+        """Distance covered until then, m."""
+        own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s)
+        if not self.told_mps:
+            return own
+        known = _at(self.told_way_m, in_s) + self.beside_mps * in_s + _more_m(self.beside_mps2, in_s)
+        return max(0.0, own + self.believed * (known - own))
+
+
+class _Quieted:
+    """A speed that is steady or changing: the quick filter's where it has parted from the slow one, else the slow."""
+
+    def __init__(self) -> None:
+        self._steady_mps: float | None = None
+
+    def update(self, quick: Moving, dt_s: float) -> Moving:
+        if self._steady_mps is None:
+            self._steady_mps = quick.speed_mps
+        self._steady_mps += (1.0 - exp(-dt_s / STEADY_TAU_S)) * (quick.speed_mps - self._steady_mps)
+        share = min(1.0, max(0.0, abs(quick.speed_mps - self._steady_mps) / STEADY_MPS - 1.0))
+        return Moving(share * quick.speed_mps + (1.0 - share) * self._steady_mps, share * quick.acceleration_mps2)
+
+
+class Forecaster:
+    """One per run; `update` once a tick."""
+
+    def __init__(self) -> None:
+        self._forget()
+        self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]      # squared, of the reference and of the own forecast
+
+    def _forget(self) -> None:
+        self._own, self._beside = _Quieted(), _Quieted()
+        self._reference_mps: float | None = None
+        self._reference = Moving()              # as the filter `speed_used` would see it
+        self._waiting: deque[tuple[float, float, float]] = deque()      # time, reference's forecast, own forecast
+
+    @property
+    def believed(self) -> float:
+        """How far what is told is believed, 0 to 1."""
+        return self._errors_mps2[1] / sum(self._errors_mps2)
+
+    def update(self, now_s: float, speed_mps: float | None, acceleration_mps2: float, dt_s: float,
+               told: SpeedTold | None = None) -> SpeedAhead:
+        """speed_mps: the filtered one that control uses; None: not known, which counts as standing."""
+        if speed_mps is None:
+            self._forget()
+            return SpeedAhead(0.0, 0.0)
+        own = self._own.update(Moving(speed_mps, acceleration_mps2), dt_s)
+        if told is None or not is_fresh(told.time_s, now_s, TOLD_HOLDS_S):
+            self._reference_mps = None
+            self._waiting.clear()
+            return SpeedAhead(*own)
+        self._judge(now_s, speed_mps)
+        self._drive_reference(told, now_s, speed_mps, dt_s)
+        beside = self._beside.update(Moving(speed_mps - self._reference.speed_mps,
+                                            acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
+        table, way = _driven(told, now_s - told.time_s, self._reference_mps or 0.0)
+        ahead = SpeedAhead(*own, table, way, *beside, self.believed)
+        if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
+            self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
+                                  ahead._replace(believed=0.0).mps(JUDGED_S)))
+        return ahead
+
+    def _drive_reference(self, told: SpeedTold, now_s: float, speed_mps: float, dt_s: float) -> None:
+        """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
+        tell."""
+        if self._reference_mps is None or speed_mps < STANDS_MPS:
+            self._reference_mps, self._reference, self._beside = speed_mps, Moving(speed_mps, 0.0), _Quieted()
+        aim = _aimed(told, max(0.0, now_s - told.time_s))
+        self._reference_mps = _towards(self._reference_mps, aim, told.acceleration_mps2 * dt_s)
+        if dt_s > 0.0:
+            self._reference = self._reference.on(dt_s).taking(self._reference_mps, dt_s)
+
+    def _judge(self, now_s: float, speed_mps: float) -> None:
+        while self._waiting and self._waiting[0][0] <= now_s:
+            _, known, own = self._waiting.popleft()
+            if abs(known - own) > DIFFER_MPS:
+                both = ((known - speed_mps) ** 2, (own - speed_mps) ** 2)
+                self._errors_mps2 = [FORGETS * kept + new for kept, new in zip(self._errors_mps2, both, strict=True)]
+
+
+def _aimed(told: SpeedTold, in_s: float) -> float:
+    """The speed that is aimed at so many seconds after it was told, m/s."""
+    return next(mps for since, mps in reversed(told.points) if since <= in_s + 1e-9 or since == 0.0)
+
+
+def _towards(mps: float, aimed: float, most: float) -> float:
+    return mps + min(most, max(-most, aimed - mps))
+
+
+def _driven(told: SpeedTold, since_s: float, reference_mps: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The reference ahead, m/s, and its way, m, in steps of `TABLE_STEP_S`."""
+    mps, way, table, ways = reference_mps, 0.0, [reference_mps], [0.0]
+    most = told.acceleration_mps2 * TABLE_STEP_S
+    for k in range(round(TABLE_S / TABLE_STEP_S)):
+        following = _towards(mps, _aimed(told, max(0.0, since_s) + (k + 0.5) * TABLE_STEP_S), most)
+        way += 0.5 * (mps + following) * TABLE_STEP_S
+        mps = following
+        table.append(mps)
+        ways.append(way)
+    return tuple(table), tuple(ways)
+
+
+def _at(table: tuple[float, ...], in_s: float) -> float:
+    """Between the table's steps; beyond its end as at its end."""
+    place = min(len(table) - 1.0, max(0.0, in_s / TABLE_STEP_S))
+    k = min(len(table) - 2, int(place))
+    return table[k] + (place - k) * (table[k + 1] - table[k])
+
+
+def _more_mps(acceleration_mps2: float, in_s: float) -> float:
+    """What an acceleration that dies out comes to, m/s."""
+    return min(1.0, max(-1.0, acceleration_mps2)) * DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S))
+
+
+def _more_m(acceleration_mps2: float, in_s: float) -> float:
+    return min(1.0, max(-1.0, acceleration_mps2)) * DIES_OUT_S * (in_s - DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S)))
+
+
+def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
+    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
+    it, at least half of what the present speed would give."""
+    more_m = _more_m(acceleration_mps2, time_s)
+    return speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
+
+
+def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
+    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
+    stays within 50-150 % of the present speed."""
+    more = _more_mps(acceleration_mps2, time_s)
+    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))

@@ -1,0 +1,158 @@
+"""The plan over the lag: what is in the tube, which hand does what, limits; told speeds believed as they came true."""
+from __future__ import annotations
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from control.machine.fall import Fall, drop_s
+from control.machine.landing import carried_s
+from control.machine.machine import Machine
+from control.metering.inverse import Conditions, flow_kg_s
+from control.metering.plan import Planner, Wanted
+from control.metering.setting import Setting
+from control.metering.strategies import Pair
+from control.metering.tube import Tube
+from control.orders import Strategy
+from control.readings import Measurements, SpeedTold, possible
+from control.sensing import Forecaster, SpeedAhead
+
+DT_S = 0.05
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.05, 1.0), st.floats(10.0, 100.0)), min_size=1, max_size=12))
+def test_the_tube_lands_what_the_model_lands(commands: list[tuple[float, float]]) -> None:
+    """Against `carried_s` on a fine grid, for any shaft commands."""
+    tube, now, turns = Tube(Fall(), 0.4, 40.0), 0.0, [(-10.0, 40.0)]
+    for wait, rpm in commands:
+        now += wait
+        tube.command(now, rpm)
+        turns.append((now + 0.4, rpm))
+    time = np.arange(0.0, now + 4.0, 0.002)
+    at = np.searchsorted([begin for begin, _ in turns], time, side="right") - 1
+    falls = carried_s(time, np.array([drop_s(Fall(), turns[k][1]) for k in at]))
+    for released in (max(0.0, now - 1.0), now, now + 0.3):
+        k = round(released / 0.002)
+        assert tube.lands_s(released) - released == pytest.approx(falls[min(k, len(falls) - 1)], abs=0.006)
+
+
+def test_a_parcel_is_asked_for_when_it_lands() -> None:
+    tube = Tube(Fall(), 0.4, 70.0)
+    assert tube.landing(1.0) is None
+    tube.release(1.0, 11.0)
+    tube.release(1.5, 22.0)
+    falls = drop_s(Fall(), 70.0)
+    assert tube.landing(1.0 + falls - 0.01) is None
+    assert tube.landing(1.0 + falls + 0.01) == tube.landing(1.5 + falls - 0.01) == 11.0
+    assert tube.landing(1.5 + falls + 0.01) == 22.0
+
+
+def planned(strategy: Strategy, speeds: list[float], rate: float = 300.0, machine: Machine | None = None) -> list[Pair]:
+    """Pairs tick by tick, at speeds that are expected to stay."""
+    machine = machine or Machine()
+    planner = Planner(machine, Setting(machine, strategy))
+    pairs = []
+    for k, mps in enumerate(speeds):
+        wanted = Wanted(DT_S * k, DT_S, rate, lambda _: rate, SpeedAhead(mps, 0.0))
+        pair = planner.pair(wanted, Pair(70.0, 20.0), Conditions())
+        planner.made(DT_S * k, pair)
+        pairs.append(pair)
+    return pairs
+
+
+def test_opening_first_leaves_the_shaft_alone_and_speed_first_the_gate() -> None:
+    speeds = [1.0] * 60 + [1.4] * 60
+    assert {p.shaft_rpm for p in planned(Strategy.OPENING_FIRST, speeds)} == {70.0}
+    assert {p.opening_mm for p in planned(Strategy.SPEED_FIRST, speeds)} == {25.0}
+
+
+def test_balanced_speeds_the_tube_up_and_comes_back() -> None:
+    """The ground speed rises by a fifth unforeseen: the shaft at once, the gate for what is released; then the shaft
+    returns, for what lands was metered for the new speed."""
+    pairs = planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60)
+    before, at, after = pairs[59], pairs[62], pairs[-1]
+    assert at.shaft_rpm > 1.15 * before.shaft_rpm
+    fall = Machine().fall
+    assert drop_s(fall, before.shaft_rpm) / drop_s(fall, at.shaft_rpm) == pytest.approx(1.2, abs=0.02)
+    assert after.shaft_rpm == pytest.approx(before.shaft_rpm, abs=2.0)
+    assert flow_kg_s(Machine(), *after[:2]) == pytest.approx(1.2 * flow_kg_s(Machine(), *before[:2]), rel=0.03)
+
+
+def test_balanced_meters_for_the_shaft_that_will_turn_at_release() -> None:
+    """While the shaft is quick the gate gives less: what lands later is right with the shaft at its set-point."""
+    pairs = planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60)
+    assert min(p.opening_mm for p in pairs[66:80]) < pairs[-1].opening_mm - 0.5
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(list(Strategy)), st.lists(st.floats(0.0, 8.0), min_size=3, max_size=60),
+       st.floats(0.0, 1000.0))
+def test_no_plan_leaves_the_limits(strategy: Strategy, speeds: list[float], rate: float) -> None:
+    limits = Machine().limits
+    for pair in planned(strategy, speeds, rate):
+        if pair.shaft_rpm > 0.0:
+            assert limits.shaft_low_rpm <= pair.shaft_rpm <= limits.shaft_high_rpm
+            assert limits.opening_low_mm <= pair.opening_mm <= limits.opening_high_mm
+
+
+def test_a_drop_time_that_the_shaft_does_not_change_leaves_the_shaft() -> None:
+    machine = Machine(fall=Fall(slope_s_per_rpm=0.0))
+    pairs = planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60, machine=machine)
+    assert len({p.shaft_rpm for p in pairs}) == 1
+
+
+def drive(forecaster: Forecaster, speeds: list[float], told: list[SpeedTold | None]) -> list[SpeedAhead]:
+    made, before = [], speeds[0]
+    for k, (mps, one) in enumerate(zip(speeds, told, strict=True)):
+        made.append(forecaster.update(DT_S * k, mps, (mps - before) / DT_S, DT_S, one))
+        before = mps
+    return made
+
+
+def ramps(times: int) -> tuple[list[float], list[SpeedTold]]:
+    """From 1 to 2 m/s and back with 0.5 m/s2, again and again, each told two seconds ahead."""
+    speeds, told, mps = [], [], 1.0
+    for k in range(times * 160):
+        aim = 2.0 if (k // 80) % 2 else 1.0
+        left_s = (80 - k % 80) * DT_S
+        mps += min(0.5 * DT_S, max(-0.5 * DT_S, aim - mps))
+        speeds.append(mps)
+        told.append(SpeedTold(DT_S * k, ((0.0, aim), (left_s, 3.0 - aim)) if left_s < 2.0 else ((0.0, aim),)))
+    return speeds, told
+
+
+def test_what_is_told_and_comes_true_is_believed() -> None:
+    speeds, told = ramps(4)
+    forecaster = Forecaster()
+    made = drive(forecaster, speeds, list(told))
+    assert forecaster.believed > 0.9
+    at = 3 * 160 + 70            # half a second before it speeds up
+    assert made[at].mps(1.3) == pytest.approx(speeds[at + 26], abs=0.06)
+    assert made[at].way_m(1.3) == pytest.approx(sum(speeds[at:at + 26]) * DT_S, abs=0.06)
+    assert drive(Forecaster(), speeds, [None] * len(speeds))[at].mps(1.3) == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_is_told_and_does_not_come_true_is_not() -> None:
+    _, told = ramps(4)
+    forecaster = Forecaster()
+    made = drive(forecaster, [1.0] * len(told), list(told))
+    assert forecaster.believed < 0.1
+    assert made[-1].mps(1.3) == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_was_told_long_ago_says_nothing() -> None:
+    old = SpeedTold(0.0, ((0.0, 3.0),))
+    made = drive(Forecaster(), [1.0] * 100, [old] * 100)
+    assert made[10].told_mps and not made[-1].told_mps
+
+
+@pytest.mark.parametrize("told", [
+    SpeedTold(0.0, ()), SpeedTold(nan, ((0.0, 1.0),)), SpeedTold(0.0, ((0.0, inf),)), SpeedTold(0.0, ((0.0, nan),)),
+    SpeedTold(0.0, ((1.0, 1.0),)), SpeedTold(0.0, ((0.0, 1.0), (0.0, 2.0))), SpeedTold(0.0, ((0.0, 1.0),), 0.0),
+    SpeedTold(0.0, ((0.0, 1.0), (nan, 2.0))), SpeedTold(0.0, ((0.0, 1.0),), nan)])
+def test_told_speeds_that_cannot_be_are_never_heard(told: SpeedTold) -> None:
+    assert possible(Measurements(1.0, speed_told=told)).speed_told is None
