@@ -155,7 +155,7 @@ async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frame
     async with app.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert "at most 7.2 km/h" in shown(app)[1]
-        await pilot.press("u")
+        await pilot.press("u", "enter")
         await pilot.pause()
         assert "at most 4.5 mph" in shown(app)[1]
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from textual import events, getters
 from textual.app import ComposeResult
+from textual.binding import Binding
 from textual.containers import Horizontal
 from textual.screen import Screen
 from textual.widgets import Static
@@ -34,6 +35,7 @@ class Page(Screen[None]):
     it in `keys.py`. Below 80 x 24 only state, alarms and keys are left."""
 
     AUTO_FOCUS = ""
+    BINDINGS: ClassVar = [Binding("tab", "app.do('pages')", id="pages", show=False)]    # else Textual moves the focus
     where: ClassVar[str] = ANYWHERE
     HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (LEAST_COLUMNS, "-narrow"), (100, "-wide")]
     VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
@@ -119,9 +121,10 @@ class Page(Screen[None]):
             bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text), in_use()))
 
     def show_keys(self) -> None:
+        offered = self.app.offered(self.where)
+        off = frozenset(action.id for action in offered if action.bar and self.app.why_not(action))
         self.query_one("#keys", KeyBar).show(
-            KeysView(self.app.offered(self.where), self.app.locked, self.app.notice_text, in_use(),
-                     self.app.why_no_stop()))
+            KeysView(offered, self.app.locked, self.app.notice_text, in_use(), self.app.why_no_stop(), off))
         self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where, in_use()))
 
     def marks(self) -> tuple[str, ...]:

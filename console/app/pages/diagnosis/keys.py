@@ -70,14 +70,22 @@ def next_view(page: DiagnosisScreen) -> None:
 
 
 def _of_found(do: Callable[[DiagnosisScreen, Found], None]) -> Callable[[DiagnosisScreen], None]:
-    """Of what was found in the data; refused in words before."""
+    """Of what was found in the data; not done before, see `why_not_found`."""
     def run(page: DiagnosisScreen) -> None:
-        if page.shown is None:
-            page.app.notice(_("choose data and press Enter first"))
-        else:
-            do(page, page.shown)
+        assert page.shown is not None
+        do(page, page.shown)
 
     return run
+
+
+def why_not_found(page: DiagnosisScreen) -> str:
+    return _("choose data and press Enter first") if page.shown is None else ""
+
+
+def why_no_drive(page: DiagnosisScreen) -> str:
+    run = page.shown.next_run if page.shown is not None else None
+    return why_not_found(page) or ("" if run is not None and run.id else
+                                   _("there is no separating run that can be driven here"))
 
 
 @_of_found
@@ -139,9 +147,7 @@ def job_file(page: DiagnosisScreen, found: Found) -> None:
 
 @_of_found
 def drive(page: DiagnosisScreen, found: Found) -> None:
-    if found.next_run is None or not found.next_run.id:
-        page.app.notice(_("there is no separating run that can be driven here"))
-        return
+    assert found.next_run is not None
     text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
              "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
 
@@ -164,22 +170,26 @@ ACTIONS = (
            N_("Looks at the chosen file; nothing of the machine is touched."), diagnose, DIAGNOSIS, 3),
     Action("dia_pick", "p", "P", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
            4),
-    Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS),
+    Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,
+           asks="text"),
     Action("dia_machine", "m", "M", N_("against"), N_("The machine file that the data is held against."), against,
            DIAGNOSIS),
     Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
            next_view, DIAGNOSIS, 5),
     Action("dia_adopt", "k", "K", N_("adopt"),
            N_("Writes a new machine file with what was found; asked once. The running job keeps its own."), adopt,
-           DIAGNOSIS, 6),
+           DIAGNOSIS, 6, why=why_not_found),
     Action("dia_back", "z", "Z", N_("take back"),
            N_("Writes the machine file without what a diagnosis changed last; asked once."), take_back, DIAGNOSIS),
-    Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7),
-    Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS),
+    Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
+           why=why_not_found),
+    Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,
+           why=why_not_found),
     Action("dia_run_file", "w", "W", N_("job file"), N_("Writes the separating run as a job file."), job_file,
-           DIAGNOSIS),
+           DIAGNOSIS, why=why_no_drive),
     Action("dia_drive", "i", "I", N_("drive it, simulated"),
-           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS, 8),
+           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS, 8,
+           why=why_no_drive),
     Action("dia_other", "b", "B", N_("other log"), N_("From the log to the separating run and back."), other_log,
-           DIAGNOSIS),
+           DIAGNOSIS, why=why_not_found),
 )

@@ -10,7 +10,7 @@ from console.app.pages.job.day import checks
 from console.app.pages.job.desk import File, JobDesk
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.locale import N_, _
-from control.orders import Do
+from control.orders import Do, State
 
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
@@ -145,12 +145,19 @@ def end_of_job(page: JobScreen, desk: JobDesk) -> None:
             page.begin(_("export"), lambda log, progress, cancelled: (
                 *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
 
-    frame = page.app.arrival.frame
-    if frame is not None and frame.row.state == "working":
-        page.app.notice(_("the machine works: hold or stop it first"))
-        return
     page.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
                                                        "a power cut.")), answer)
+
+
+def why_no_log(page: JobScreen) -> str:
+    frame = page.app.arrival.frame
+    return "" if frame is not None and frame.log_path else _("no log is written")
+
+
+def why_no_end(page: JobScreen) -> str:
+    frame = page.app.arrival.frame
+    works = frame is not None and frame.row.state == State.WORKING and not page.app.gone
+    return _("the machine works: hold or stop it first") if works else why_no_log(page)
 
 
 ACTIONS = (
@@ -164,10 +171,12 @@ ACTIONS = (
            N_("Begins at the strip's start, ends at its end: the mean NDVI between is stored to the job."), strip, JOB,
            7),
     Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
-           refill, JOB, 8),
+           refill, JOB, 8, asks="number"),
     Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,
-           JOB, 9),
-    Action("job_report", "r", "R", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10),
+           JOB, 9, why=why_no_log),
+    Action("job_report", "r", "R", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10,
+           why=why_no_log),
     Action("job_end", "k", "K", N_("end of job"),
-           N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB, 10),
+           N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB, 10,
+           why=why_no_end),
 )
