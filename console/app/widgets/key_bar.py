@@ -61,7 +61,7 @@ class KeyBar(Panel[KeysView]):
             key = "$stale on $keybar" if off else "bold $keybar-key on $keybar"
             word = "$stale on $keybar" if off else "$on-keybar on $keybar"
             if action.id == "stop":
-                key = word = "bold $on-alarm-red on $alarm-red"
+                key = word = "bold $on-stop on $stop"
             parts += [(f"{first}{action.shown} ", key), (f"{_(action.label)}{last}", word)]
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
         rest = (fit(f" {view.notice}", left), "bold reverse") if view.notice else (" " * left, "on $keybar")

@@ -81,7 +81,7 @@ class Causes(Panel[CausesView]):
         mark = ">" if chosen else " "
         heads = wrapped(cause.title, width - 4)
         block = [line((fit(f" {mark if not k else ' '} {head}", width),
-                       "bold $background on $primary" if chosen else "bold")) for k, head in enumerate(heads)]
+                       "bold $on-select on $select" if chosen else "bold")) for k, head in enumerate(heads)]
 
         def row(name: str, text: str, style: str = "") -> None:
             for k, part in enumerate(wrapped(text, width - label)):

@@ -68,7 +68,6 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
         left_kg = left_ha * mean if left_ha is not None and mean is not None else None
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
     row = frame.row
-    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if row.state in (None, "working") else None
     return tuple(Item(label, Shown(text, stale)) for label, text in (
         (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
         (_("left"), units.area.full(left_ha)),
@@ -76,7 +75,4 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
         (_("still needed"), units.mass.full(left_kg)),
         (_("in hopper"), units.mass.full(row.hopper_kg)),
         (_("mean"), units.rate.full(mean)),
-        (_("target"), units.rate.full(row.target_rate_kg_ha)),
-        (_("rate now"), units.rate.full(row.applied_rate_kg_ha)),
-        (_("error"), "--" if error is None else signed_percent(100.0 * error)),
         (_("speed"), units.speed.full(row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps))))
