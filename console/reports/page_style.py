@@ -39,5 +39,7 @@ th, td { text-align: left; padding: .3rem .7rem .3rem 0; border-bottom: 1px soli
 th { font-weight: 600; color: var(--dim); } .number { text-align: right; font-variant-numeric: tabular-nums; }
 li { margin: .25rem 0; } section.cause, tr { break-inside: avoid; }
 @media (max-width: 40rem) { dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .5rem; } }
+.fold { margin-top: 2.2rem; } .fold > summary { cursor: pointer; font-weight: 600; color: var(--dim); }
+@media print { .fold::details-content { content-visibility: visible; block-size: auto; } }
 @media print { body { max-width: none; padding: 0; font-size: 10.5pt; } h2 { break-after: avoid; } }
 """

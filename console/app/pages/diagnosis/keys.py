@@ -10,11 +10,14 @@ from console.app.action import DIAGNOSIS, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
-from console.app.pages.diagnosis.data import Found
+from console.app.pages.diagnosis.data import Adoption, CauseShown, Found
 from console.locale import N_, _
 
 if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
+
+
+DRIVE_S_PER_MIN = 1.5       # simulating a minute and diagnosing it, on two cores
 
 
 def above(page: DiagnosisScreen) -> None:
@@ -97,18 +100,49 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
     lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
     lines += [_("Machine file, before -> after:"), *found.changes] if found.changes else []
     lines += [_("Left out: {why}").format(why=why) for why in found.refused]
-    lines += [_("{what} is taken up, though this data cannot tell it from: {others}").format(
-        what=cause.id, others=words.rivals(cause)) for cause in found.causes if cause.rivals and
-        cause.id in found.adoptable]
-    if found.next_run is not None:
-        lines.append(_("This data does not tell the rivals apart: the separating run would."))
     lines.append(_("The running job keeps its machine file; the next one may use the new file."))
+    tied = [cause for cause in found.causes if cause.rivals and cause.id in found.adoptable]
+    if tied:
+        _ask_which(page, found, tied, lines)
+        return
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.adopt, found))
+            page.write(_("The new machine file"), partial(page.served.adopt, found, Adoption()))
 
     page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
+
+
+WITH, WITHOUT = "with", "without"
+
+
+def _ask_which(page: DiagnosisScreen, found: Found, tied: list[CauseShown], lines: list[str]) -> None:
+    """Causes that the data cannot tell apart are not taken up by an Enter alone: which, and why, is asked."""
+    unsized = _("its size is not known before the separating run")
+    choices = [Choice(WITH, _("the likeliest: {causes}").format(causes=", ".join(
+        f"{words.title(cause)} {words.percent(cause.probability)}" for cause in tied)))]
+    choices += [Choice(rival.id, f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
+                for cause in tied for rival in cause.rivals]
+    sure = [one for one in found.adoptable if one not in {cause.id for cause in tied}]
+    nothing = "" if sure else _("then there is nothing to take up")
+    choices.append(Choice(WITHOUT, _("none of these, only what is sure: {causes}").format(
+        causes=", ".join(sure) or "--"), nothing))
+
+    def which(value: str | None) -> None:
+        if value is None:
+            return
+
+        def why(text: str | None) -> None:
+            if text is not None:
+                chosen = Adoption(value == WITH, text)
+                page.write(_("The new machine file"), partial(page.served.adopt, found, chosen))
+
+        page.app.push_screen(NameDialog(_("Why this one?"), "", _("It is kept in the machine file, for whoever reads "
+                                                                  "it later.")), why)
+
+    dialog = ChoiceDialog(_("This data cannot tell them apart: which is taken up?"), choices, "", "\n".join(lines))
+    dialog.at = 0 if nothing else len(choices) - 1
+    page.app.push_screen(dialog, which)
 
 
 def take_back(page: DiagnosisScreen) -> None:
@@ -153,7 +187,8 @@ def drive(page: DiagnosisScreen, found: Found) -> None:
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.begin(_("Separating run, simulated"), partial(page.served.drive, found))
+            page.begin(_("Separating run, simulated"), partial(page.served.drive, found),
+                       DRIVE_S_PER_MIN * found.next_run.minutes if found.next_run else 0.0)
 
     page.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
 

@@ -86,11 +86,36 @@ def about(found: Found) -> str:
 
 
 def sentence(found: Found) -> str:
-    """What was not judged, then the verdict, in one line."""
+    """What was not judged, then the verdict, in one line; where rivals are tied, the test that parts them."""
+    if found.verdict == "ambiguous" and found.next_run is not None:
+        return _next_test(found)
     if not found.not_judged or found.verdict == "not_judged":
         return _verdict(found)
     missing = _("Not judged: {channels}.").format(channels=", ".join(map(channel_word, found.not_judged)))
     return f"{missing} {_verdict(found)}"
+
+
+def _next_test(found: Found) -> str:
+    """The next test leads: a name that this data cannot tell from others is no headline."""
+    assert found.next_run is not None
+    steps = plan_steps(found)
+    first = steps[0].rstrip(".") if steps else _("the separating run")
+    minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
+    said = [_("Test next: {what}{minutes}.").format(what=first, minutes=minutes)]
+    tied = [cause for cause in found.causes if cause.rivals]
+    if tied:
+        said.append(_("It tells apart: {causes}.").format(causes="; ".join(
+            dict.fromkeys(name for cause in tied for name, _sure in ties(cause)))))
+    sure = [title(cause) for cause in found.causes if not cause.rivals and headlined(cause)]
+    if sure:
+        said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
+    return " ".join(said)
+
+
+def ties(cause: CauseShown) -> tuple[tuple[str, str], ...]:
+    """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
+    own = (title(cause), percent(cause.probability))
+    return (own, *((_(rival.title), percent(rival.probability)) for rival in cause.rivals)) if cause.rivals else ()
 
 
 def _verdict(found: Found) -> str:
@@ -143,9 +168,9 @@ def todo(found: Found) -> str:
     if found.verdict == "not_judged":
         return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
-        return _("A separating run of {minutes} minutes tells: its steps are among the views.").format(
-            minutes=f"{found.next_run.minutes:g}") if found.next_run.minutes else _("A separating run tells: its steps "
-                                                                                    "are among the views.")
+        if found.next_run.id:
+            return _("V shows its steps, W writes it as a job file, I drives it on the simulated machine.")
+        return _("V shows its steps.")
     if found.causes and headlined(found.causes[0]):
         return _(found.causes[0].advice)
     if found.causes:
