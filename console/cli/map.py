@@ -13,6 +13,7 @@ from console.cli.plain_errors import CommandError
 if TYPE_CHECKING:
     from drivers.files.exports.as_applied import AsApplied
     from drivers.files.prescriptions.words import Choice, Imported
+    from drivers.files.read_log import RunLog
 
 SHOWN_RATES = 20
 
@@ -175,7 +176,7 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from console.reports.job_page import MOST_STRETCHES
-        _report(as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)), out)
+        _report(as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)), out, log)
     elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
@@ -186,14 +187,15 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
         typer.echo(f"written      {out}")
 
 
-def _report(applied: AsApplied, out: Path) -> None:
+def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
     from console.reports.figure import need_matplotlib
+    from console.reports.job_about import about_of
     from console.reports.job_page import job_page
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
     need_matplotlib()
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(out, job_page(applied, f"topdress {software_version()}"))
+    write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(log)))
 
 
 def _tell_applied(applied: AsApplied) -> None:
