@@ -17,7 +17,7 @@ from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from console.reports.variables import plain
 from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
-from console.reports.words import headlined, left_facts, when
+from console.reports.words import headlined, left_facts, tied, when
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
 from control.machine.machine import CATALOGUE
 
@@ -84,9 +84,8 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
     kind = "cause open" if others(cause) else "cause"
     title = title_of(cause.id) if headlined(cause) else f"Suspected: {title_of(cause.id)}"
     name = f' <span class="id">{escape(cause.id)}</span>'
-    if others(cause):                       # equals until the next run: none of them is a headline
+    if tied(cause):                         # equals until the next run: none of them is a headline
         title, name = f"One of these {1 + len(others(cause))}: this data cannot tell which", ""
-        physics = ""
     return (f'<section class="{kind}"><h3>{escape(title)}{name}</h3>'
             f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>")
 

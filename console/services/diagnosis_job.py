@@ -114,6 +114,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
                tell: Tell) -> None:
     """notes: of bringing the data in."""
     from console.app.pages.diagnosis.data import to_plain
+    from console.reports.words import tied
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     folder = Path(order.folder)
@@ -137,7 +138,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
     tell(0.86, "pictures")
     view = found_of(found, tools, name, target, order.planted)
     changes = _extended(found, view.adoptable, machine, data, folder / MACHINE_FILE)
-    doubtful = {cause.id for cause in view.causes if cause.rivals}
+    doubtful = {cause.id for cause in view.causes if tied(cause)}
     _extended(found, tuple(one for one in view.adoptable if one not in doubtful), machine, data, folder / SURE_FILE)
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
     write_atomically(folder / VIEW, json.dumps(to_plain(view._replace(changes=changes))))

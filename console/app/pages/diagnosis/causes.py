@@ -17,6 +17,7 @@ class CauseLine(NamedTuple):
     title: str
     size: str
     sure: str
+    rivals: str
     cost: str
     advice: str
     interval: tuple[float, float, float] | None     # low, value, high, as shares of a bar from -1 to 1
@@ -77,7 +78,7 @@ class Causes(Panel[CausesView]):
         return rows
 
     def _block(self, cause: CauseLine, chosen: bool, width: int) -> list[Content]:
-        label = max(cell_len(word) for word in (_("size"), _("sure"), _("costs"), _("do"))) + 5
+        label = max(cell_len(word) for word in (_("size"), _("sure"), _("or else"), _("costs"), _("do"))) + 5
         mark = ">" if chosen else " "
         heads = wrapped(cause.title, width - 4)
         block = [line((fit(f" {mark if not k else ' '} {head}", width),
@@ -96,6 +97,8 @@ class Causes(Panel[CausesView]):
             block.append(line(" " * label, (interval_bar(cause.interval), "$target")))
         if not cause.tied:
             row(_("sure"), cause.sure)
+            if cause.rivals:
+                row(_("or else"), cause.rivals)
         row(_("costs"), cause.cost, "bold")
         row(_("do"), cause.advice)
         return block

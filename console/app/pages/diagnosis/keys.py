@@ -12,6 +12,7 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.data import Adoption, CauseShown, Found
 from console.locale import N_, _
+from console.reports.words import tied
 
 if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
@@ -101,14 +102,14 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
     lines += [_("Machine file, before -> after:"), *found.changes] if found.changes else []
     lines += [_("Left out: {why}").format(why=why) for why in found.refused]
     lines.append(_("The running job keeps its machine file; the next one may use the new file."))
-    tied = [cause for cause in found.causes if cause.rivals and cause.id in found.adoptable]
-    if tied:
-        _ask_which(page, found, tied, lines)
+    doubtful = [cause for cause in found.causes if tied(cause) and cause.id in found.adoptable]
+    if doubtful:
+        _ask_which(page, found, doubtful, lines)
         return
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.adopt, found, Adoption()))
+            page.write(_("The new machine file"), partial(page.served.adopt, found, Adoption()), True)
 
     page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
 
@@ -116,14 +117,14 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
 WITH, WITHOUT = "with", "without"
 
 
-def _ask_which(page: DiagnosisScreen, found: Found, tied: list[CauseShown], lines: list[str]) -> None:
+def _ask_which(page: DiagnosisScreen, found: Found, doubtful: list[CauseShown], lines: list[str]) -> None:
     """Causes that the data cannot tell apart are not taken up by an Enter alone: which, and why, is asked."""
     unsized = _("its size is not known before the separating run")
     choices = [Choice(WITH, _("the likeliest: {causes}").format(causes=", ".join(
-        f"{words.title(cause)} {words.percent(cause.probability)}" for cause in tied)))]
+        f"{words.title(cause)} {words.percent(cause.probability)}" for cause in doubtful)))]
     choices += [Choice(rival.id, f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
-                for cause in tied for rival in cause.rivals]
-    sure = [one for one in found.adoptable if one not in {cause.id for cause in tied}]
+                for cause in doubtful for rival in cause.rivals]
+    sure = [one for one in found.adoptable if one not in {cause.id for cause in doubtful}]
     nothing = "" if sure else _("then there is nothing to take up")
     choices.append(Choice(WITHOUT, _("none of these, only what is sure: {causes}").format(
         causes=", ".join(sure) or "--"), nothing))
@@ -135,7 +136,7 @@ def _ask_which(page: DiagnosisScreen, found: Found, tied: list[CauseShown], line
         def why(text: str | None) -> None:
             if text is not None:
                 chosen = Adoption(value == WITH, text)
-                page.write(_("The new machine file"), partial(page.served.adopt, found, chosen))
+                page.write(_("The new machine file"), partial(page.served.adopt, found, chosen), True)
 
         page.app.push_screen(NameDialog(_("Why this one?"), "", _("It is kept in the machine file, for whoever reads "
                                                                   "it later.")), why)
@@ -158,7 +159,7 @@ def take_back(page: DiagnosisScreen) -> None:
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.take_back, page.machine))
+            page.write(_("The new machine file"), partial(page.served.take_back, page.machine), True)
 
     text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
     page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)

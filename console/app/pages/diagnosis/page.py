@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
-from console.app.action import DIAGNOSIS, Action, bindings
+from console.app.action import DIAGNOSIS, JOB, Action, bindings
 from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
@@ -217,15 +217,21 @@ class DiagnosisScreen(Page):
     def back(self) -> None:
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
-    def write(self, what: str, write: Callable[[], str]) -> None:
-        """Small files: written at once; the path stays on the screen until it is read."""
+    def write(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
+        """Small files: written at once; the path stays on the screen until it is read. machine: then it is asked
+        whether the job takes the file."""
+        def read(_answer: bool | None) -> None:
+            if machine and self.app.services.job is not None:
+                self.app.turn_to(JOB)
+                self.app.call_after_refresh(self.app.job_page.ask_use, path)
+
         try:
             path = write()
         except (ValueError, OSError) as error:
             self.said = str(error)
         else:
             self.said = ""
-            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path))
+            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path), read)
         self.look()
 
     # --- long work -------------------------------------------------------------------------------------------------

@@ -30,7 +30,8 @@ def _cause(cause: CauseShown, units: Units) -> CauseLine:
     tied = words.ties(cause)
     title = _("one of these {count}, this data cannot tell which").format(count=len(tied)) if tied else (
         words.suspicion(cause))
-    return CauseLine(title, words.size(cause), words.percent(cause.probability), words.cost(cause, units),
+    return CauseLine(title, words.size(cause), words.percent(cause.probability),
+                     "" if tied else words.rivals(cause), words.cost(cause, units),
                      _("Drive the next test before anything is changed.") if tied else _(cause.advice),
                      interval(cause), tied)
 

@@ -8,7 +8,7 @@ from console.app.pages.diagnosis.data import IMPORT, CauseShown, Curve, Found, L
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
-from console.reports.words import headlined, left_facts, when
+from console.reports.words import headlined, left_facts, tied, when
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
             "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
@@ -87,7 +87,7 @@ def about(found: Found) -> str:
 
 def sentence(found: Found) -> str:
     """What was not judged, then the verdict, in one line; where rivals are tied, the test that parts them."""
-    if found.verdict == "ambiguous" and found.next_run is not None:
+    if found.verdict == "ambiguous" and found.next_run is not None and any(map(tied, found.causes)):
         return _next_test(found)
     if not found.not_judged or found.verdict == "not_judged":
         return _verdict(found)
@@ -102,11 +102,10 @@ def _next_test(found: Found) -> str:
     first = steps[0].rstrip(".") if steps else _("the separating run")
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     said = [_("Test next: {what}{minutes}.").format(what=first, minutes=minutes)]
-    tied = [cause for cause in found.causes if cause.rivals]
-    if tied:
-        said.append(_("It tells apart: {causes}.").format(causes="; ".join(
-            dict.fromkeys(name for cause in tied for name, _sure in ties(cause)))))
-    sure = [title(cause) for cause in found.causes if not cause.rivals and headlined(cause)]
+    equals = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause))
+    if equals:
+        said.append(_("It tells apart: {causes}.").format(causes="; ".join(equals)))
+    sure = [title(cause) for cause in found.causes if not tied(cause) and headlined(cause)]
     if sure:
         said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
     return " ".join(said)
@@ -115,7 +114,7 @@ def _next_test(found: Found) -> str:
 def ties(cause: CauseShown) -> tuple[tuple[str, str], ...]:
     """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
     own = (title(cause), percent(cause.probability))
-    return (own, *((_(rival.title), percent(rival.probability)) for rival in cause.rivals)) if cause.rivals else ()
+    return (own, *((_(rival.title), percent(rival.probability)) for rival in cause.rivals)) if tied(cause) else ()
 
 
 def _verdict(found: Found) -> str:
