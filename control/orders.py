@@ -81,3 +81,4 @@ class Alarm(NamedTuple):
     since_s: float
     acknowledged: bool = False
     details: tuple[tuple[str, str | float], ...] = ()    # values that the text names
+    gone_s: float | None = None     # its cause is away since then, and the alarm stands still; None: the cause is there

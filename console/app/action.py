@@ -13,7 +13,9 @@ REPLAY, DIAGNOSIS, JOB, SETTINGS = "replay", "diagnosis", "job", "settings"
 
 class Action(NamedTuple):
     """id: also the key for a keymap. do: is given the page; that of an action of every screen is given the app. bar:
-    place in the key bar, 0 = not there. locked: still works in lock mode."""
+    place in the key bar, 0 = not there. locked: still works in lock mode. why: why it cannot be done now, one line,
+    empty where it can; given what `do` is given. judged: it is tried all the same, for the worker has the last word,
+    whose state is newer than the frame on the screen. asks: a "number" or a "text" is typed after it."""
 
     id: str
     keys: str
@@ -25,6 +27,9 @@ class Action(NamedTuple):
     bar: int = 0
     locked: bool = False
     priority: bool = False
+    why: Callable[[Any], str] | None = None
+    judged: bool = False
+    asks: str = ""
 
 
 def bindings(actions: Iterable[Action]) -> list[BindingType]:

@@ -61,6 +61,7 @@ class AlarmEntry(NamedTuple):
     todo: str
     stands: bool
     when: str                   # first, last, how often, acknowledged
+    gone: bool = False          # stands, though its cause is away
 
 
 def entries(records: Iterable[AlarmRecord], units: Units, utc_offset_s: float) -> tuple[AlarmEntry, ...]:
@@ -78,9 +79,12 @@ def _entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry
     when = [_("first {time}").format(time=clock(record.first_utc, record.first_s)),
             _("last {time}").format(time=clock(record.last_utc, record.last_s)),
             _("{count} times").format(count=record.times) if record.times != 1 else _("once")]
+    gone = record.stands and bool(record.gone_utc)
+    if gone:
+        when.append(_("cause gone since {time}").format(time=clock(record.gone_utc, record.last_s)))
     if record.acknowledged_utc or record.acknowledged:
         when.append(_("acknowledged {time}").format(time=wall_clock(record.acknowledged_utc, utc_offset_s) or ""))
     elif record.severity is Severity.RED:
         when.append(_("not acknowledged"))
     return AlarmEntry(record.severity, words.SEVERITY_SYMBOLS[record.severity], _(words.SEVERITIES[record.severity]),
-                      said.text, said.place, said.todo, record.stands, "  ".join(when).rstrip())
+                      said.text, said.place, said.todo, record.stands, "  ".join(when).rstrip(), gone)

@@ -35,7 +35,9 @@ from console.app.screens.gone import GoneScreen
 from console.app.services import Services
 from console.app.settings import apply, theme_of
 from console.app.source import FrameSource
+from console.app.stray import HeldEnter, StrayTyping
 from console.app.tour import Tour
+from console.app.undo import Undo
 from console.app.units import METRIC, Units
 from console.app.view import wall_clock
 from console.app.widgets.key_bar import URGENT, KeyBar
@@ -90,6 +92,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.fields = FieldPictures(self, self.services.field)
         self.tour = Tour() if tour else None
         self.locked = False
+        self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
         self.gone = ""
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
@@ -157,13 +160,17 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
-        """A key as it is meant. Hold and F12 come first even where a text field has the focus, which would take the key
-        for itself; a click on the hold and STOP that are in sight works also while a dialog is open."""
+        """A key as it is meant. F12, and Ctrl with the key of hold, come first even where a text field has the focus,
+        which takes what can be printed; a click on hold and STOP in sight works also while a dialog is open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
             key = pressed.meant(event.key, self._bound_keys[self.page.where], self._urgent_keys)
             typing = isinstance(self.focused, Input)
-            if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys):
+            if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
                 await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
+                return
+            if key not in self._urgent_keys and self.screen is self.page and self.stray.swallows(key, self.clock()):
+                return
+            if key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock()):
                 return
             if key != event.key and not typing:
                 event = events.Key(key, key if len(key) == 1 else None)
@@ -348,8 +355,15 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.arrival, self.alarm_book = Arrival(), AlarmBook()
         self.history = History()
         self._earlier_of = ""
+        self.undo.forget()
         self._supervise()
         self.page.hurry()
+
+    def change(self, do: Do, value: str | float | bool, before: str | float | bool | None, what: str) -> None:
+        """An order that can be taken back. what: the state that it leaves, in words."""
+        if before is not None and self.source is not None:
+            self.undo.add(what, lambda: self.give(do, before))
+        self.give(do, value)
 
     def give(self, do: Do, value: str | float | bool | None = None) -> None:
         """Send an order; a refusal or a missing answer is said in the key bar."""
@@ -384,16 +398,23 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     async def action_do(self, name: str) -> None:
         """One of the table's actions, if it belongs to this screen and is not locked."""
-        action = actions.BY_ID[name]
-        if self.locked and not action.locked:
-            self.notice(_("locked: F8 unlocks; hold and stop work"))
-            return
+        action, before = actions.BY_ID[name], self.screen
         if action.where not in (ANYWHERE, self.page.where):
             return
-        if action.where == ANYWHERE:
+        why = _("locked: F8 unlocks; hold and stop work") if self.locked and not action.locked else (
+            "" if action.judged else self.why_not(action))
+        if why:
+            self.notice(why)
+        elif action.where == ANYWHERE:
             action.do(self)
         else:
             self.page.perform(action)
+        if action.asks and self.screen is before is self.page:
+            self.stray.refused(action.asks, self.clock())
+
+    def why_not(self, action: Action) -> str:
+        """Why this cannot be done now, in one line; empty where it can, or where nobody here knows."""
+        return "" if action.why is None else action.why(self if action.where == ANYWHERE else self.pages[action.where])
 
     def turn_to(self, where: str) -> None:
         """One page is the app's first screen, another lies over it while it is looked at."""
@@ -435,7 +456,9 @@ class TopdressApp(App[None], inherit_bindings=False):
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         for action in self.offered(self.page.where):
             if action.id != "palette":
-                yield SystemCommand(_(action.label), f"{action.shown}  {_(action.help)}", self._command(action.id))
+                why = self.why_not(action)
+                said = _("not now: {why}").format(why=why) if why else _(action.help)
+                yield SystemCommand(_(action.label), f"{action.shown}  {said}", self._command(action.id))
 
     def _command(self, name: str) -> Callable[[], Awaitable[None]]:
         async def run() -> None:

@@ -17,8 +17,11 @@ R = TypeVar("R")
 
 
 class Choice(NamedTuple):
+    """why: why it cannot be taken now, and how it could be; empty where it can."""
+
     value: str
     label: str
+    why: str = ""
 
 
 class Dialog(ModalScreen[R], Generic[R]):
@@ -133,13 +136,15 @@ class ChoiceDialog(Dialog[str | None]):
     def _line(self, index: int) -> str:
         choice = self.choices[index]
         now = f"  ({_('now')})" if choice.value == self.now else ""
-        return f"{'>' if index == self.at else ' '} {index + 1}  {choice.label}{now}"
+        label = f"({choice.label}: {choice.why})" if choice.why else f"{choice.label}{now}"
+        return f"{'>' if index == self.at else ' '} {index + 1}  {label}"
 
     def _mark(self) -> None:
         for index in range(len(self.choices)):
             button = self.query_one(f"#choice-{index}", Button)
             button.label = self._line(index)
             button.set_class(index == self.at, "-chosen")
+            button.set_class(bool(self.choices[index].why), "-off")
 
     def action_move(self, by: int) -> None:
         self.at = (self.at + by) % len(self.choices)
@@ -159,7 +164,9 @@ class ChoiceDialog(Dialog[str | None]):
             self._mark()
 
     def action_yes(self) -> None:
-        self.dismiss(self.choices[self.at].value)
+        """What cannot be taken now says why, and the question stays."""
+        if not self.choices[self.at].why:
+            self.dismiss(self.choices[self.at].value)
 
 
 class NumberDialog(Dialog[float | None]):

@@ -1,9 +1,11 @@
 """Numerals drawn from blocks: one 3 x 5 pixel face, at one or two pixels a dot.
 
 At scale 1 a numeral is 3 columns and 3 rows (half-blocks), at scale 2 it is 6 columns and 5 rows of full cells, with
-strokes two columns wide: readable at arm's length.
+strokes two columns wide: readable at arm's length. At scale 3 it is 12 columns and 10 rows: from outside the cab.
 """
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 _FACE = {
     "0": ("###", "# #", "# #", "# #", "###"),
@@ -21,17 +23,27 @@ _FACE = {
     "+": ("   ", " # ", "###", " # ", "   "),
     " ": (" ", " ", " ", " ", " "),
 }
+ROWS = {1: 3, 2: 5, 3: 10}
 _HALVES = {"  ": " ", "# ": "▀", " #": "▄", "##": "█"}
 
 
 def draw(text: str, scale: int = 1) -> tuple[str, ...]:
-    """Rows of one width that show `text` (digits, point, signs, space); 3 rows at scale 1, 5 at scale 2.
+    """Rows of one width that show `text` (digits, point, signs, space); `ROWS[scale]` of them.
 
     Raises KeyError for a character that has no face.
     """
     pixels = [" ".join(_FACE[character][row] for character in text) for row in range(5)]
-    if scale == 2:
-        return tuple("".join("██" if dot == "#" else "  " for dot in row) for row in pixels)
+    if scale > 1:
+        wide, high = (2, 1) if scale == 2 else (4, 2)
+        drawn = ["".join(("█" if dot == "#" else " ") * wide for dot in row) for row in pixels]
+        return tuple(row for row in drawn for _same in range(high))
     pixels.append(" " * len(pixels[0]))
     return tuple("".join(_HALVES[up + down] for up, down in zip(pixels[i], pixels[i + 1], strict=True))
                  for i in range(0, 6, 2))
+
+
+def largest(texts: Iterable[str], columns: int, rows: int) -> int:
+    """The largest scale at which each text fits into the room; 1 where none does."""
+    kept = list(texts)
+    return next((scale for scale in (3, 2) if ROWS[scale] <= rows and all(len(draw(text, scale)[0]) <= columns
+                                                                         for text in kept)), 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from textual import events
 from textual.command import CommandPalette
 
 from console.app import themes
@@ -20,15 +21,16 @@ from console.app.action import (
     Action,
 )
 from console.app.alarms import entries
-from console.app.dialogs import Confirm
+from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.pages.replay import keys as replay
+from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
 from console.app.tour import Tour
 from console.app.units import UNITS
 from console.locale import N_, _, in_use, languages, use
 from console.worker.resume_alarms import AlarmRecord
-from control.orders import Do, Severity
+from control.orders import Do, Severity, State
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
@@ -119,16 +121,76 @@ def end_tour(app: TopdressApp) -> None:
 
 
 def next_units(app: TopdressApp) -> None:
-    names = list(UNITS)
-    app.units = UNITS[names[(names.index(app.units.id) + 1) % len(names)]]
-    app.look()
+    def change() -> None:
+        names = list(UNITS)
+        app.units = UNITS[names[(names.index(app.units.id) + 1) % len(names)]]
+        app.look()
+
+    _asked_while_working(app, _("Other units?"), change)
 
 
 def next_language(app: TopdressApp) -> None:
-    codes = languages()
-    use(codes[(codes.index(in_use()) + 1) % len(codes)])
-    app.page.redraw()
-    app.tick()
+    def change() -> None:
+        codes = languages()
+        use(codes[(codes.index(in_use()) + 1) % len(codes)])
+        app.page.redraw()
+        app.tick()
+
+    _asked_while_working(app, _("Another language?"), change)
+
+
+def _asked_while_working(app: TopdressApp, question: str, change: Callable[[], None]) -> None:
+    """What makes every number or word on the screen another one is no slip of a finger while the machine works."""
+    frame = app.arrival.frame
+    if frame is None or app.gone or frame.row.state != State.WORKING:
+        change()
+        return
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            change()
+
+    app.push_screen(Confirm(question, _("The machine works. Everything on the screen is written anew.")), answer)
+
+
+class PagesDialog(ChoiceDialog):
+    """A digit goes there at once: nothing of the machine is touched."""
+
+    def on_key(self, event: events.Key) -> None:
+        super().on_key(event)
+        if event.character and event.character.isdigit() and 1 <= int(event.character) <= len(self.choices):
+            self.action_yes()
+
+
+def pages(app: TopdressApp) -> None:
+    def answer(name: str | None) -> None:
+        if name is not None:
+            app.turn_to(name)
+
+    choices = [Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})") for one in app.page_actions]
+    app.push_screen(PagesDialog(_("Go to which page?"), choices, app.page.where), answer)
+
+
+def start_from_any_page(app: TopdressApp) -> None:
+    """Where the numbers of the machine are not in sight, START is asked."""
+    def answer(yes: bool | None) -> None:
+        if yes:
+            app.give(Do.START)
+
+    app.push_screen(Confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves.")), answer)
+
+
+def take_back(app: TopdressApp) -> None:
+    change = app.undo.newest
+    assert change is not None, "said by why_no_undo"
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            app.undo.take()
+            change.back()
+
+    before = _("Again as before: {what}").format(what=change.what)
+    app.push_screen(Confirm(_("Take the last change back?"), before), answer)
 
 
 def leave(app: TopdressApp) -> None:
@@ -151,24 +213,31 @@ ACTIONS = (
     Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."), stop,
            bar=2, locked=True, priority=True),
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
-           bar=9),
+           bar=9, why=why_no_acknowledge),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
-    Action("run_screen", "f2,2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
-    Action("map_screen", "f3,3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),
+    Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
+    Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),
            locked=True),
-    Action("trends_screen", "f4,4", "F4", N_("trends"), N_("Any channel over any span; freeze, read at a time."),
+    Action("trends_screen", "f4", "F4", N_("trends"), N_("Any channel over any span; freeze, read at a time."),
            opens(TRENDS), locked=True),
-    Action("devices_screen", "f5,5", "F5", N_("devices"), N_("Every line, what it says; test, write raw."),
+    Action("devices_screen", "f5", "F5", N_("devices"), N_("Every line, what it says; test, write raw."),
            opens(DEVICES), locked=True),
-    Action("calibrate_screen", "f6,6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
+    Action("calibrate_screen", "f6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
            opens(CALIBRATE), locked=True),
-    Action("replay_screen", "f7,7", "F7", N_("replay"), N_("A log, played again."), opens(REPLAY), locked=True),
-    Action("diagnosis_screen", "f9,9", "F9", N_("diagnosis"),
+    Action("replay_screen", "f7", "F7", N_("replay"), N_("A log, played again."), opens(REPLAY), locked=True),
+    Action("diagnosis_screen", "f9", "F9", N_("diagnosis"),
            N_("What is wrong with the machine, and why: from its logs."), opens(DIAGNOSIS), locked=True),
-    Action("job_screen", "f10,0", "F10", N_("job"), N_("Before work, totals, refills, N-rich strip, end of the job."),
+    Action("job_screen", "f10", "F10", N_("job"), N_("Before work, totals, refills, N-rich strip, end of the job."),
            opens(JOB), locked=True),
     Action("settings_screen", "f11", "F11", N_("settings"), N_("Units, language, look, sound, limits, keys."),
            opens(SETTINGS), locked=True),
+    Action("pages", "tab", "Tab", N_("pages"), N_("Goes to a page, where the terminal keeps the F-keys to itself."),
+           pages, bar=10, locked=True),
+    Action("start_anywhere", "ctrl+s", "^S", N_("start, asked"),
+           N_("Ready or held: begins to work, from any page; asked once."), start_from_any_page, why=why_no_start),
+    Action("undo", "ctrl+z", "^Z", N_("undo"),
+           N_("Takes the last change of strategy, source, nudge, switch or setting back; asked once."), take_back,
+           why=why_no_undo),
     Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."),
            alarm_list, locked=True),
     Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), lock, bar=11,
@@ -176,8 +245,9 @@ ACTIONS = (
     Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), next_theme, bar=12, locked=True),
     Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), palette, bar=13),
     Action("tour", "ctrl+t", "^T", N_("guided tour"), N_("A minute on the simulated machine, key by key."), begin_tour),
-    Action("tour_next", "ctrl+n", "^N", N_("tour: next"), N_("Skips a step of the guided tour."), next_step),
-    Action("tour_end", "ctrl+e", "^E", N_("tour: end"), N_("Ends the guided tour."), end_tour),
+    Action("tour_next", "ctrl+n", "^N", N_("tour: next"), N_("Skips a step of the guided tour."), next_step,
+           why=why_no_tour),
+    Action("tour_end", "ctrl+e", "^E", N_("tour: end"), N_("Ends the guided tour."), end_tour, why=why_no_tour),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
     Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),
     Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asked once while the machine works."),

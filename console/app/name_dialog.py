@@ -9,10 +9,12 @@ from textual.binding import Binding
 from textual.widgets import Input, Static
 
 from console.app.dialogs import Dialog
+from console.locale import _
 
 
 class NameDialog(Dialog[str | None]):
-    """wrong: says in one line what is wrong with a text, or "" when it will do. Hold and F12 (stop) work as ever."""
+    """wrong: says in one line what is wrong with a text, or "" when it will do. Ctrl+Space (hold) and F12
+    (stop) work as ever."""
 
     AUTO_FOCUS = "#name-input"
     BINDINGS: ClassVar = [Binding("escape", "cancel", show=False, priority=True)]
@@ -24,6 +26,7 @@ class NameDialog(Dialog[str | None]):
     def body(self) -> ComposeResult:
         yield Input(self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False)
         yield Static("", id="name-wrong", classes="dialog-value", markup=False)
+        yield Static(_("Ctrl+Space holds, F12 stops, also while typing."), classes="dialog-hint", markup=False)
 
     def on_mount(self) -> None:
         self.query_one("#name-wrong", Static).display = False

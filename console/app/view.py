@@ -12,7 +12,7 @@ from console.app import words
 from console.app.units import M2_PER_HA, Units
 from console.frame import Frame
 from console.locale import _
-from control.orders import Severity
+from control.orders import Alarm, Severity
 
 STALE_S = 1.0                 # older than this is greyed
 RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but never to less than this
@@ -54,11 +54,13 @@ class AlarmLine(NamedTuple):
     todo: str
     since: str                # time of day of its beginning, where that is known
     lasted: str
+    gone: str = ""            # its cause is away since, in words; empty: the cause is there
 
 
 class AlarmsView(NamedTuple):
     lines: tuple[AlarmLine, ...]
     calm: str                 # what stands there when nothing is wrong
+    fault: str = ""           # id of the alarm that made the machine faulty; empty: no fault
 
 
 class RatesView(NamedTuple):
@@ -183,8 +185,16 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units) -> AlarmsView:
         since = wall_clock(frame.row.utc, utc_offset_s, lasted_s)
         lines.append(AlarmLine(alarm.id, alarm.severity, alarm.acknowledged, words.SEVERITY_SYMBOLS[alarm.severity],
                                _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since,
-                               duration(lasted_s)))
-    return AlarmsView(tuple(lines), _("no alarms"))
+                               duration(lasted_s), _gone(alarm, frame, utc_offset_s)))
+    return AlarmsView(tuple(lines), _("no alarms"), frame.why_state or "fault" if frame.row.state == "fault" else "")
+
+
+def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
+    if alarm.gone_s is None:
+        return ""
+    ago_s = max(0.0, frame.at_s - alarm.gone_s)
+    since = wall_clock(frame.row.utc, utc_offset_s, ago_s)
+    return _("cause gone since {time}").format(time=since or duration(ago_s))
 
 
 def _rates(frame: Frame, old: bool, units: Units) -> RatesView:

@@ -1,6 +1,7 @@
 """The command line: `topdress --help`. Each command has a file of its own; what is heavy is imported when it runs."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -22,12 +23,17 @@ from console.cli import (
 from console.cli import map as map_command
 from console.cli import reproduce as reproduce_command
 from console.cli import serve as serve_command
+from console.cli.examples import ENDS, under
 from console.cli.plain_errors import guarded
+from console.cli.plain_help import PlainCommand
 from console.cli.plain_output import take_terminals
 from console.threads import few_for_matrices
 
-app = typer.Typer(name="topdress", no_args_is_help=False, add_completion=False, rich_markup_mode=None,
-                  pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
+app = typer.Typer(name="topdress", no_args_is_help=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+                  epilog=ENDS,
+                  context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+calibrations = typer.Typer(rich_markup_mode=None,
+                           help="Fit flow or lag to a bench table, or wheel or heads to a run log.")
 
 
 @app.callback(invoke_without_command=True)
@@ -43,21 +49,29 @@ def console(context: typer.Context,
         guarded(run.run)()
 
 
-app.command("run")(guarded(run.run))
-app.command("replay")(guarded(replay.replay))
-app.command("simulate")(guarded(simulate.simulate))
-app.command("diagnose")(guarded(diagnose.diagnose))
-app.command("history")(guarded(history.history))
-app.command("calibrate")(guarded(calibrate.calibrate))
-app.command("effects")(guarded(effects.effects))
-app.command("decode")(guarded(decode.decode))
-app.command("import")(guarded(import_log.import_log))
-app.command("map")(guarded(map_command.map_files))
-app.command("reproduce")(guarded(reproduce_command.reproduce))
-app.command("check")(guarded(check.check))
-app.command("devices")(guarded(devices.devices))
-app.command("serve")(guarded(serve_command.serve))
-app.command("serve-machine")(guarded(serve_machine.serve_machine))
+def _add(to: typer.Typer, name: str, function: Callable[..., None], of: str = "") -> None:
+    to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(guarded(function))
+
+
+_add(app, "run", run.run)
+_add(app, "replay", replay.replay)
+_add(app, "simulate", simulate.simulate)
+_add(app, "diagnose", diagnose.diagnose)
+_add(app, "history", history.history)
+app.add_typer(calibrations, name="calibrate", no_args_is_help=True)
+_add(calibrations, "catch", calibrate.catch, "calibrate")
+_add(calibrations, "lag", calibrate.lag, "calibrate")
+_add(calibrations, "wheel", calibrate.wheel, "calibrate")
+_add(calibrations, "heads", calibrate.heads, "calibrate")
+_add(app, "effects", effects.effects)
+_add(app, "decode", decode.decode)
+_add(app, "import", import_log.import_log)
+_add(app, "map", map_command.map_files)
+_add(app, "reproduce", reproduce_command.reproduce)
+_add(app, "check", check.check)
+_add(app, "devices", devices.devices)
+_add(app, "serve", serve_command.serve)
+_add(app, "serve-machine", serve_machine.serve_machine)
 
 
 def main() -> None:

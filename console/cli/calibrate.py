@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -27,62 +28,96 @@ class What(StrEnum):
     HEADS = "heads"
 
 
-def calibrate(
-    what: Annotated[What, typer.Argument(help="catch: flow model; lag: drop times; wheel: circumference by GNSS; "
-                                         "heads: each canopy head against the others.")],
-    data: Annotated[Path | None, typer.Argument(metavar="[DATA.csv]", help="The bench table; for wheel and heads a run "
-                                               "log.")] = None,
+Table = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench table.")]
+Log = Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log.")]
+Out = Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file.")]
+From = Annotated[str, typer.Option(metavar="MACHINE", help="Machine file to begin with, or name of a shipped one.")]
+
+
+def catch(data: Table, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
+    """Fit the flow model to a catch test: what was weighed at each shaft speed and opening, with intervals."""
+    from control.calibration.flow_fit import fit_flow
+    from drivers.files.bench_table import read_bench_table
+    loaded = _begun(data, out, machine, force)
+    fitted, flow = fit_flow(read_bench_table(data, What.CATCH.value), loaded, date=_today())
+    _tell_flow(flow, loaded)
+    _save(fitted, data, out)
+
+
+def lag(
+    data: Annotated[Path | None, typer.Argument(metavar="[TABLE.csv]", help="The bench table; none with "
+                                                "--rig.")] = None,
     *,
     out: Annotated[Path, typer.Option(metavar="NEW.yaml|TABLE.csv", help="The new machine file; with --rig the new "
                                       "bench table.")],
-    machine: Annotated[str, typer.Option(help="Machine file to begin with, or name of a shipped one.")] = "huanghai",
-    label: Annotated[str | None, typer.Option(help="lag: only the rows with this label (e.g. detected).")] = None,
-    from_rpm: Annotated[float | None, typer.Option(help="lag: lowest shaft speed used.")] = None,
-    to_rpm: Annotated[float | None, typer.Option(help="lag: highest shaft speed used.")] = None,
-    rig: Annotated[str | None, typer.Option(metavar="URL", help="lag: measure, with the lag rig there.")] = None,
+    machine: From = "huanghai",
+    label: Annotated[str | None, typer.Option(metavar="WORD", help="Only the rows with this label (e.g. "
+                                              "detected).")] = None,
+    from_rpm: Annotated[float | None, typer.Option(metavar="RPM", help="Lowest shaft speed used.")] = None,
+    to_rpm: Annotated[float | None, typer.Option(metavar="RPM", help="Highest shaft speed used.")] = None,
+    rig: Annotated[str | None, typer.Option(metavar="URL", help="Measure, with the lag rig there.")] = None,
     board: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the board that turns the shaft; none: "
                                             "turned by hand, drop times only.")] = None,
     gnss: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the GNSS receiver, where fitted.")] = None,
-    rpm: Annotated[list[float] | None, typer.Option(help="--rig: a shaft speed (repeatable); default 10 to 70 in steps "
-                                                    "of 10.")] = None,
-    repeats: Annotated[int, typer.Option(min=1, max=100, help="--rig: runs at each speed.")] = 10,
-    opening_mm: Annotated[float | None, typer.Option(help="--rig: opening of the gate; default: as it stands.")] = None,
+    rpm: Annotated[list[float] | None, typer.Option(metavar="RPM", help="--rig: a shaft speed (repeatable); default 10 "
+                                                    "to 70 in steps of 10.")] = None,
+    repeats: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=100, help="--rig: runs at each speed.")] = 10,
+    opening_mm: Annotated[float | None, typer.Option(metavar="MM", help="--rig: opening of the gate; default: as it "
+                                                     "stands.")] = None,
     no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
                                          "hard-wired stop.")] = False,
     force: Force = False,
 ) -> None:
-    """Fit flow or lag to a bench table, or wheel or heads to a run log, with intervals and range.
-
-    With lag --rig URL --board URL: measure a lag bench table.
-    """
-    from drivers.files.kinds import MACHINE
-    reads = () if data is None else log_files(data)
-    refuse_collisions((*reads, named(machine, MACHINE.folder)), [Output((out,))], force)
-    if rig is not None and what is What.LAG and data is None:
+    """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag rig."""
+    if rig is not None and data is None:
         from console.cli.lag_rig import measure_lag
+        _refuse((), out, machine, force)
         measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
         return
     if data is None or rig is not None:
-        raise CommandError("calibrate: allowed is a bench table or run log, or lag with --rig URL and no table")
-    from control.calibration.flow_fit import fit_flow
+        raise CommandError("calibrate lag: allowed is a bench table, or --rig URL and no table")
     from control.calibration.lag_fit import fit_lag
     from drivers.files.bench_table import read_bench_table
-    from drivers.files.config import load, save
-    loaded = load(machine, MACHINE).model
-    today = dt.date.today().isoformat()
-    if what in (What.WHEEL, What.HEADS):
-        save(out, _signed(_from_log(what, data, loaded, today), data), MACHINE)
-        typer.echo(f"machine file: {out}")
-        return
-    table = read_bench_table(data, what.value)
-    if what is What.CATCH:
-        fitted, flow = fit_flow(table, loaded, date=today)
-        _tell_flow(flow, loaded)
-    else:
-        fitted, line = fit_lag(table, loaded, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=today)
-        _tell_lag(line)
+    loaded = _begun(data, out, machine, force)
+    table = read_bench_table(data, What.LAG.value)
+    fitted, line = fit_lag(table, loaded, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=_today())
+    _tell_lag(line)
+    _save(fitted, data, out)
+
+
+def wheel(data: Log, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
+    """Fit the wheel's circumference to GNSS distances of a run log."""
+    loaded = _begun(data, out, machine, force)
+    _save(_from_log(What.WHEEL, data, loaded, _today()), data, out)
+
+
+def heads(data: Log, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
+    """Fit each canopy head against the others over a run log."""
+    loaded = _begun(data, out, machine, force)
+    _save(_from_log(What.HEADS, data, loaded, _today()), data, out)
+
+
+def _refuse(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:
+    from drivers.files.kinds import MACHINE
+    refuse_collisions((*reads, named(machine, MACHINE.folder)), [Output((out,))], force)
+
+
+def _begun(data: Path, out: Path, machine: str, force: bool) -> Machine:
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    _refuse(log_files(data), out, machine, force)
+    return load(machine, MACHINE).model
+
+
+def _save(fitted: Machine, data: Path, out: Path) -> None:
+    from drivers.files.config import save
+    from drivers.files.kinds import MACHINE
     save(out, _signed(fitted, data), MACHINE)
     typer.echo(f"machine file: {out}")
+
+
+def _today() -> str:
+    return dt.date.today().isoformat()
 
 
 def _signed(machine: Machine, data: Path) -> Machine:

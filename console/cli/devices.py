@@ -11,8 +11,10 @@ def devices(
     ports: Annotated[list[str] | None, typer.Argument(metavar="[PORT...]", help="Serial ports, socket://HOST:PORT or "
                                                       "udp://HOST:PORT. None: every serial port of this computer, and "
                                                       "rate modules on the network.")] = None,
-    baud: Annotated[int | None, typer.Option(min=300, max=4_000_000, help="Listen at this rate only.")] = None,
-    seconds: Annotated[float, typer.Option(min=0.2, max=60.0, help="Listen this long at each rate.")] = 1.2,
+    baud: Annotated[int | None, typer.Option(metavar="NUMBER", min=300, max=4_000_000,
+                                             help="Listen at this rate only.")] = None,
+    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.2, max=60.0,
+                                           help="Listen this long at each rate.")] = 1.2,
     no_probe: Annotated[bool, typer.Option("--no-probe", help="List only; open nothing.")] = False,
 ) -> None:
     """List the ports and what speaks on them. Listens only: nothing is sent to any device."""

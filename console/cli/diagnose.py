@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
-from console.cli.plain_errors import CommandError
+from console.cli.plain_errors import NOT_JUDGED, CommandError
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -19,14 +19,15 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 TOGETHER = 2                # groups of channels judged at the same time
-NOT_JUDGED = 3              # exit code
 
 
 def diagnose(
     data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="A run log, or one or more bench tables of "
                                                "the same machine.")],
-    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one.")] = "huanghai",
-    kind: Annotated[str | None, typer.Option(help="run, lag, catch, weigh, heads or place; default: from the "
+    machine: Annotated[str, typer.Option(metavar="MACHINE",
+                                         help="Machine file, or name of a shipped one.")] = "huanghai",
+    kind: Annotated[str | None, typer.Option(metavar="KIND",
+                                             help="run, lag, catch, weigh, heads or place; default: from the "
                                              "columns.")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="The result as JSON; - for standard "
                                                  "output.")] = None,
@@ -35,9 +36,10 @@ def diagnose(
     closed_loop: Annotated[float | None, typer.Option(min=60.0, metavar="SECONDS", help="Also simulate a job this "
                                                       "long, twice, on a machine that has the named effects: "
                                                       "control without and with knowing them.")] = None,
-    job: Annotated[str | None, typer.Option(help="Of --closed-loop: job file, or name of a shipped one; default "
+    job: Annotated[str | None, typer.Option(metavar="JOB",
+                                            help="Of --closed-loop: job file, or name of a shipped one; default "
                                             "demo.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws behind the probabilities.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the draws behind the probabilities.")] = 0,
     force: Force = False,
 ) -> None:
     """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do.

@@ -15,7 +15,8 @@ def effects(
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
     as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
                                                  "Markdown.")] = None,
-    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one: bounds of sizes are shares of "
+    machine: Annotated[str, typer.Option(metavar="MACHINE",
+                                         help="Machine file, or name of a shipped one: bounds of sizes are shares of "
                                          "its ranges.")] = "huanghai",
     force: Force = False,
 ) -> None:

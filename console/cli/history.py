@@ -12,7 +12,7 @@ from console.cli.plain_errors import CommandError
 
 
 def history(
-    machine: Annotated[str, typer.Argument(help="Machine file, or name of a shipped one.")],
+    machine: Annotated[str, typer.Argument(metavar="MACHINE", help="Machine file, or name of a shipped one.")],
     undo: Annotated[bool, typer.Option("--undo", help="Take the last change back.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="Of --undo: where the machine without it goes; "
                                              "the file itself stays as it is.")] = None,

@@ -13,6 +13,7 @@ from console.cli.plain_errors import CommandError
 if TYPE_CHECKING:
     from drivers.files.exports.as_applied import AsApplied
     from drivers.files.prescriptions.words import Choice, Imported
+    from drivers.files.read_log import RunLog
 
 SHOWN_RATES = 20
 
@@ -25,9 +26,11 @@ def map_files(
                                              "folder (ISOXML task); of a run log also .csv and .html (the job's "
                                              "report). None: IN is only told.")
                    ] = None,
-    column: Annotated[str | None, typer.Option(help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
-    unit: Annotated[str | None, typer.Option(help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
-    scale: Annotated[float, typer.Option(help="Factor on every rate.")] = 1.0,
+    column: Annotated[str | None, typer.Option(metavar="NAME",
+                                               help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
+    unit: Annotated[str | None, typer.Option(metavar="UNIT",
+                                             help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
+    scale: Annotated[float, typer.Option(metavar="FACTOR", help="Factor on every rate.")] = 1.0,
     density: Annotated[float | None, typer.Option(metavar="KG_PER_L", help="Of the product, for rates in "
                                                   "volumes.")] = None,
     nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", help="N in the product, 0 to 1, for rates of "
@@ -36,14 +39,16 @@ def map_files(
                                                   "nothing.")] = None,
     outside: Annotated[float | None, typer.Option(metavar="KG_HA", help="Outside the field or the map.")] = None,
     lost: Annotated[float | None, typer.Option(metavar="KG_HA", help="When the position is lost.")] = None,
-    layer: Annotated[str | None, typer.Option(help="Of a task file with several: TASK/DDI or "
+    layer: Annotated[str | None, typer.Option(metavar="LAYER", help="Of a task file with several: TASK/DDI or "
                                               "TASK/DDI/PRODUCT.")] = None,
     inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "
                                                "shapefile.")] = None,
     rate_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a task file contradicts "
                                                   "itself about its unit.")] = None,
-    machine: Annotated[str | None, typer.Option(help="Of a run log that has no NAME.yaml beside it.")] = None,
-    product: Annotated[str | None, typer.Option(help="Name of the product, instead of the log's.")] = None,
+    machine: Annotated[str | None, typer.Option(metavar="MACHINE",
+                                                help="Of a run log that has no NAME.yaml beside it.")] = None,
+    product: Annotated[str | None, typer.Option(metavar="NAME",
+                                                help="Name of the product, instead of the log's.")] = None,
     every: Annotated[float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")] = 1.0,
     polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="What is told, as JSON.")] = False,
@@ -171,7 +176,7 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from console.reports.job_page import MOST_STRETCHES
-        _report(as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)), out)
+        _report(as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)), out, log)
     elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
@@ -182,14 +187,15 @@ def _export(source: Path, out: Path | None, machine: str | None, product: str | 
         typer.echo(f"written      {out}")
 
 
-def _report(applied: AsApplied, out: Path) -> None:
+def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
     from console.reports.figure import need_matplotlib
+    from console.reports.job_about import about_of
     from console.reports.job_page import job_page
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
     need_matplotlib()
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(out, job_page(applied, f"topdress {software_version()}"))
+    write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(log)))
 
 
 def _tell_applied(applied: AsApplied) -> None:

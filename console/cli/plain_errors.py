@@ -1,6 +1,7 @@
 """Errors of a command in plain lines on stderr and a non-zero exit; never a trace for what the user can put right.
 
-Whatever says what is wrong with a file or a value is a ValueError, or a ConfigError where it may be several lines.
+Whatever says what is wrong with a file or a value is a ValueError, or a ConfigError where it may be several lines. This
+is the one place that turns errors into lines and exit codes; anything else is a fault of ours, said in one line too.
 """
 from __future__ import annotations
 
@@ -17,6 +18,9 @@ from drivers.files.config import ConfigError
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130      # exit codes, told by `topdress --help`
+
+
 class CommandError(Exception):
     """One plain line for the user."""
 
@@ -30,18 +34,46 @@ def guarded(command: F) -> F:
         except ConfigError as error:
             for line in error.lines:
                 typer.echo(line, err=True)
-            raise typer.Exit(2) from None
+            raise typer.Exit(WRONG) from None
         except (CommandError, ValueError) as error:
-            typer.echo(str(error).splitlines()[0], err=True)
-            raise typer.Exit(2) from None
+            typer.echo((str(error).splitlines() or [type(error).__name__])[0], err=True)
+            raise typer.Exit(WRONG) from None
         except BrokenPipeError:             # `topdress decode ... | head` is no error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(0) from None
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             typer.echo(f"{where}{error.strerror or error}", err=True)
-            raise typer.Exit(1) from None
+            raise typer.Exit(FAILED) from None
         except KeyboardInterrupt:
             typer.echo("cancelled", err=True)
-            raise typer.Exit(130) from None
+            raise typer.Exit(CANCELLED) from None
+        except (typer.Exit, typer.Abort, typer.BadParameter):
+            raise
+        except Exception as error:          # nobody foresaw it: the trace is for us, the line for the user
+            typer.echo(f"a fault of topdress: {type(error).__name__}: {_one_line(error)}; {_kept_trace()}", err=True)
+            raise typer.Exit(OUR_FAULT) from None
     return run  # type: ignore[return-value]
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def _kept_trace() -> str:
+    """Where the trace of the error at hand is kept; it is asked for when somebody reports it."""
+    import tempfile
+    import traceback
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="topdress-fault-", suffix=".txt", delete=False,
+                                         encoding="utf-8") as kept:
+            kept.write(traceback.format_exc())
+    except OSError:
+        return "its trace could not be kept"
+    return f"its trace is in {kept.name}: please report it"
+
+
+def need_terminal(command: str, instead: str) -> None:
+    """Refuses a command that draws on a terminal where there is none, and says what works there."""
+    if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
+        raise CommandError(f"{command} needs a terminal; without one: {instead}")

@@ -2,20 +2,42 @@
 from __future__ import annotations
 
 import io
+import os
+import shutil
 import sys
+import textwrap
 
 from drivers.plain_text import plain
 
 OVER_THE_LINE = "\r\x1b[K"          # our own lines of progress begin with it
 
 
+RED, BLUE, NO_MORE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
+INDENT = "    "                     # of what a line goes on with
+
+
 class PlainOutput(io.TextIOWrapper):
-    """A text stream that leaves out what steers a terminal, but for a progress line's beginning."""
+    """A text stream that leaves out what steers a terminal, but for a progress line's beginning. Lines that are too
+    wide for it are broken between words. errors: lines are complaints and come in colour, notes in another."""
+
+    complains = False
 
     def write(self, text: str) -> int:
         own = OVER_THE_LINE if text.startswith(OVER_THE_LINE) else ""
-        super().write(own + plain(text[len(own):]))
+        said = plain(text[len(own):])
+        if not own:
+            said = "\n".join(self._dressed(line) for line in said.split("\n"))
+        super().write(own + said)
         return len(text)
+
+    def _dressed(self, line: str) -> str:
+        columns = shutil.get_terminal_size().columns
+        if len(line) > columns > 2 * len(INDENT):
+            line = "\n".join(textwrap.wrap(line, columns, subsequent_indent=INDENT, break_long_words=False,
+                                           break_on_hyphens=False, replace_whitespace=False, drop_whitespace=True))
+        if not (self.complains and line.strip()) or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+            return line
+        return f"{BLUE if line.startswith('note: ') else RED}{line}{NO_MORE}"
 
 
 def take_terminals() -> None:
@@ -24,5 +46,6 @@ def take_terminals() -> None:
         stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper) and stream.isatty():
             stream.flush()
-            setattr(sys, name, PlainOutput(stream.buffer, encoding=stream.encoding, errors=stream.errors,
-                                           line_buffering=True))
+            plainer = PlainOutput(stream.buffer, encoding=stream.encoding, errors=stream.errors, line_buffering=True)
+            plainer.complains = name == "stderr"
+            setattr(sys, name, plainer)

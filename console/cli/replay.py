@@ -23,8 +23,8 @@ def replay(
     headless: Annotated[bool, typer.Option("--headless", help="No screen: run the control loop on the logged "
                                            "measurements as fast as it goes.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="NEW.csv", help="With --headless: log of the new run.")] = None,
-    machine: Annotated[str | None, typer.Option(help="Instead of the log's.")] = None,
-    job: Annotated[str | None, typer.Option(help="Instead of the log's.")] = None,
+    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Instead of the log's.")] = None,
+    job: Annotated[str | None, typer.Option(metavar="JOB", help="Instead of the log's.")] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the log's.")] = None,
     force: Force = False,
 ) -> None:

@@ -23,7 +23,7 @@ PAGE = "reproduce.html"
 def reproduce(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
                    ] = Path("reproduce"),
-    seed: Annotated[int, typer.Option(min=0, help="Of the simulated canopies and noise.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated canopies and noise.")] = 1,
     force: Force = False,
 ) -> None:
     """Run the three papers and lay what they print beside what comes out here."""

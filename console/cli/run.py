@@ -11,8 +11,8 @@ def run(
                                                      "repeatable. None: the simulated machine.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE", help="Plant an effect in the simulated machine "
                                                      "(repeatable).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the simulated machine.")] = 1,
-    hz: Annotated[float, typer.Option(min=5.0, max=100.0, help="Control ticks a second.")] = 20.0,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated machine.")] = 1,
+    hz: Annotated[float, typer.Option(metavar="HZ", min=5.0, max=100.0, help="Control ticks a second.")] = 20.0,
     log: Annotated[str | None, typer.Option(metavar="NAME.csv", help="Run log. None: a new file in the user's data "
                                             "folder.")] = None,
 ) -> None:

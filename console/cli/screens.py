@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.cli.plain_errors import CommandError
+from console.cli.plain_errors import CommandError, need_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,6 +31,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from drivers.files.setup import by_kind, setup_of
     found = by_kind(config)
     setup = setup_of(found, dt.date.today())
+    need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
     launcher = Launcher(config, effects, seed, hz, log, trouble_path())
     job = JobFiles(launcher)
 
@@ -99,6 +100,7 @@ def show_replay(recorded: RunLog) -> None:
     from console.services.logs import RunLogs
     from console.services.replay_frames import replay_job
     from console.services.settings import settings_store
+    need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")
     TopdressApp(None, replay=replay_job(recorded),
                 services=Services(field=field_picture, logs=RunLogs(), layers=MapLayers(),
                                    settings=settings_store())).run()

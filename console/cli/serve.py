@@ -20,9 +20,10 @@ LEAST_LETTERS = 6
 
 
 def serve(
-    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for a tablet on the same network.")
+    host: Annotated[str, typer.Option(metavar="ADDRESS",
+                                      help="Address to listen on; 0.0.0.0 for a tablet on the same network.")
                     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
+    port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Port to listen on.")] = 8000,
     token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Its first line is the key that lets a tab "
                                                     "operate the machine; made where it does not exist. None: tabs "
                                                     "only look.")] = None,

@@ -19,23 +19,26 @@ PLANT_STEP_S = 0.02
 
 
 def serve_machine(
-    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one.")] = "huanghai",
-    job: Annotated[str, typer.Option(help="Job file, or name of a shipped one.")] = "demo",
-    seed: Annotated[int, typer.Option(min=0, help="Of canopy and noise.")] = 1,
+    machine: Annotated[str, typer.Option(metavar="MACHINE",
+                                         help="Machine file, or name of a shipped one.")] = "huanghai",
+    job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",
+    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
                                                      "the controller does not know (repeatable).")] = None,
     fault: Annotated[list[str] | None, typer.Option(
         metavar="KIND:DEVICE@FROM_S[+FOR_S]", help="Spoil a device's line: unplug, garbage, half_lines, frozen, "
         "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of them.")] = None,
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65000, help="First TCP port; 0: any free ones.")] = 4100,
+    host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65000,
+                                      help="First TCP port; 0: any free ones.")] = 4100,
     pty: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Pseudo-terminals too, with their names in this "
                                              "folder.")] = None,
     rate_module: Annotated[bool, typer.Option("--rate-module", help="A rate module on UDP turns the shaft.")] = False,
     agopengps: Annotated[bool, typer.Option("--agopengps", help="Positions on UDP 17777 too.")] = False,
     lag_rig: Annotated[bool, typer.Option("--lag-rig", help="The machine stands, for calibrating, with "
                                           "the lag rig under its outlets.")] = False,
-    seconds: Annotated[float, typer.Option(min=0.0, help="End after this long; 0: when interrupted.")] = 0.0,
+    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.0,
+                                           help="End after this long; 0: when interrupted.")] = 0.0,
     force: Force = False,
 ) -> None:
     """The simulated machine behind every protocol, in real time. `topdress run --config virtual` connects to it."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from console.cli.map_notes import told_map
-from console.cli.outputs import Force, refuse_collisions
+from console.cli.outputs import Force, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
 from console.cli.terms import parse_terms
@@ -38,10 +38,11 @@ TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_
 
 
 def simulate(
-    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one.")] = "huanghai",
-    job: Annotated[str, typer.Option(help="Job file, or name of a shipped one.")] = "demo",
-    seconds: Annotated[float, typer.Option(min=1.0, help="Simulated time.")] = 600.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of canopy and noise.")] = 1,
+    machine: Annotated[str, typer.Option(metavar="MACHINE",
+                                         help="Machine file, or name of a shipped one.")] = "huanghai",
+    job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",
+    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1.0, help="Simulated time.")] = 600.0,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
     out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; beside it LOG.truth.csv. "
                                              "None: nothing is written.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
@@ -85,6 +86,9 @@ def simulate(
         run = _run(setup, resolved, seed, planted, terms, seconds, placed, log)
         if out is not None:
             write_atomically(truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m))
+    if out is not None:
+        written = ", ".join(str(path) for path in (*new_log_files(out), truth_path(out)))
+        typer.echo(f"written: {written} ({seconds:g} s simulated)", err=as_json)
     if not (summary or as_json or out is None):
         return
     if run.doses is None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from console.reports.bars import interval_bar, share_bar
 from console.reports.figure import need_matplotlib
-from console.reports.html import GENERATOR, escape, facts, figure, items, paragraph, section, table
+from console.reports.html import GENERATOR, escape, facts, figure, folded, items, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
@@ -17,7 +17,7 @@ from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from console.reports.variables import plain
 from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
-from console.reports.words import headlined, left_facts, when
+from console.reports.words import headlined, left_facts, tied, when
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
 from control.machine.machine import CATALOGUE
 
@@ -40,15 +40,16 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     name = escape(found.data.path or "data")
     parts = (
         _head(found),
+        _next_run(found.next_run) if found.verdict == "ambiguous" else "",
         section("About the data", items(found.findings) if found.findings else ""),
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained))),
                 *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
         section("Measured beside predicted", *(figure(picture) for picture in pictures.data)),
-        _next_run(found.next_run),
-        section("Gain on data that the naming never saw", _gains(found.gain)),
-        section("Channels", _channels(found)),
-        _not_shown(found),
+        "" if found.verdict == "ambiguous" else _next_run(found.next_run),
+        folded("Figures of the method, for whoever wants to check it",
+               section("Gain on data that the naming never saw", _gains(found.gain)),
+               section("Channels", _channels(found)), _not_shown(found)),
         _provenance(found, tools))
     body = "\n".join(part for part in parts if part)
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
@@ -82,7 +83,10 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
     physics = paragraph(entry.effect.physics, "dim") if entry else ""
     kind = "cause open" if others(cause) else "cause"
     title = title_of(cause.id) if headlined(cause) else f"Suspected: {title_of(cause.id)}"
-    return (f'<section class="{kind}"><h3>{escape(title)} <span class="id">{escape(cause.id)}</span></h3>'
+    name = f' <span class="id">{escape(cause.id)}</span>'
+    if tied(cause):                         # equals until the next run: none of them is a headline
+        title, name = f"One of these {1 + len(others(cause))}: this data cannot tell which", ""
+    return (f'<section class="{kind}"><h3>{escape(title)}{name}</h3>'
             f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>")
 
 

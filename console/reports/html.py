@@ -44,6 +44,12 @@ def section(title: str, *inside: str, kind: str = "") -> str:
     return f"<section{_class(kind)}><h2>{escape(title)}</h2>\n{body}\n</section>" if body else ""
 
 
+def folded(title: str, *inside: str) -> str:
+    """Parts that a reader opens who wants them; on paper they stand open. Nothing where nothing is inside."""
+    body = "\n".join(part for part in inside if part)
+    return f'<details class="fold"><summary>{escape(title)}</summary>\n{body}\n</details>' if body else ""
+
+
 def figure(picture: Picture | None) -> str:
     if picture is None:
         return ""

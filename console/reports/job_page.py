@@ -7,6 +7,7 @@ import numpy as np
 
 from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
 from console.reports.html import GENERATOR, escape, facts, figure, section
+from console.reports.job_about import NOBODY, About, named, simulated_band, time_line
 from console.reports.numbers import fixed, number, span_of
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
@@ -19,8 +20,8 @@ HELD_WORDS = ("<p>The target is what control held for each stretch, in steps. Wh
               "is in no log; a simulated run is held against that too: topdress simulate --summary.</p>")
 
 
-def job_page(applied: AsApplied, software: str) -> str:
-    """A whole HTML page, pictures inside, nothing fetched from elsewhere. Needs matplotlib."""
+def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
+    """A whole HTML page, pictures inside, nothing fetched from elsewhere: a sheet to hand over. Needs matplotlib."""
     t = applied.totals
     said = f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(t.area_ha, 3)} ha"
     sums = facts([
@@ -38,6 +39,7 @@ def job_page(applied: AsApplied, software: str) -> str:
         ("nitrogen", f"{fixed(t.applied_n_kg, 2)} kg ({fixed(100.0 * applied.product.n_fraction, 1)} % of the "
                      "product)"),
         ("evenness", f"CV {number(t.cv_percent)} %, Christiansen's uniformity {number(t.cuc_percent)} %"),
+        *evenness_against_plan(applied),
         ("working time", escape(span_of(t.worked_s))),
         ("machine", escape(f"{applied.machine.title or applied.machine.id}, {applied.width_m:g} m"))])
     begun = applied.utc(float(applied.stretches.time_s[0]))
@@ -45,36 +47,60 @@ def job_page(applied: AsApplied, software: str) -> str:
     return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
             f'content="width=device-width">{GENERATOR}<title>{escape(applied.title)}</title>'
             f'<style>{STYLE}</style></head>\n'
-            f'<body><h1>{escape(applied.title + when)}</h1><p class="verdict">{escape(said)}</p>\n'
-            f'{section("Sums", sums)}\n{section("Where", figure(applied_map(applied)))}\n'
+            f'<body><h1>{escape(applied.title + when)}</h1>{simulated_band(about)}'
+            f'<p class="verdict">{escape(said)}</p>\n{named(about, about.product or applied.product.name)}\n'
+            f'{section("Sums", sums)}\n{section("Wanted and applied", figure(applied_map(applied)))}\n'
+            f'{section("What happened", figure(time_line(about)))}\n'
             f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'
+            f'<p class="signed"><span>handed over by</span><span>received by</span></p>\n'
             f'<p class="dim">{escape(software)}</p></body></html>\n')
 
 
+def evenness_against_plan(applied: AsApplied) -> list[tuple[str, str]]:
+    """How even the dose is once the plan's own differences are taken out: the r.m.s. of applied less wanted, wanted
+    scaled to what was applied in all, over the mean applied; by area."""
+    s = applied.stretches
+    known = np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0)
+    if not known.any():
+        return []
+    got, wanted, area = s.applied_kg_ha[known], s.target_kg_ha[known], s.area_m2[known]
+    mean = float(np.average(got, weights=area))
+    scaled = wanted * mean / float(np.average(wanted, weights=area))
+    spread = float(np.sqrt(np.average((got - scaled) ** 2, weights=area)))
+    return [("against the plan", f"CV {fixed(100.0 * spread / mean, 1)} % once the plan's own differences are out")]
+
+
 def applied_map(applied: AsApplied) -> Picture:
-    """The ground covered, coloured by what it got."""
+    """The ground covered, coloured by what was wanted there and, beside it on the same scale, by what it got."""
     from matplotlib.collections import PolyCollection
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
     corners = plane.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(-1, 4, 2)
-    with drawn(6.6, 4.6) as (canvas, axes):
-        ax = axes[0][0]
-        ground = PolyCollection(list(corners), array=s.applied_kg_ha, cmap="cividis", linewidths=0.0)
-        ax.add_collection(ground)
-        if applied.field_deg is not None:
-            edge = plane.many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
-            ax.plot(*np.vstack((edge, edge[:1])).T, color=LINE, linewidth=1.0)
-        ax.set_aspect("equal")
-        ax.autoscale_view()
-        (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
-        ax.locator_params(axis="x", nbins=_most_ticks((east - west) / (north - south)), min_n_ticks=1)
-        ax.locator_params(axis="y", nbins=_most_ticks((north - south) / (east - west)), min_n_ticks=1)
-        ax.set_xlabel("east, m")
-        ax.set_ylabel("north, m")
-        bar: Any = canvas.colorbar(ground, ax=ax, shrink=0.8)
-        bar.set_label("applied, kg/ha")
-        return Picture(svg(canvas, "jobmap", "Map of the applied rate"),
-                       "Applied rate where the material came to lie; the line is the field's edge.")
+    planned = bool(np.isfinite(s.target_kg_ha).any())
+    shown = [("wanted", s.target_kg_ha)] * planned + [("applied", s.applied_kg_ha)]
+    known = np.concatenate([values[np.isfinite(values)] for _name, values in shown])
+    low, high = float(known.min()), float(known.max())
+    with drawn(6.6, 4.6, len(shown)) as (canvas, axes):
+        for ax, (name, values) in zip(axes[0], shown, strict=True):
+            ground = PolyCollection(list(corners), array=values, cmap="cividis", linewidths=0.0)
+            ground.set_clim(low, high)
+            ax.add_collection(ground)
+            if applied.field_deg is not None:
+                edge = plane.many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
+                ax.plot(*np.vstack((edge, edge[:1])).T, color=LINE, linewidth=1.0)
+            ax.set_aspect("equal")
+            ax.autoscale_view()
+            (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
+            ax.locator_params(axis="x", nbins=_most_ticks((east - west) / (north - south)), min_n_ticks=1)
+            ax.locator_params(axis="y", nbins=_most_ticks((north - south) / (east - west)), min_n_ticks=1)
+            ax.set_title(name)
+            ax.set_xlabel("east, m")
+            ax.set_ylabel("north, m")
+        bar: Any = canvas.colorbar(ground, ax=list(axes[0]), shrink=0.8)
+        bar.set_label("kg/ha")
+        return Picture(svg(canvas, "jobmap", "Maps of the wanted and of the applied rate"),
+                       "Wanted and applied rate where the material came to lie, on one scale; the line is the field's "
+                       "edge.")
 
 
 def _most_ticks(slenderness: float) -> int:

@@ -39,5 +39,12 @@ th, td { text-align: left; padding: .3rem .7rem .3rem 0; border-bottom: 1px soli
 th { font-weight: 600; color: var(--dim); } .number { text-align: right; font-variant-numeric: tabular-nums; }
 li { margin: .25rem 0; } section.cause, tr { break-inside: avoid; }
 @media (max-width: 40rem) { dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .5rem; } }
+.simulated { border: 3px solid var(--before); color: var(--before); font-weight: 700; padding: .3rem .8rem;
+  letter-spacing: .04em; }
+.blank { display: inline-block; min-width: 14rem; border-bottom: 1px solid var(--line); height: 1.1em; }
+.signed { display: grid; grid-template-columns: 1fr 1fr; gap: 2rem; margin-top: 3rem; }
+.signed span { border-top: 1px solid var(--line); padding-top: .2rem; color: var(--dim); font-size: .9rem; }
+.fold { margin-top: 2.2rem; } .fold > summary { cursor: pointer; font-weight: 600; color: var(--dim); }
+@media print { .fold::details-content { content-visibility: visible; block-size: auto; } }
 @media print { body { max-width: none; padding: 0; font-size: 10.5pt; } h2 { break-after: avoid; } }
 """

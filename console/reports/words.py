@@ -60,6 +60,11 @@ def headlined(cause: _Cause) -> bool:
         rival.probability < cause.probability for rival in cause.rivals if rival.id != cause.id)
 
 
+def tied(cause: _Cause) -> bool:
+    """Whether a cause has rivals with a name, that the data cannot tell it from: then all of them are equals."""
+    return any(rival.id not in (UNKNOWN, cause.id) for rival in cause.rivals)
+
+
 def when(onset_s: float | None, until_s: float | None, grows: bool, value: float | None, unit: str) -> str:
     """Which part of the log an effect of size `value` is in, s; "" where it was there all along."""
     begin, end = f"{onset_s or 0.0:.0f}", f"{until_s or 0.0:.0f}"

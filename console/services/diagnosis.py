@@ -17,6 +17,7 @@ import platformdirs
 
 from console.app.pages.diagnosis.data import (
     IMPORT,
+    Adoption,
     Export,
     Found,
     OpenQuestions,
@@ -26,7 +27,7 @@ from console.app.pages.diagnosis.data import (
     Tell,
     found_from,
 )
-from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, VIEW, Order
+from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, SURE_FILE, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.services.free_path import free_path
 from console.threads import ONE_THREAD
@@ -155,11 +156,12 @@ class DiagnosisFiles:
 
     # --- what is kept --------------------------------------------------------------------------------------------
 
-    def adopt(self, found: Found) -> str:
-        made = Path(found.folder) / MACHINE_FILE
+    def adopt(self, found: Found, chosen: Adoption) -> str:
+        made = Path(found.folder) / (MACHINE_FILE if chosen.doubtful else SURE_FILE)
         if not found.adoptable or not made.exists():
             raise ValueError("nothing here can be adopted" + "".join(f"; {why}" for why in found.refused))
-        return _kept(made, self.own / "machines", f"{found.machine}-{dt.date.today().isoformat()}", ".yaml")
+        return _kept(made, self.own / "machines", f"{found.machine}-{dt.date.today().isoformat()}", ".yaml",
+                     _said_by(found, chosen))
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
         from console.reports.history_words import side_by_side
@@ -219,7 +221,7 @@ def _source(path: Path) -> Source:
     if kind is None:
         raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
     changed = dt.datetime.fromtimestamp(status.st_mtime).strftime("%Y-%m-%d %H:%M")
-    return Source(str(path), path.name, kind, changed, _size(status.st_size))
+    return Source(str(path), path.name, kind, changed, _size(status.st_size), bytes=status.st_size)
 
 
 def _kind(path: Path) -> str | None:
@@ -252,9 +254,19 @@ def _as_planted(found: Found) -> str:
     return f"{cause.id}={cause.value:.4g}{onset}{member}"
 
 
-def _kept(made: Path, folder: Path, stem: str, ending: str) -> str:
+def _said_by(found: Found, chosen: Adoption) -> str:
+    """The operator's choice as a comment of the file; empty where there was none."""
+    if not chosen.why:
+        return ""
+    tied = ["; ".join((cause.id, *(rival.id for rival in cause.rivals))) for cause in found.causes if cause.rivals]
+    what = "the likeliest taken" if chosen.doubtful else "none of these taken"
+    return "".join(f"# {line}\n" for line in (f"Not told apart by the data: {' / '.join(tied)}",
+                                             f"The operator chose: {what}. Why: {' '.join(chosen.why.split())}"))
+
+
+def _kept(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:
     from drivers.files.atomic import write_atomically
     folder.mkdir(parents=True, exist_ok=True)
     path = free_path(folder, stem, ending)
-    write_atomically(path, made.read_bytes())
+    write_atomically(path, before.encode() + made.read_bytes())
     return str(path)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Tell = Callable[[float, str], None]
 
 VIEW, RESULT, REPORT, MACHINE_FILE = "view.json", "result.json", "report.html", "machine.yaml"
+SURE_FILE = "machine-sure.yaml"          # without what the data cannot tell from others
 RUN_LOG = "separating.csv"
 DRIVING = 0.55                  # share of the whole that simulating takes
 LEAST_STEP = 0.004              # of the share, that is worth a line
@@ -113,6 +114,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
                tell: Tell) -> None:
     """notes: of bringing the data in."""
     from console.app.pages.diagnosis.data import to_plain
+    from console.reports.words import tied
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     folder = Path(order.folder)
@@ -136,6 +138,8 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
     tell(0.86, "pictures")
     view = found_of(found, tools, name, target, order.planted)
     changes = _extended(found, view.adoptable, machine, data, folder / MACHINE_FILE)
+    doubtful = {cause.id for cause in view.causes if tied(cause)}
+    _extended(found, tuple(one for one in view.adoptable if one not in doubtful), machine, data, folder / SURE_FILE)
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
     write_atomically(folder / VIEW, json.dumps(to_plain(view._replace(changes=changes))))
     tell(0.9, "report")

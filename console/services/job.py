@@ -2,16 +2,34 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import datetime as dt
 import shutil
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 import platformdirs
 
-from console.app.pages.job.desk import GATHERING, READING, WRITING, Cancelled, Earlier, Facts, File, Offer, Progress
+from console.app.field_picture import Ring
+from console.app.pages.job.desk import (
+    GATHERING,
+    READING,
+    WRITING,
+    Cancelled,
+    Earlier,
+    Facts,
+    File,
+    MapFile,
+    MapPreview,
+    Offer,
+    Progress,
+    Reading,
+    Who,
+)
 from console.worker import resume
+from control.orders import TargetSource
 from drivers.files.config import ConfigError, Loaded, load, load_any, save, shipped
 from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE
 
@@ -85,6 +103,7 @@ class JobFiles:
         self._launcher = launcher
         self._folder = folder or data_folder()
         self._checked: tuple[object, MapCheck | str] | None = None      # of the map as it stood, and what was found
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None   # of maps that are only looked at
 
     # --- facts --------------------------------------------------------------------------------------------------
 
@@ -106,7 +125,8 @@ class JobFiles:
             crop_warnings=setup.crop.warnings, source=job.target.source.value, ndvi_nrich=nrich,
             nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
             fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
-            fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, field=name, field_ha=area,
+            fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, client=job.client, farm=job.farm,
+            product=job.product, operator=job.operator, field=name, field_ha=area,
             **self._map(job, machine, found, setup.crop.max_rate_kg_ha, setup.folder),
             machine=machine.title or machine.id, machine_file=str(machine_path), effects=_effects(machine),
             shipped_machine=machine_path in shipped(MACHINE.folder).values(),
@@ -179,6 +199,77 @@ class JobFiles:
             return self._new_job({"ndvi_nrich": ndvi}, f"N-rich strip: NDVI {ndvi:.3f}")
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
+
+    def maps(self) -> tuple[MapFile, ...]:
+        from console.services.sticks import maps_in, places
+        return maps_in(places(self._folder))
+
+    def preview(self, path: str, reading: Reading) -> MapPreview:
+        """Raises ValueError."""
+        from console.services.field import picture_of
+        from control.targets.prescription import statistics
+        from drivers.files.prescriptions.for_job import check_of_job
+        from drivers.files.prescriptions.read import read_prescription
+        from drivers.files.prescriptions.words import Choice, RateQuestion
+        from drivers.files.prescriptions.write import write_prescription
+        from drivers.files.setup import setup_of
+        choice = Choice(column=reading.column or None, unit=reading.unit or None)
+        try:
+            read = read_prescription(path, choice)
+        except RateQuestion as question:
+            return MapPreview(path, reading, question.columns, str(question).splitlines()[0])
+        except OSError as error:
+            raise ValueError(f"{path}: {error.strerror or error}") from None
+        if self._scratch is None:
+            self._scratch = tempfile.TemporaryDirectory(prefix="topdress-maps-")
+        kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
+        write_prescription(read.data, kept)
+        found = self._found()
+        setup = setup_of(found, dt.date.today())
+        target = setup.job.target.model_copy(update={"map": str(kept), "source": TargetSource.MAP})
+        job = _on_its_ground(setup.job.model_copy(update={"target": target}), setup.machine, found)
+        check = check_of_job(job, setup.crop.max_rate_kg_ha, kept.parent)
+        shares = statistics(read.data)
+        rates = [share.rate_kg_ha for share in shares] or [0.0]
+        picture = picture_of(job, kept.parent, setup.machine.geometry.working_width_m)
+        return MapPreview(path, reading._replace(column=reading.column or (read.layers or ("",))[0]), read.layers, "",
+                          f"{read.unit} ({read.unit_from})", sum(share.area_ha for share in shares),
+                          sum(share.mass_kg for share in shares), (min(rates), max(rates)), picture, check, str(kept))
+
+    def take_map(self, preview: MapPreview) -> str:
+        """Raises ValueError."""
+        from console.services.free_path import free_path
+        from drivers.files.atomic import write_atomically
+        place = free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
+        target = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.target
+        said = f"Prescription {Path(preview.path).name}, column {preview.reading.column or '-'}, {preview.unit}"
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(place, Path(preview.kept).read_bytes())
+            changed = target.model_copy(update={"map": str(place), "source": TargetSource.MAP})
+            return self._new_job({"target": changed}, said)
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+        except OSError as error:
+            raise ValueError(f"{place}: {error.strerror or error}") from None
+
+    def take_who(self, who: Who) -> str:
+        """Raises ValueError."""
+        job = load(_path_of(self._found(), JOB.format, "demo"), JOB).model
+        field = job.field.model_copy(update={"title": who.field})
+        try:
+            return self._new_job({"client": who.client, "farm": who.farm, "product": who.product,
+                                  "operator": who.operator, "field": field}, "Names given in the cab")
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+
+    def outline(self, job: str) -> tuple[Ring, ...]:
+        from control.field.boundary import Boundary
+        with contextlib.suppress(ConfigError, ValueError):
+            ground = load(Path(job), JOB).model.field
+            if ground.boundary_m:
+                return Boundary(ground.boundary_m).rings
+        return ()
 
     def _new_job(self, changes: dict[str, object], comment: str) -> str:
         found = self._found()
@@ -253,6 +344,7 @@ class JobFiles:
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
         from console.reports.figure import need_matplotlib
+        from console.reports.job_about import about_of
         from console.reports.job_page import MOST_STRETCHES, job_page
         from drivers.files.atomic import write_atomically
         from drivers.files.exports.as_applied import DEFAULT_EVERY_S, ExportError, as_applied
@@ -276,7 +368,7 @@ class JobFiles:
                     break
                 progress(3 * number + 2, 3 * len(logs), WRITING)
                 out = log.with_name(f"{log.stem}-report.html")
-                write_atomically(out, job_page(applied, f"topdress {software_version()}"))
+                write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(recorded)))
                 written.append(str(out))
             except (ExportError, LogError) as error:
                 if len(logs) == 1 or (log == logs[-1] and not written):

@@ -21,6 +21,7 @@ class AlarmRecord(NamedTuple):
     acknowledged: bool = False          # red ones: since it came last
     stands: bool = False
     details: tuple[tuple[str, str | float], ...] = ()
+    gone_utc: str = ""                  # its cause is away since about then, while the alarm stands still
 
 
 class AlarmBook:
@@ -51,7 +52,8 @@ class AlarmBook:
                 came.append(record)
                 self.changes += 1
             else:
-                record = before._replace(last_s=time_s, last_utc=now, details=alarm.details)
+                gone_utc = "" if alarm.gone_s is None else before.gone_utc or now
+                record = before._replace(last_s=time_s, last_utc=now, details=alarm.details, gone_utc=gone_utc)
             if alarm.acknowledged and not record.acknowledged:
                 record = record._replace(acknowledged=True, acknowledged_utc=now)
                 self.changes += 1
@@ -75,7 +77,7 @@ def _come(before: AlarmRecord | None, alarm: Alarm, time_s: float, now: str) -> 
     if before is None:
         return AlarmRecord(alarm.id, alarm.severity, time_s, time_s, 1, now, now, stands=True, details=alarm.details)
     return before._replace(last_s=time_s, last_utc=now, times=before.times + 1, acknowledged=False, stands=True,
-                           details=alarm.details)
+                           details=alarm.details, gone_utc="")
 
 
 def plain_records(records: Iterable[AlarmRecord]) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from control.orders import Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(gt=0, le=100_000)]
+Name = Annotated[str, Field(max_length=80)]
 
 
 class Part(BaseModel):
@@ -115,6 +116,10 @@ class Job(Part):
     format: Literal["topdress-job/1"] = "topdress-job/1"
     id: str = "demo"
     title: str = ""
+    client: Name = ""
+    farm: Name = ""
+    operator: Name = ""
+    product: Name = ""                          # what is spread, as the bag names it
     crop: str = "huanghai_wheat"
     days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None

@@ -105,12 +105,14 @@ def booked(live: tuple[Live, ...], now_s: float, troubles: Mapping[str, Details]
         alarm = entry.alarm
         details = troubles.get(alarm.id)
         if details is not None:
-            kept.append(Live(alarm if details == alarm.details else alarm._replace(details=details), now_s))
+            same = details == alarm.details and alarm.gone_s is None
+            kept.append(Live(alarm if same else alarm._replace(details=details, gone_s=None), now_s))
         elif now_s - entry.seen_s < clear_s or (alarm.severity is Severity.RED and not alarm.acknowledged):
-            kept.append(entry)
-    known = {entry.alarm.id for entry in kept}
+            known = alarm.gone_s is not None
+            kept.append(entry if known else entry._replace(alarm=alarm._replace(gone_s=entry.seen_s)))
+    booked_ids = {entry.alarm.id for entry in kept}
     new = [Live(Alarm(i, ALARMS[i].severity, now_s, False, details), now_s)
-           for i, details in troubles.items() if i not in known]
+           for i, details in troubles.items() if i not in booked_ids]
     return tuple(sorted(kept + new, key=_worst_first)) if new else tuple(kept)
 
 

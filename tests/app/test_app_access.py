@@ -25,7 +25,8 @@ THEMES = pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme
 XTERM = ("#000000", "#cd0000", "#00cd00", "#cdcd00", "#0000ee", "#cd00cd", "#00cdcd", "#e5e5e5", "#7f7f7f", "#ff0000",
          "#00ff00", "#ffff00", "#5c5cff", "#ff00ff", "#00ffff", "#ffffff")
 CHIPS = ("alarm-red", "alarm-amber", *(f"state-{state}" for state in words.STATES))
-TEXTS = (("foreground", "background"), ("muted", "background"), ("stale", "background"), ("target", "background"),
+TEXTS = (("on-select", "select"), ("on-stop", "stop"),
+         ("foreground", "background"), ("muted", "background"), ("stale", "background"), ("target", "background"),
          ("primary", "background"), ("foreground", "surface"), ("muted", "surface"), ("primary", "surface"),
          ("foreground", "panel"), ("background", "primary"), ("background", "stale"), ("keybar-key", "keybar"),
          ("on-keybar", "keybar"), *((f"on-{chip}", chip) for chip in CHIPS))
@@ -218,7 +219,7 @@ async def test_locked_what_stays_only_holds_stops_unlocks_and_looks(full, source
                     await turned(full, pilot, where)
                 before = len(source.orders)
                 await full.action_do(action.id)
-                if action.id in LOOKS:
+                if action.id in LOOKS or action.id == "pages":
                     await pilot.pause()
                 given = {order.do for order in source.orders[before:]}
                 assert given <= {Do.HOLD, Do.STOP} and (not given or action.id in LOOKS), (where, action.id)

@@ -3,18 +3,20 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
 from console.app import actions
 from console.app.action import DIAGNOSIS
 from console.app.app import TopdressApp
-from console.app.dialogs import Confirm, TextDialog
+from console.app.dialogs import ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
 from console.app.pages.diagnosis.data import Curve, LeftShown, Stopped, found_from, to_plain
+from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
 from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
@@ -81,7 +83,7 @@ async def test_the_verdict_the_size_and_the_cost_are_seen_at_every_size(desk, sh
         assert "NOT TOLD APART" in text and "Flutes fill less at high shaft speed" in text
         assert "12.4 % lost at 100 r/min  (9.9 to 15)" in text
         assert "-6.1 % = -20 kg/ha" in text
-        assert "A separating run of 10 minutes tells" in text.replace("\n", " ")
+        assert "Test next: Shaft staircase" in text and "(10 min)." in text.replace("\n", " ")
 
 
 async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_beside(desk):
@@ -119,15 +121,77 @@ async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown
         await found_shown(desk, pilot)
         await pilot.press("k")
         await pilot.pause()
-        assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
-        text = "\n".join(shown(desk))
-        assert "flow.fill_falloff, shaft.voltage_sag" in text and "does not tell the rivals apart" in text
-        assert "flow.fill_falloff is taken up, though this data cannot" in text
+        assert isinstance(desk.screen, ChoiceDialog) and service.asked[1:] == []
+        text = " ".join("\n".join(shown(desk)).split())
+        assert "This data cannot tell them apart: which is taken up?" in text
+        assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, True, True, False]
         assert "The running job keeps its machine file" in text
-        await pilot.press("escape", "k", "enter")
+        assert desk.screen.at == 3, "what is sure, until somebody chooses otherwise"
+        await pilot.press("2", "enter")
+        assert isinstance(desk.screen, ChoiceDialog), "a cause without a size cannot be taken up"
+        await pilot.press("1", "enter")
         await pilot.pause()
-        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag"]
+        assert isinstance(desk.screen, NameDialog)
+        await pilot.press("enter")
+        assert isinstance(desk.screen, NameDialog), "why is not left empty"
+        await pilot.press(*"flutes", "space", *"worn", "enter")
+        await pilot.pause()
+        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag with: flutes worn"]
         assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in "\n".join(shown(desk))
+
+
+async def test_what_is_sure_alone_can_be_adopted_and_one_sure_cause_asks_only_once(desk, service):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        await pilot.press("k", "enter", *"later", "enter")
+        await pilot.pause()
+        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag without: later"]
+        await pilot.press("escape", "p")
+        service.found = sample_found("named")
+        await found_shown(desk, pilot)
+        await pilot.press("k")
+        await pilot.pause()
+        assert isinstance(desk.screen, Confirm)
+        await pilot.press("enter")
+        await pilot.pause()
+        assert service.asked[-1] == "adopt flow.fill_falloff"
+
+
+async def test_tied_causes_are_equals_and_the_next_test_leads(desk, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        rows = shown(desk)
+        head = next(row for row in rows if "Test next: Shaft staircase" in row)
+        assert rows.index(head) < 8
+        text = " ".join(" ".join(rows).split())
+        assert "It tells apart: Flutes fill less at high shaft speed; Kilograms per revolution off by a factor" in text
+        assert "one of these 3, this data cannot tell which" in text
+        marked = [row for row in rows if row.strip().startswith("o ")]
+        assert [row.split("%")[0].split()[-1] for row in marked] == ["58", "27", "15"]
+
+
+async def test_the_list_is_read_anew_when_another_job_is_at_work(desk, source):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await opened(desk, pilot)
+        assert page.sources is not None
+        source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="another.csv")
+        desk.tick()
+        assert page.sources is None or page._listing is not None
+        await settled(desk, pilot)
+        assert page.sources is not None
+
+
+def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
+    work = Expected(expected_s(20.0))
+    seen = [work.at(t, 0.0) for t in (0.0, 1.0, 3.0, 8.0)]
+    assert [share for share, _left in seen] == sorted({share for share, _left in seen}) and seen[1][0] > 0.05
+    assert seen[0][1] == pytest.approx(15.0) and seen[3][1] == pytest.approx(7.0)
+    assert work.at(9.0, 0.3)[0] >= seen[3][0], "never back"
+    slow = Expected(5.0)
+    assert slow.at(6.0, 0.0) == (0.9, None), "longer than expected, and it says so"
+    slow = Expected(5.0)
+    assert slow.at(10.0, 0.25) == (0.25, pytest.approx(30.0)), "its own pace"
+    assert slow.at(40.0, 1.0) == (1.0, None)
 
 
 async def test_both_sides_of_the_file_stand_in_the_question(desk, service, shown):
@@ -313,7 +377,7 @@ async def test_the_mouse_chooses_and_begins(desk, service):
         assert page.cause == 1
         await pilot.click("#dia-chips", offset=(20, 0))
         await pilot.pause()
-        assert isinstance(desk.screen, Confirm)
+        assert isinstance(desk.screen, ChoiceDialog)
 
 
 async def test_locked_nothing_begins(desk, service):
@@ -356,6 +420,7 @@ def test_verdicts_in_one_line():
     assert diagnosis_words.todo(named) == "Work at a larger opening and a lower shaft speed."
     one = named.causes[0]
     two = named._replace(verdict="ambiguous", causes=(one._replace(rivals=sample_found().causes[0].rivals[:1]),))
+    two = two._replace(next_run=None)
     assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
                                              "by a factor. This data cannot tell.")
     left = sample_found("none")._replace(verdict="unexplained", left=(LeftShown("flow", "supply_v", 0.4),))

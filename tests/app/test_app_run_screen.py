@@ -155,7 +155,7 @@ async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frame
     async with app.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert "at most 7.2 km/h" in shown(app)[1]
-        await pilot.press("u")
+        await pilot.press("u", "enter")
         await pilot.pause()
         assert "at most 4.5 mph" in shown(app)[1]
 
@@ -251,7 +251,7 @@ async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, sh
         assert seen["#trend"] is (trend and body)
         assert page.query_one(AlarmBar).region.area > 0
         text = "\n".join(shown(app))
-        assert ("the console needs 80 x 24" in text) is not body
+        assert ("80 x 24 shows the whole page" in text) is not body
 
 
 async def test_the_theme_key_goes_round_day_night_contrast(app):

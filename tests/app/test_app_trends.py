@@ -204,7 +204,7 @@ async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(live):
 async def test_units_change_value_and_axis(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
-        await pilot.press("u")
+        await pilot.press("u", "enter")
         live.page.hurry()
         live.tick()
         target = plots.view.plots[0]

@@ -61,7 +61,7 @@ def test_every_word_of_the_shared_vocabulary_is_known():
 
 LATIN_ALLOWED = re.compile(
     r"kg/ha|km/h|r/min|mm|kg|ha|km|GNSS|NDVI|RTK|Hz|m|s|x|run\.csv|huanghai|winter wheat|demonstration|Space|Home|End"
-    r"|PgUp|PgDn|Esc|F\d+|[A-Z]")
+    r"|PgUp|PgDn|Esc|Tab|F\d+|[A-Z]")
 
 
 @pytest.mark.parametrize(("screen", "alarms"), [("run", True), ("replay", False), ("gone", False),

@@ -66,6 +66,17 @@ COMMANDS: dict[str, Callable[[str], list[str]]] = {
     "diagnose lag": lambda f: ["diagnose", f, "--kind", "lag"],
     "diagnose catch": lambda f: ["diagnose", f, "--kind", "catch"],
     "diagnose machine": lambda f: ["diagnose", "good.csv", "--machine", f],
+    "decode gnss": lambda f: ["decode", "gnss", f],
+    "decode board": lambda f: ["decode", "board", f],
+    "history": lambda f: ["history", f],
+    "effects machine": lambda f: ["effects", "--machine", f],
+    "import": lambda f: ["import", f, "--out", "out.csv"],
+    "import guess": lambda f: ["import", f, "--guess", "--mapping", "out.import.yaml"],
+    "import mapping": lambda f: ["import", "good.csv", "--mapping", f, "--out", "out.csv"],
+    "replay job": lambda f: ["replay", "good.csv", "--headless", "--out", "out.csv", "--job", f],
+    "diagnose job": lambda f: ["diagnose", "good.csv", "--closed-loop", "60", "--job", f],
+    "map machine": lambda f: ["map", "good.csv", "--out", "out.csv", "--machine", f],
+    "serve-machine job": lambda f: ["serve-machine", "--job", f, "--port", "0", "--seconds", "0.1"],
     "calibrate catch": lambda f: ["calibrate", "catch", f, "--out", "out.yaml"],
     "calibrate lag": lambda f: ["calibrate", "lag", f, "--out", "out.yaml"],
     "calibrate wheel": lambda f: ["calibrate", "wheel", f, "--out", "out.yaml"],
@@ -75,10 +86,12 @@ COMMANDS: dict[str, Callable[[str], list[str]]] = {
     "run": lambda f: ["run", "--config", f],
     "serve-machine": lambda f: ["serve-machine", "--machine", f, "--port", "0", "--seconds", "0.1"],
 }
-OF_CONFIGURATION = {"simulate job", "simulate machine", "replay machine", "diagnose machine", "check", "run",
-                    "serve-machine"}
+READS_ANYTHING = {"decode gnss", "decode board"}          # a capture may hold anything: then it counts what it refused
+OF_CONFIGURATION = {"history", "effects machine", "import mapping", "replay job", "diagnose job", "map machine",
+                    "serve-machine job", "simulate job", "simulate machine", "replay machine", "diagnose machine",
+                    "check", "run", "serve-machine"}
 WORDS_OF_A_BUG = ("KeyError", "TypeError", "IndexError", "AttributeError", "Errno", "errors.pydantic", "not supported",
-                  "index ", "NoneType", "object has no", "Traceback")
+                  "index ", "NoneType", "object has no", "Traceback", "a fault of topdress")
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +118,12 @@ def test_a_broken_file_is_one_plain_line(folder: Path, command: str, monkeypatch
         for one in ENDINGS if command == "map" else (".yaml",) if command in OF_CONFIGURATION else (".csv",):
             result = CliRunner().invoke(app, COMMANDS[command](f"./{name}{one}"))
             said = [line for line in result.stderr.splitlines() if line.strip() and not line.startswith("note: ")]
-            trace = result.exception is not None and not isinstance(result.exception, SystemExit)
+            trace = result.exit_code == 70 or (result.exception is not None
+                                               and not isinstance(result.exception, SystemExit))
+            if command in READS_ANYTHING and result.exit_code == 0 and not trace and result.stdout:
+                continue
+            if command.startswith("import") and name == "wrong_columns" and not trace:
+                continue                # a table of something else: guessed, or each open question in a line
             if trace or result.exit_code == 0 or len(said) != 1 or any(word in said[0] for word in WORDS_OF_A_BUG):
                 wrong.append(f"{name}{one}: exit {result.exit_code}: {said} {result.exception!r}"[:300])
     assert wrong == []

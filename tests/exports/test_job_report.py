@@ -9,8 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
+from control.log_row import LogRow
 from drivers.files.exports.as_applied import AsApplied
-from drivers.files.read_log import RunLog
+from drivers.files.read_log import RunLog, read_log
+from drivers.files.run_log import write_log
+from drivers.files.run_meta import run_meta
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
@@ -40,6 +43,31 @@ def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None
     doubled = dataclasses.replace(applied, stretches=applied.stretches._replace(
         applied_kg_ha=2.0 * applied.stretches.target_kg_ha))
     assert error_percent(doubled)[0] == pytest.approx(np.full(len(error), 100.0))
+
+
+def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
+    from console.reports.job_about import about_of, happened
+    from console.reports.job_page import job_page
+    states = {0: "off", 2: "working", 6: "held", 8: "working"}
+    rows, state = [], "off"
+    for k in range(10):
+        state = states.get(k, state)
+        rows.append(LogRow(time_s=60.0 * k, state=state, alarms="hopper_low;shaft_silent" if 4 <= k < 6 else
+                           "hopper_low" if k == 3 else "", events="refill 250.0" if k == 7 else ""))
+    job = {"client": "Li <Ming>", "farm": "East", "operator": "", "product": "urea 46-0-0",
+           "field": {"title": "division 2"}, "target": {"source": "map", "map": "C:\\maps\\north.geojson"}}
+    path = tmp_path / "log.csv"
+    write_log(path, run_meta(None, {"name": "winter wheat"}, job, seed=7), rows)
+    told = happened(read_log(path))
+    assert told.working == ((120.0, 360.0), (480.0, 540.0)) and told.refills == ((420.0, 250.0),)
+    assert sorted(told.alarms) == [("hopper_low", 180.0, 360.0), ("shaft_silent", 240.0, 360.0)]
+    about = about_of(read_log(path))
+    page = job_page(applied, "topdress test", about)
+    for said in ("Li &lt;Ming&gt;", "East", "division 2", "winter wheat", "urea 46-0-0", "north.geojson", "SIMULATED",
+                 "250 kg", "shaft silent", "against the plan", "received by", "<h2>Wanted and applied"):
+        assert said in page, said
+    assert page.count("<svg") == 3 and page.count('class="blank"') == 1, "the operator signs by hand"
+    assert "SIMULATED" not in job_page(applied, "topdress test")
 
 
 def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from console.app.pages.diagnosis.data import Stop, Stopped
+from console.app.pages.diagnosis.data import Adoption, RivalShown, Stop, Stopped
 from console.services.diagnosis import DiagnosisFiles
 from console.services.diagnosis_view import sorted_out
 from console.services.separating_run import _DRIVES, drivable, drive_of
@@ -84,7 +84,7 @@ def test_a_catch_test_is_diagnosed_by_a_process_of_its_own(caught):
 
 def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothing(caught):
     service, found, _told = caught
-    paths = [Path(service.adopt(found)) for _twice in (1, 2)]
+    paths = [Path(service.adopt(found, Adoption())) for _twice in (1, 2)]
     assert paths[0] != paths[1] and paths[0].parent == service.own / "machines"
     machine = load(paths[0], MACHINE).model
     assert machine.flow.gain_percent == pytest.approx(6.0, abs=0.5)
@@ -92,6 +92,17 @@ def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothin
     assert adopted.data.endswith("catch.csv") and len(adopted.sha256) == 64 and adopted.date
     assert "diagnosis of catch.csv" in paths[0].read_text(encoding="utf-8")
     assert str(paths[0]) in service.machines()
+
+
+def test_a_choice_between_tied_causes_is_kept_with_its_reason(caught):
+    service, found, _told = caught
+    rival = RivalShown("scale.gain", "Scale reads off by a factor", 0.3)
+    tied = found._replace(causes=(found.causes[0]._replace(rivals=(rival,)), *found.causes[1:]))
+    path = Path(service.adopt(tied, Adoption(True, "outlets were\nweighed twice")))
+    text = path.read_text(encoding="utf-8")
+    assert "The operator chose: the likeliest taken. Why: outlets were weighed twice" in text
+    assert f"Not told apart by the data: {found.causes[0].id}; scale.gain" in text
+    assert load(path, MACHINE).model.adopted
 
 
 def test_report_and_data_are_exported(caught):

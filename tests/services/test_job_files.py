@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from console.app.pages.job.desk import Reading, Who
 from console.services.job import JobFiles, Launcher
+from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.field.totals import Sums
@@ -119,3 +121,70 @@ def test_an_export_of_nothing_is_one_line(desk, tmp_path):
     assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
     assert desk.export(str(log), ".csv", lambda done, of, what: None, lambda: True) == (), "cancelled before it began"
     assert desk.free_bytes(os.fspath(log)) > 0 and desk.earlier(str(log)) is None
+
+
+def field_of_zones(path: Path, names: tuple[str, ...] = ("rate",)) -> Path:
+    """Two zones of about a hectare each on the shipped demo's field."""
+    import json
+    corner = (119.8805, 34.2805)
+    features = []
+    for number, rate in enumerate((200.0, 320.0)):
+        west, east = corner[0] + 0.001 * number, corner[0] + 0.001 * (number + 1)
+        ring = [[west, corner[1]], [east, corner[1]], [east, corner[1] + 0.001], [west, corner[1] + 0.001],
+                [west, corner[1]]]
+        features.append({"type": "Feature", "properties": {name: rate + k for k, name in enumerate(names)},
+                         "geometry": {"type": "Polygon", "coordinates": [ring]}})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}), encoding="utf-8")
+    return path
+
+
+def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, launcher, tmp_path):
+    stick = field_of_zones(tmp_path / "stick" / "north.geojson", ("RATE",))
+    seen = desk.preview(str(stick), Reading("", "lb/ac"))
+    assert seen.question == "" and seen.reading.column == "RATE" and "lb/ac" in seen.unit
+    assert seen.rates_kg_ha == (pytest.approx(224.2, abs=0.1), pytest.approx(358.7, abs=0.1))
+    assert seen.picture is not None and seen.picture.planned is not None and seen.check is not None
+    assert launcher.config == () and not (tmp_path / "maps").exists(), "looking changes nothing"
+    job = load(Path(desk.take_map(seen)), JOB).model
+    assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
+    stick.unlink()                                          # the stick is pulled
+    facts = desk.facts()
+    assert facts.source == "map" and facts.map_trouble == "" and facts.map_check is not None
+
+
+def test_a_map_with_two_columns_asks_and_names_them(desk, tmp_path):
+    stick = field_of_zones(tmp_path / "stick" / "zones.geojson", ("alpha", "beta"))
+    seen = desk.preview(str(stick), Reading())
+    assert seen.columns == ("alpha", "beta") and "not chosen" in seen.question and seen.kept == ""
+    assert desk.preview(str(stick), Reading("beta")).rates_kg_ha == (201.0, 321.0)
+    stick.write_text("{", encoding="utf-8")
+    with pytest.raises(ValueError, match="zones"):
+        desk.preview(str(stick), Reading())
+
+
+def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
+    stick = tmp_path / "STICK"
+    field_of_zones(stick / "farm" / "north.geojson")
+    (stick / "TASKDATA").mkdir()
+    (stick / "TASKDATA" / "TASKDATA.XML").write_text("<x/>", encoding="utf-8")
+    (stick / "TASKDATA" / "more.zip").write_bytes(b"")
+    (stick / "a" / "b" / "c" / "d").mkdir(parents=True)
+    field_of_zones(stick / "a" / "b" / "c" / "d" / "deep.geojson")
+    (stick / "letter.txt").write_text("no map", encoding="utf-8")
+    found = maps_in(((stick, "STICK"), (tmp_path / "gone", "gone")))
+    assert {one.name for one in found} == {"north.geojson", "TASKDATA"} and {one.where for one in found} == {"STICK"}
+
+
+def test_names_go_into_a_new_job_and_come_back(desk, launcher):
+    desk.take_who(Who("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
+    facts = desk.facts()
+    assert (facts.client, facts.farm, facts.field, facts.product, facts.operator) == (
+        "Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")
+    with pytest.raises(ValueError, match="client"):
+        desk.take_who(Who("x" * 200))
+
+
+def test_a_job_s_outline(desk, tmp_path):
+    assert desk.outline(str(tmp_path / "gone.yaml")) == ()
+    assert all(len(ring) >= 3 for ring in desk.outline(str(shipped("jobs")["demo"])))

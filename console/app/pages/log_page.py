@@ -30,17 +30,16 @@ class LogPage(Page):
         """The log to show; None: the machine."""
         return None
 
-    def turn_log(self) -> bool:
-        """From the machine to the log of the replay, or back; False and said why where only one can be shown."""
+    def why_no_turn(self) -> str:
+        """Why only the machine, or only a log, can be shown."""
         if self.app.replay_page.job is None:
-            self.app.notice(_("no log is open: F7, O opens one"))
-        elif self.app.source is None:
-            self.app.notice(_("no machine is connected"))
-        else:
-            self.wants_log = not self.wants_log
-            self.numbers.hurry()
-            return True
-        return False
+            return _("no log is open: F7, O opens one")
+        return _("no machine is connected") if self.app.source is None else ""
+
+    def turn_log(self) -> None:
+        """From the machine to the log of the replay, or back."""
+        self.wants_log = not self.wants_log
+        self.numbers.hurry()
 
     def log_history(self) -> LogHistory:
         return self.app.replay_page.history()

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from textual import events, getters
 from textual.app import ComposeResult
+from textual.binding import Binding
 from textual.containers import Horizontal
 from textual.screen import Screen
-from textual.widgets import Static
 
 from console.app.action import ANYWHERE, Action
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
@@ -17,6 +17,7 @@ from console.app.widgets.canvas import Canvas
 from console.app.widgets.key_bar import KeyBar, KeysView
 from console.app.widgets.page_bar import PageBar, PagesView
 from console.app.widgets.panel import Panel
+from console.app.widgets.small import Small, SmallView
 from console.app.widgets.status_line import StatusLine
 from console.app.widgets.tour_bar import TourBar, TourView
 from console.frame import Frame
@@ -26,14 +27,16 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
+HUGE_COLUMNS, HUGE_ROWS = 150, 46      # from here on numerals and state are drawn twice as large
 GONE_AGE_S = 1.1               # old enough to be greyed
 
 
 class Page(Screen[None]):
     """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows; its keys stand beside
-    it in `keys.py`. Below 80 x 24 only state, alarms and keys are left."""
+    it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left."""
 
     AUTO_FOCUS = ""
+    BINDINGS: ClassVar = [Binding("tab", "app.do('pages')", id="pages", show=False)]    # else Textual moves the focus
     where: ClassVar[str] = ANYWHERE
     HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (LEAST_COLUMNS, "-narrow"), (100, "-wide")]
     VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
@@ -53,7 +56,7 @@ class Page(Screen[None]):
         yield from self.extra()
         with Horizontal(id="body"):
             yield from self.body()
-        yield Static("", id="too-small", markup=False)
+        yield Small(SmallView(view.rates, view.tiles, ""), id="small")
         yield PageBar(PagesView((), "", in_use()), id="pages")
         yield KeyBar(KeysView((), False, "", in_use()), id="keys")
 
@@ -66,9 +69,9 @@ class Page(Screen[None]):
         yield from ()
 
     def on_resize(self, event: events.Resize) -> None:
-        self.query_one("#too-small", Static).update(
-            _("This terminal is {width} x {height}; the console needs {columns} x {rows}.").format(
-                width=event.size.width, height=event.size.height, columns=LEAST_COLUMNS, rows=LEAST_ROWS))
+        width, height = event.size
+        self.set_class(width >= HUGE_COLUMNS and height >= HUGE_ROWS, "-huge")
+        self.hurry()
 
     def perform(self, action: Action) -> None:
         """One of the page's own actions. A subclass says what comes before and after each."""
@@ -108,6 +111,11 @@ class Page(Screen[None]):
         """State, alarms, keys; a subclass adds its numbers."""
         self.query_one("#status", StatusLine).show(view.status)
         self.query_one("#alarms", AlarmBar).show(view.alarms)
+        self.set_class(bool(view.alarms.fault and view.alarms.lines), "-fault")
+        small = self.query_one("#small", Small)
+        if small.display:
+            small.show(SmallView(view.rates, view.tiles, _("{columns} x {rows} shows the whole page").format(
+                columns=LEAST_COLUMNS, rows=LEAST_ROWS)))
         self.show_tour()
         self.show_keys()
 
@@ -119,9 +127,10 @@ class Page(Screen[None]):
             bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text), in_use()))
 
     def show_keys(self) -> None:
+        offered = self.app.offered(self.where)
+        off = frozenset(action.id for action in offered if action.bar and self.app.why_not(action))
         self.query_one("#keys", KeyBar).show(
-            KeysView(self.app.offered(self.where), self.app.locked, self.app.notice_text, in_use(),
-                     self.app.why_no_stop()))
+            KeysView(offered, self.app.locked, self.app.notice_text, in_use(), self.app.why_no_stop(), off))
         self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where, in_use()))
 
     def marks(self) -> tuple[str, ...]:

@@ -34,7 +34,8 @@ class AlarmList(ModalScreen[None]):
         parts: list[Part] = []
         for entry in self.entries:
             name = "red" if entry.severity is Severity.RED else "amber"
-            style = f"bold $on-alarm-{name} on $alarm-{name}" if entry.stands else "bold"
+            style = "bold $background on $foreground" if entry.gone else (
+                f"bold $on-alarm-{name} on $alarm-{name}" if entry.stands else "bold")
             place = f"{entry.place}: " if entry.place else ""
             parts += [(f" {entry.symbol} {entry.word} ", style), (f" {place}{entry.text}", "bold"), "\n"]
             parts += [(f"     {entry.when}\n", "$muted")]

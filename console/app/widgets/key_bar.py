@@ -18,20 +18,24 @@ class KeysView(NamedTuple):
     notice: str
     language: str
     why_none: str = ""         # why hold and STOP are not among the actions
+    off: frozenset[str] = frozenset()      # ids of actions that cannot be done now
 
 
 URGENT = ("hold", "stop")                  # in their places also beside a notice and under a dialog
-ALWAYS = (*URGENT, "palette")              # with the last one everything else can be reached by mouse at any width
+ALWAYS = (*URGENT, "pages", "palette")     # with the last two everything else can be reached by mouse at any width
 
 
 def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
     """Actions that fit, the important ones first, each with its first cell and its width."""
     ordered = sorted((a for a in actions if a.bar), key=lambda a: a.bar)
     cells = {action.id: cell_len(f" {action.shown} {_(action.label)} ") for action in ordered}
-    room = width - sum(cells[name] for name in ALWAYS if name in cells)
+    always = [name for name in ALWAYS if name in cells]
+    while len(always) > len(URGENT) and sum(cells[name] for name in always) > width:
+        always.remove(always[-2] if always[-1] == "palette" else always[-1])      # the palette leads to the pages too
+    room = width - sum(cells[name] for name in always)
     placed, start = [], 0
     for action in ordered:
-        if action.id not in ALWAYS:
+        if action.id not in always:
             if cells[action.id] > room:
                 continue
             room -= cells[action.id]
@@ -52,12 +56,13 @@ class KeyBar(Panel[KeysView]):
         if placed and placed[0][1]:
             parts.append((fit(_why(view), placed[0][1]), "bold $on-keybar on $keybar"))
         for action, _start, _cells in placed:
-            off = view.locked and not action.locked
+            off = action.id in view.off or (view.locked and not action.locked)
+            first, last = ("(", ")") if off else (" ", " ")
             key = "$stale on $keybar" if off else "bold $keybar-key on $keybar"
             word = "$stale on $keybar" if off else "$on-keybar on $keybar"
             if action.id == "stop":
-                key = word = "bold $on-alarm-red on $alarm-red"
-            parts += [(f" {action.shown} ", key), (f"{_(action.label)} ", word)]
+                key = word = "bold $on-stop on $stop"
+            parts += [(f"{first}{action.shown} ", key), (f"{_(action.label)}{last}", word)]
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
         rest = (fit(f" {view.notice}", left), "bold reverse") if view.notice else (" " * left, "on $keybar")
         return [line(*parts, rest)]

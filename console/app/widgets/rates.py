@@ -4,8 +4,8 @@ from __future__ import annotations
 from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.digits import draw
-from console.app.view import ERROR_SPAN, RatesView, Shown
+from console.app.digits import ROWS, draw, largest
+from console.app.view import ERROR_SPAN, RatesView
 from console.app.widgets.panel import Panel, fit, line, solid
 from console.locale import _
 
@@ -14,7 +14,7 @@ _MARKS = {"": " ", "amber": "!", "red": "✖"}
 
 
 class Rates(Panel[RatesView]):
-    """7 rows: labels, numerals of 5 rows, the error bar."""
+    """Labels, numerals as large as the room allows (7 rows in all at 5 rows each), the error bar."""
 
     def lines(self, view: RatesView, width: int, height: int) -> list[Content]:
         half = width // 2
@@ -27,19 +27,16 @@ class Rates(Panel[RatesView]):
         rows = [line((label, "bold $target"), (f"{view.unit}  ", "$muted"), (nudge, "bold reverse"),
                      " " * max(0, half - used), (f" {_('applied')} ", "bold $applied"), (f"{view.unit}  ", "$muted"),
                      (note, "bold $on-alarm-amber on $alarm-amber"))]
-        target, applied = self._numeral(view.target), self._numeral(view.applied)
+        scale = largest((view.target.text, view.applied.text), half - 2, height - 2)
+        target, applied = draw(view.target.text, scale), draw(view.applied.text, scale)
         target_style = "$stale" if view.target.stale else "$target"
         applied_style = "$stale" if view.applied.stale else "$applied"
         rows += [line(" ", *solid(fit(a, half - 1), target_style), " ", *solid(fit(b, width - half - 1), applied_style))
                  for a, b in zip(target, applied, strict=True)]
-        if height > 7:
+        if height > ROWS[scale] + 2:
             rows.append(line(""))
         rows.append(self._bar(view, width))
         return rows
-
-    @staticmethod
-    def _numeral(shown: Shown) -> tuple[str, ...]:
-        return draw(shown.text, scale=2)
 
     @staticmethod
     def _bar(view: RatesView, width: int) -> Content:

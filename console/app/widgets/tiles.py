@@ -4,27 +4,26 @@ from __future__ import annotations
 from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.digits import draw
+from console.app.digits import ROWS, draw, largest
 from console.app.view import Tile
 from console.app.widgets.panel import Panel, Part, fit, line, solid
 
-ROWS = 5
-
 
 class Tiles(Panel[tuple[Tile, ...]]):
-    """5 rows, all tiles side by side at equal width."""
+    """All tiles side by side at equal width: 5 rows, 7 where the numerals have the room."""
 
     def lines(self, view: tuple[Tile, ...], width: int, height: int) -> list[Content]:
         each = width // max(1, len(view))
-        rows: list[list[Part]] = [[] for _row in range(ROWS)]
+        scale = largest((tile.value.text for tile in view), each - 2, height - 2)
+        rows: list[list[Part]] = [[] for _row in range(ROWS[scale] + 2)]
         for tile in view:
             style = "$stale" if tile.value.stale else "$foreground"
             unit_room = each - cell_len(tile.label) - 2
             rows[0] += [(f" {tile.label} ", "bold"), (fit(tile.unit, unit_room), "$muted")]
-            for index, text in enumerate(draw(tile.value.text)):
+            for index, text in enumerate(draw(tile.value.text, scale)):
                 rows[1 + index] += [" ", *solid(fit(text, each - 1), style)]
             mark = "! " if tile.level else ""
             under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
             text = fit(mark + tile.below, each - 2) if tile.level else fit(tile.below, each - 2)
-            rows[4] += [" ", (text, under), " "]
+            rows[-1] += [" ", (text, under), " "]
         return [line(*row) for row in rows]

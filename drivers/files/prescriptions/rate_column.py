@@ -103,7 +103,8 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
     why = f"{len(rates)} are named as rates" if len(rates) > 1 else \
         f"{rates[0].name}: {rates[0].doubt}" if rates else "none is named as a rate"
     raise RateQuestion(f"{path}: rate column not chosen: allowed {', '.join(one.name for one in numbers[:MOST_SHOWN])} "
-                       f"({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)")
+                       f"({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
+                       tuple(one.name for one in numbers))
 
 
 def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: Choice,

@@ -30,7 +30,12 @@ class NoPolygons(PrescriptionError):
 
 
 class RateQuestion(PrescriptionError):
-    """The file can be used once the operator has said which of several readings is meant."""
+    """The file can be used once the operator has said which of several readings is meant. columns: that hold numbers,
+    where it is a column that is asked for."""
+
+    def __init__(self, text: str, columns: tuple[str, ...] = ()) -> None:
+        super().__init__(text)
+        self.columns = columns
 
 
 @dataclass(frozen=True, slots=True)

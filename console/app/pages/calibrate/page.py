@@ -11,7 +11,7 @@ from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.worker import Worker, WorkerState
 
-from console.app.action import CALIBRATE, Action, bindings
+from console.app.action import CALIBRATE, JOB, Action, bindings
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.catch_desk import CatchDesk
 from console.app.pages.calibrate.curve import Curve, CurveView
@@ -200,6 +200,9 @@ class CalibrateScreen(Page):
 
         def saved(path: str) -> None:
             desk.saved = path
+            if self.app.services.job is not None:
+                self.app.turn_to(JOB)
+                self.app.call_after_refresh(self.app.job_page.ask_use, path)
 
         def named(name: str | None) -> None:
             if name is not None:

@@ -63,7 +63,7 @@ class DeviceTable(Panel[TableView]):
     def _row(one: DeviceLine, picked: bool, names: int, states: int, width: int) -> Content:
         plain = "$stale" if one.stale else ""
         chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
-        name = "bold reverse" if picked else "bold"
+        name = "bold $on-select on $select" if picked else "bold"
         used = names + 3 + states + 34
         rest = "  ".join(part for part in (one.marks, one.protocol, one.port) if part)
         parts: list[Part] = [

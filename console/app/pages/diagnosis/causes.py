@@ -21,6 +21,7 @@ class CauseLine(NamedTuple):
     cost: str
     advice: str
     interval: tuple[float, float, float] | None     # low, value, high, as shares of a bar from -1 to 1
+    tied: tuple[tuple[str, str], ...] = ()          # title and probability of each that it could be, as equals
 
 
 class CausesView(NamedTuple):
@@ -81,18 +82,23 @@ class Causes(Panel[CausesView]):
         mark = ">" if chosen else " "
         heads = wrapped(cause.title, width - 4)
         block = [line((fit(f" {mark if not k else ' '} {head}", width),
-                       "bold $background on $primary" if chosen else "bold")) for k, head in enumerate(heads)]
+                       "bold $on-select on $select" if chosen else "bold")) for k, head in enumerate(heads)]
 
         def row(name: str, text: str, style: str = "") -> None:
             for k, part in enumerate(wrapped(text, width - label)):
                 block.append(line((fit(f"   {name}" if not k else "", label), "$muted"), (part, style)))
 
-        row(_("size"), cause.size)
+        for name, sure in cause.tied:
+            for k, part in enumerate(wrapped(name, width - 14)):
+                block.append(line((fit(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
+                                  (f"{sure if not k else '':>6}", "")))
+        row(_("size"), f"{cause.size}   {_('(of the first)')}" if cause.tied else cause.size)
         if cause.interval is not None and width - label >= BAR:
             block.append(line(" " * label, (interval_bar(cause.interval), "$target")))
-        row(_("sure"), cause.sure)
-        if cause.rivals:
-            row(_("or else"), cause.rivals)
+        if not cause.tied:
+            row(_("sure"), cause.sure)
+            if cause.rivals:
+                row(_("or else"), cause.rivals)
         row(_("costs"), cause.cost, "bold")
         row(_("do"), cause.advice)
         return block

@@ -21,6 +21,7 @@ class Source(NamedTuple):
     changed: str            # local date and time, to the minute
     size: str               # "12.3 MB"
     working: bool = False   # the log that the control worker writes now
+    bytes: int = 0
 
 
 class Curve(NamedTuple):
@@ -140,6 +141,14 @@ class Found(NamedTuple):
     changes: tuple[str, ...] = ()       # of the machine file, before and after, a line each
 
 
+class Adoption(NamedTuple):
+    """What the operator chose to take up. doubtful: also causes that the data cannot tell from others. why: in their
+    own words, kept in the machine file; empty where nothing had to be chosen."""
+
+    doubtful: bool = True
+    why: str = ""
+
+
 class Stop:
     """Cancels work in another thread: `then` is called at once when it is set, or was."""
 
@@ -194,7 +203,7 @@ class DiagnosisService(Protocol):
         A file of kind IMPORT is brought in first: as a new log of the user's own folder; OpenQuestions where not sure.
         """
 
-    def adopt(self, found: Found) -> str:
+    def adopt(self, found: Found, chosen: Adoption) -> str:
         """Writes the new machine file; its path."""
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:

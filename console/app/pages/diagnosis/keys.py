@@ -10,11 +10,15 @@ from console.app.action import DIAGNOSIS, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
-from console.app.pages.diagnosis.data import Found
+from console.app.pages.diagnosis.data import Adoption, CauseShown, Found
 from console.locale import N_, _
+from console.reports.words import tied
 
 if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
+
+
+DRIVE_S_PER_MIN = 1.5       # simulating a minute and diagnosing it, on two cores
 
 
 def above(page: DiagnosisScreen) -> None:
@@ -70,14 +74,22 @@ def next_view(page: DiagnosisScreen) -> None:
 
 
 def _of_found(do: Callable[[DiagnosisScreen, Found], None]) -> Callable[[DiagnosisScreen], None]:
-    """Of what was found in the data; refused in words before."""
+    """Of what was found in the data; not done before, see `why_not_found`."""
     def run(page: DiagnosisScreen) -> None:
-        if page.shown is None:
-            page.app.notice(_("choose data and press Enter first"))
-        else:
-            do(page, page.shown)
+        assert page.shown is not None
+        do(page, page.shown)
 
     return run
+
+
+def why_not_found(page: DiagnosisScreen) -> str:
+    return _("choose data and press Enter first") if page.shown is None else ""
+
+
+def why_no_drive(page: DiagnosisScreen) -> str:
+    run = page.shown.next_run if page.shown is not None else None
+    return why_not_found(page) or ("" if run is not None and run.id else
+                                   _("there is no separating run that can be driven here"))
 
 
 @_of_found
@@ -89,18 +101,49 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
     lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
     lines += [_("Machine file, before -> after:"), *found.changes] if found.changes else []
     lines += [_("Left out: {why}").format(why=why) for why in found.refused]
-    lines += [_("{what} is taken up, though this data cannot tell it from: {others}").format(
-        what=cause.id, others=words.rivals(cause)) for cause in found.causes if cause.rivals and
-        cause.id in found.adoptable]
-    if found.next_run is not None:
-        lines.append(_("This data does not tell the rivals apart: the separating run would."))
     lines.append(_("The running job keeps its machine file; the next one may use the new file."))
+    doubtful = [cause for cause in found.causes if tied(cause) and cause.id in found.adoptable]
+    if doubtful:
+        _ask_which(page, found, doubtful, lines)
+        return
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.adopt, found))
+            page.write(_("The new machine file"), partial(page.served.adopt, found, Adoption()), True)
 
     page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
+
+
+WITH, WITHOUT = "with", "without"
+
+
+def _ask_which(page: DiagnosisScreen, found: Found, doubtful: list[CauseShown], lines: list[str]) -> None:
+    """Causes that the data cannot tell apart are not taken up by an Enter alone: which, and why, is asked."""
+    unsized = _("its size is not known before the separating run")
+    choices = [Choice(WITH, _("the likeliest: {causes}").format(causes=", ".join(
+        f"{words.title(cause)} {words.percent(cause.probability)}" for cause in doubtful)))]
+    choices += [Choice(rival.id, f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
+                for cause in doubtful for rival in cause.rivals]
+    sure = [one for one in found.adoptable if one not in {cause.id for cause in doubtful}]
+    nothing = "" if sure else _("then there is nothing to take up")
+    choices.append(Choice(WITHOUT, _("none of these, only what is sure: {causes}").format(
+        causes=", ".join(sure) or "--"), nothing))
+
+    def which(value: str | None) -> None:
+        if value is None:
+            return
+
+        def why(text: str | None) -> None:
+            if text is not None:
+                chosen = Adoption(value == WITH, text)
+                page.write(_("The new machine file"), partial(page.served.adopt, found, chosen), True)
+
+        page.app.push_screen(NameDialog(_("Why this one?"), "", _("It is kept in the machine file, for whoever reads "
+                                                                  "it later.")), why)
+
+    dialog = ChoiceDialog(_("This data cannot tell them apart: which is taken up?"), choices, "", "\n".join(lines))
+    dialog.at = 0 if nothing else len(choices) - 1
+    page.app.push_screen(dialog, which)
 
 
 def take_back(page: DiagnosisScreen) -> None:
@@ -116,7 +159,7 @@ def take_back(page: DiagnosisScreen) -> None:
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.take_back, page.machine))
+            page.write(_("The new machine file"), partial(page.served.take_back, page.machine), True)
 
     text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
     page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
@@ -139,15 +182,14 @@ def job_file(page: DiagnosisScreen, found: Found) -> None:
 
 @_of_found
 def drive(page: DiagnosisScreen, found: Found) -> None:
-    if found.next_run is None or not found.next_run.id:
-        page.app.notice(_("there is no separating run that can be driven here"))
-        return
+    assert found.next_run is not None
     text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
              "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.begin(_("Separating run, simulated"), partial(page.served.drive, found))
+            page.begin(_("Separating run, simulated"), partial(page.served.drive, found),
+                       DRIVE_S_PER_MIN * found.next_run.minutes if found.next_run else 0.0)
 
     page.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
 
@@ -164,22 +206,26 @@ ACTIONS = (
            N_("Looks at the chosen file; nothing of the machine is touched."), diagnose, DIAGNOSIS, 3),
     Action("dia_pick", "p", "P", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
            4),
-    Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS),
+    Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,
+           asks="text"),
     Action("dia_machine", "m", "M", N_("against"), N_("The machine file that the data is held against."), against,
            DIAGNOSIS),
     Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
            next_view, DIAGNOSIS, 5),
     Action("dia_adopt", "k", "K", N_("adopt"),
            N_("Writes a new machine file with what was found; asked once. The running job keeps its own."), adopt,
-           DIAGNOSIS, 6),
+           DIAGNOSIS, 6, why=why_not_found),
     Action("dia_back", "z", "Z", N_("take back"),
            N_("Writes the machine file without what a diagnosis changed last; asked once."), take_back, DIAGNOSIS),
-    Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7),
-    Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS),
+    Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
+           why=why_not_found),
+    Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,
+           why=why_not_found),
     Action("dia_run_file", "w", "W", N_("job file"), N_("Writes the separating run as a job file."), job_file,
-           DIAGNOSIS),
+           DIAGNOSIS, why=why_no_drive),
     Action("dia_drive", "i", "I", N_("drive it, simulated"),
-           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS, 8),
+           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS, 8,
+           why=why_no_drive),
     Action("dia_other", "b", "B", N_("other log"), N_("From the log to the separating run and back."), other_log,
-           DIAGNOSIS),
+           DIAGNOSIS, why=why_not_found),
 )

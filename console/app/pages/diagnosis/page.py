@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
-from console.app.action import DIAGNOSIS, Action, bindings
+from console.app.action import DIAGNOSIS, JOB, Action, bindings
 from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
@@ -27,6 +27,7 @@ from console.app.pages.diagnosis.data import (
     Stopped,
     Tell,
 )
+from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.keys import ACTIONS, diagnose
 from console.app.pages.diagnosis.residual_plot import ResidualPlot
 from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
@@ -36,13 +37,12 @@ from console.app.pages.diagnosis.work_bar import WorkBar, WorkView
 from console.app.pages.page import Page
 from console.app.view import RunView
 from console.app.widgets.chips import Chip, Chips
+from console.frame import Frame
 from console.locale import _, in_use
 
 View = Literal["causes", "channels", "over", "time", "run"]
 Work = Callable[[Tell, Stop], Found]
 
-LEAST_SHARE = 0.04          # of the work: before, nobody can tell how long it takes
-LEFT_STEP_S = 1.0
 
 
 BEGIN = next(action for action in ACTIONS if action.do is diagnose)
@@ -71,6 +71,8 @@ class DiagnosisScreen(Page):
         self._title = ""
         self._begun_s = 0.0
         self._share, self._stage = 0.0, ""
+        self._expected = Expected(0.0)
+        self._listed_for = ""                       # the log that was written when the files were listed
 
     def body(self) -> ComposeResult:
         with Vertical(id="diagnosis"):
@@ -105,6 +107,11 @@ class DiagnosisScreen(Page):
     @property
     def busy(self) -> bool:
         return self._working is not None
+
+    def gather(self, frame: Frame) -> None:
+        """Another log is written: another job, whose files belong into the list."""
+        if self.sources is not None and frame.log_path != self._listed_for:
+            self.sources = None
 
     # --- showing -------------------------------------------------------------------------------------------------
 
@@ -146,9 +153,9 @@ class DiagnosisScreen(Page):
             self.query_one("#dia-time", ResidualPlot).show(shown.time(found, self.cause))
 
     def _work_view(self, now_s: float) -> WorkView:
-        gone_s, share = now_s - self._begun_s, self._share
-        left_s = round(gone_s * (1.0 - share) / share / LEFT_STEP_S) if share >= LEAST_SHARE else None
-        return WorkView(self._title, words.stage_word(self._stage), int(100 * share), left_s)
+        share, left_s = self._expected.at(now_s - self._begun_s, self._share)
+        return WorkView(self._title, words.stage_word(self._stage), int(100 * share),
+                        None if left_s is None else max(1, round(left_s)))
 
     def views(self) -> tuple[View, ...]:
         """Those that one key goes through at this size; the others stand beside."""
@@ -210,15 +217,21 @@ class DiagnosisScreen(Page):
     def back(self) -> None:
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
-    def write(self, what: str, write: Callable[[], str]) -> None:
-        """Small files: written at once; the path stays on the screen until it is read."""
+    def write(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
+        """Small files: written at once; the path stays on the screen until it is read. machine: then it is asked
+        whether the job takes the file."""
+        def read(_answer: bool | None) -> None:
+            if machine and self.app.services.job is not None:
+                self.app.turn_to(JOB)
+                self.app.call_after_refresh(self.app.job_page.ask_use, path)
+
         try:
             path = write()
         except (ValueError, OSError) as error:
             self.said = str(error)
         else:
             self.said = ""
-            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path))
+            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path), read)
         self.look()
 
     # --- long work -------------------------------------------------------------------------------------------------
@@ -229,6 +242,7 @@ class DiagnosisScreen(Page):
             return
         frame = self.app.arrival.frame
         running = frame.log_path if frame is not None else ""
+        self._listed_for = running
         self._listing = self.run_worker(lambda: (service.sources(running), service.machines()), group="list",
                                         thread=True, exit_on_error=False)
 
@@ -237,9 +251,11 @@ class DiagnosisScreen(Page):
         self.back()
         self._brings_in = source.kind == IMPORT
         self.begin(_("Diagnosis of {name}").format(name=source.name),
-                    partial(self.service.diagnose, source, self.machine))
+                    partial(self.service.diagnose, source, self.machine), expected_s(source.bytes / 1e6))
 
-    def begin(self, title: str, work: Work) -> None:
+    def begin(self, title: str, work: Work, takes_s: float) -> None:
+        """takes_s: as far as that is known beforehand."""
+        self._expected = Expected(takes_s)
         self._title, self._begun_s, self.said = title, self.app.clock(), ""
         self._share, self._stage = 0.0, "reading"
         stop = self.stop = Stop()

@@ -5,6 +5,7 @@ from math import cos, sin
 
 from console.app.pages.diagnosis.data import (
     IMPORT,
+    Adoption,
     CauseShown,
     ChannelShown,
     Curve,
@@ -116,8 +117,9 @@ class MadeUpDiagnosis:
         if self.refuse:
             raise ValueError(self.refuse)
 
-    def adopt(self, found: Found) -> str:
-        self.asked.append(f"adopt {', '.join(found.adoptable)}")
+    def adopt(self, found: Found, chosen: Adoption) -> str:
+        which = "" if chosen == Adoption() else f" {'with' if chosen.doubtful else 'without'}: {chosen.why}"
+        self.asked.append(f"adopt {', '.join(found.adoptable)}{which}")
         return "/data/machines/huanghai-2026-03-18.yaml"
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:

@@ -27,8 +27,13 @@ def causes(found: Found, at: int, units: Units) -> CausesView:
 
 
 def _cause(cause: CauseShown, units: Units) -> CauseLine:
-    return CauseLine(words.suspicion(cause), words.size(cause), words.percent(cause.probability), words.rivals(cause),
-                     words.cost(cause, units), _(cause.advice), interval(cause))
+    tied = words.ties(cause)
+    title = _("one of these {count}, this data cannot tell which").format(count=len(tied)) if tied else (
+        words.suspicion(cause))
+    return CauseLine(title, words.size(cause), words.percent(cause.probability),
+                     "" if tied else words.rivals(cause), words.cost(cause, units),
+                     _("Drive the next test before anything is changed.") if tied else _(cause.advice),
+                     interval(cause), tied)
 
 
 def interval(cause: CauseShown) -> tuple[float, float, float] | None:

@@ -45,7 +45,7 @@ class SourceList(Panel[SourcesView]):
             mark = f"  < {_('now')}" if source.working else ""
             text = self._row(source.changed, _(KINDS.get(source.kind, source.kind)), source.size, source.name + mark,
                              width, ">" if index == view.at else " ")
-            rows.append(line((text, "bold $background on $primary" if index == view.at else "")))
+            rows.append(line((text, "bold $on-select on $select" if index == view.at else "")))
         return rows
 
     @staticmethod

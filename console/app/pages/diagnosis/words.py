@@ -8,7 +8,7 @@ from console.app.pages.diagnosis.data import IMPORT, CauseShown, Curve, Found, L
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
-from console.reports.words import headlined, left_facts, when
+from console.reports.words import headlined, left_facts, tied, when
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
             "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
@@ -87,11 +87,35 @@ def about(found: Found) -> str:
 
 
 def sentence(found: Found) -> str:
-    """What was not judged, then the verdict, in one line."""
+    """What was not judged, then the verdict, in one line; where rivals are tied, the test that parts them."""
+    if found.verdict == "ambiguous" and found.next_run is not None and any(map(tied, found.causes)):
+        return _next_test(found)
     if not found.not_judged or found.verdict == "not_judged":
         return _verdict(found)
     missing = _("Not judged: {channels}.").format(channels=", ".join(map(channel_word, found.not_judged)))
     return f"{missing} {_verdict(found)}"
+
+
+def _next_test(found: Found) -> str:
+    """The next test leads: a name that this data cannot tell from others is no headline."""
+    assert found.next_run is not None
+    steps = plan_steps(found)
+    first = steps[0].rstrip(".") if steps else _("the separating run")
+    minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
+    said = [_("Test next: {what}{minutes}.").format(what=first, minutes=minutes)]
+    equals = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause))
+    if equals:
+        said.append(_("It tells apart: {causes}.").format(causes="; ".join(equals)))
+    sure = [title(cause) for cause in found.causes if not tied(cause) and headlined(cause)]
+    if sure:
+        said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
+    return " ".join(said)
+
+
+def ties(cause: CauseShown) -> tuple[tuple[str, str], ...]:
+    """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
+    own = (title(cause), percent(cause.probability))
+    return (own, *((_(rival.title), percent(rival.probability)) for rival in cause.rivals)) if tied(cause) else ()
 
 
 def _verdict(found: Found) -> str:
@@ -144,9 +168,9 @@ def todo(found: Found) -> str:
     if found.verdict == "not_judged":
         return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
-        return _("A separating run of {minutes} minutes tells: its steps are among the views.").format(
-            minutes=f"{found.next_run.minutes:g}") if found.next_run.minutes else _("A separating run tells: its steps "
-                                                                                    "are among the views.")
+        if found.next_run.id:
+            return _("V shows its steps, W writes it as a job file, I drives it on the simulated machine.")
+        return _("V shows its steps.")
     if found.causes and headlined(found.causes[0]):
         return _(found.causes[0].advice)
     if found.causes:

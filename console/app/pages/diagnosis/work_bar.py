@@ -11,7 +11,7 @@ from console.locale import _
 
 
 class WorkView(NamedTuple):
-    """percent, left_s: rounded to what is shown; left_s None while it cannot be told."""
+    """percent, left_s: rounded to what is shown; left_s None where it takes longer than was thought."""
 
     title: str
     stage: str
@@ -25,7 +25,8 @@ class WorkBar(Panel[WorkView | None]):
     def lines(self, view: WorkView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
-        left = "" if view.left_s is None else f"   {_('{time} left').format(time=duration(view.left_s))}"
+        left = f"   {_('longer than expected')}" if view.left_s is None else (
+            f"   {_('about {time} left').format(time=duration(view.left_s))}")
         room = max(10, min(60, width - 12))
         full = round(room * view.percent / 100)
         return [line((fit(f" {view.title}", width), "bold $primary")),

@@ -4,8 +4,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from console.app import words
+from console.app.field_picture import FieldPicture
 from console.app.pages.job.desk import Facts
 from console.app.pages.job.map_words import is_doubtful, map_words
+from console.app.to_finish import to_finish
 from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
@@ -37,7 +39,7 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [_crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units),
+        found += [*_who(facts), _crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units),
                   *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, units), _log(frame, free_bytes)]
     return tuple(found)
@@ -77,6 +79,12 @@ def _device(one: DeviceView) -> str:
     if name == "head" and number:
         return _("head {number}").format(number=number)
     return _(DEVICE_WORDS.get(one.name, one.name))
+
+
+def _who(facts: Facts) -> tuple[Check, ...]:
+    """Whose job it is; a line only where somebody said so."""
+    said = [one for one in (facts.client, facts.farm, facts.product, facts.operator) if one]
+    return (Check(_("for"), OK, ", ".join(said)),) if said else ()
 
 
 def _crop(facts: Facts) -> Check:
@@ -160,8 +168,8 @@ def _log(frame: Frame | None, free_bytes: int | None) -> Check:
     return Check(label, level, f"{text}  {file_name(frame.log_path)}", (frame.log_path,))
 
 
-def totals(frame: Frame | None, age_s: float, units: Units) -> tuple[Item, ...]:
-    """What the job amounts to so far, its parts before a power cut included."""
+def totals(frame: Frame | None, age_s: float, units: Units, picture: FieldPicture | None = None) -> tuple[Item, ...]:
+    """What the job amounts to so far, its parts before a power cut included, and what it still takes."""
     t = frame.totals if frame is not None else None
     tally = frame.tally if frame is not None else None
     old = age_s > STALE_S
@@ -173,6 +181,7 @@ def totals(frame: Frame | None, age_s: float, units: Units) -> tuple[Item, ...]:
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
     filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
     items = [
+        Item(_("to finish"), Shown(to_finish(frame, picture).text(units), old)),
         Item(_("area"), Shown(units.area.full(t.area_ha), old)),
         Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
         Item(_("covered"), Shown(_covered(t, units), old)),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
@@ -35,6 +36,10 @@ class Facts:
     fixed_yield_t_ha: float | None = None
     max_rate_kg_ha: float = 0.0
     fallback_rate_kg_ha: float = 0.0
+    client: str = ""
+    farm: str = ""
+    product: str = ""
+    operator: str = ""
     field: str = ""
     field_ha: float | None = None       # None: no boundary known
     map_file: str = ""                  # of the job; empty: it names none
@@ -47,6 +52,50 @@ class Facts:
     jobs: tuple[File, ...] = ()
     crops: tuple[File, ...] = ()
     machines: tuple[File, ...] = ()
+
+
+class MapFile(NamedTuple):
+    """A file that may be a prescription. where: the stick or folder that it lies on."""
+
+    path: str
+    name: str
+    where: str
+    changed: str
+
+
+class Reading(NamedTuple):
+    """How a map's numbers are meant; empty: as the file says."""
+
+    column: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPreview:
+    """A prescription as it was read. question: what has to be said first, one line; then the rest is empty but for
+    `columns`. kept: the map in kg of product per ha, in a file of ours."""
+
+    path: str
+    reading: Reading
+    columns: tuple[str, ...] = ()
+    question: str = ""
+    unit: str = ""
+    area_ha: float = 0.0
+    mass_kg: float = 0.0
+    rates_kg_ha: tuple[float, float] = (0.0, 0.0)
+    picture: FieldPicture | None = None
+    check: MapCheck | None = None
+    kept: str = ""
+
+
+class Who(NamedTuple):
+    """Whose job it is, where, of what, by whom."""
+
+    client: str = ""
+    farm: str = ""
+    field: str = ""
+    product: str = ""
+    operator: str = ""
 
 
 class Offer(NamedTuple):
@@ -85,6 +134,21 @@ class JobDesk(Protocol):
 
     def take_strip(self, ndvi: float) -> str:
         """A new job file with this NDVI of the N-rich strip, for the next start; returns where it stands."""
+
+    def maps(self) -> tuple[MapFile, ...]:
+        """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""
+
+    def preview(self, path: str, reading: Reading) -> MapPreview:
+        """Reads a prescription for the job; nothing of the job changes."""
+
+    def take_map(self, preview: MapPreview) -> str:
+        """A new job file with this map, for the next start; returns where it stands."""
+
+    def take_who(self, who: Who) -> str:
+        """A new job file with these names, for the next start; returns where it stands."""
+
+    def outline(self, job: str) -> tuple[Ring, ...]:
+        """Of a job file's field, east and north in m; () where it has none or cannot be read."""
 
     async def restart(self) -> FrameSource:
         """A worker with what was taken. The one before must have ended."""

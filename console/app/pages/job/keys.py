@@ -9,12 +9,14 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.pages.job.day import checks
 from console.app.pages.job.desk import File, JobDesk
 from console.app.pages.job.nrich import LEAST_M, StripRun
+from console.app.small_map import outline
 from console.locale import N_, _
-from control.orders import Do
+from control.orders import Do, State
 
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
 
+THUMB = (16, 2)             # columns and rows of a field's outline in the list of jobs
 Kind = Literal["job", "crop", "machine"]
 ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
 
@@ -89,7 +91,7 @@ def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
                                "machine": page.facts.machines}[kind]
     now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
-    choices = [Choice(one.value, one.label) for one in files]
+    choices = [Choice(one.value, _drawn(one, desk) if kind == "job" else one.label) for one in files]
 
     def answer(value: str | None) -> None:
         if value == now and page.pending:
@@ -104,6 +106,12 @@ def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
         page.take(take)
 
     page.app.push_screen(ChoiceDialog(title, choices, now), answer)
+
+
+def _drawn(file: File, desk: JobDesk) -> str:
+    """A job's name with its field beside it."""
+    rows = outline(desk.outline(file.value), *THUMB)
+    return "\n".join((f"{file.label:<22}{rows[0]}", *(f"{'':<26}{row}" for row in rows[1:]))) if rows else file.label
 
 
 @_with_files
@@ -145,12 +153,30 @@ def end_of_job(page: JobScreen, desk: JobDesk) -> None:
             page.begin(_("export"), lambda log, progress, cancelled: (
                 *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
 
-    frame = page.app.arrival.frame
-    if frame is not None and frame.row.state == "working":
-        page.app.notice(_("the machine works: hold or stop it first"))
-        return
     page.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
                                                        "a power cut.")), answer)
+
+
+def why_no_log(page: JobScreen) -> str:
+    frame = page.app.arrival.frame
+    return "" if frame is not None and frame.log_path else _("no log is written")
+
+
+def why_no_end(page: JobScreen) -> str:
+    frame = page.app.arrival.frame
+    works = frame is not None and frame.row.state == State.WORKING and not page.app.gone
+    return _("the machine works: hold or stop it first") if works else why_no_log(page)
+
+
+@_with_files
+def prescription(page: JobScreen, desk: JobDesk) -> None:
+    """From a stick, the downloads or the user's own files: looked at first, then taken."""
+    page.look_for_maps(desk)
+
+
+@_with_files
+def who(page: JobScreen, desk: JobDesk) -> None:
+    page.ask_who(desk)
 
 
 ACTIONS = (
@@ -160,14 +186,20 @@ ACTIONS = (
            JOB, 4),
     Action("job_crop", "c", "C", N_("crop"), N_("Takes another crop: a new job file names it."), crop, JOB, 5),
     Action("job_machine", "m", "M", N_("machine"), N_("Takes another machine file."), machine, JOB, 6),
+    Action("job_map", "p", "P", N_("prescription"),
+           N_("Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."), prescription,
+           JOB, 5),
+    Action("job_who", "w", "W", N_("whose"), N_("Client, farm, field, product and operator of the job."), who, JOB),
     Action("job_strip", "n", "N", N_("N strip"),
            N_("Begins at the strip's start, ends at its end: the mean NDVI between is stored to the job."), strip, JOB,
            7),
     Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
-           refill, JOB, 8),
+           refill, JOB, 8, asks="number"),
     Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,
-           JOB, 9),
-    Action("job_report", "r", "R", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10),
+           JOB, 9, why=why_no_log),
+    Action("job_report", "r", "R", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10,
+           why=why_no_log),
     Action("job_end", "k", "K", N_("end of job"),
-           N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB, 10),
+           N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB, 10,
+           why=why_no_end),
 )

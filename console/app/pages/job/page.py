@@ -2,19 +2,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from textual.app import ComposeResult
 from textual.containers import Container, Vertical
 from textual.worker import Worker, WorkerState, get_current_worker
 
 from console.app.action import JOB, Action, bindings
-from console.app.dialogs import Confirm, NumberDialog
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog
+from console.app.name_dialog import NameDialog
 from console.app.pages.job.check_list import CheckList, ChecksView
 from console.app.pages.job.day import checks, file_name, refills, totals
-from console.app.pages.job.desk import Cancelled, Facts, JobDesk, Progress
+from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading, Who
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
+from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
 from console.app.pages.job.nrich import StripRun
 from console.app.pages.job.refill import RefillWatch
 from console.app.pages.page import Page
@@ -26,6 +28,8 @@ from control.orders import Do
 
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
+MOST_MAPS = 12
+RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
 MAY_RESTART = (None, "off", "ready", "fault")
 
 
@@ -46,6 +50,7 @@ class JobScreen(Page):
         self._work: Worker[tuple[str, ...]] | None = None
         self._looked_s: float | None = None
         self._looked_at: str | None = None
+        self._then: Callable[[Any], None] = lambda _result: None
 
     @property
     def desk(self) -> JobDesk | None:
@@ -98,7 +103,8 @@ class JobScreen(Page):
         trouble = self.trouble or ("" if self.desk is not None else _("files are not at hand here"))
         self.query_one("#job-checks", CheckList).show(ChecksView(
             checks(frame, age_s, self.facts, trouble, self.free_bytes, units), in_use()))
-        self.query_one("#job-totals", Items).show(totals(frame, age_s, units))
+        self.query_one("#job-totals", Items).show(totals(
+            frame, age_s, units, self.app.fields.of(frame)))
         self.query_one("#job-notes", JobNotes).show(NotesView(
             self._notes(frame), refills(frame, units, self.app.utc_offset_s), in_use()))
 
@@ -176,6 +182,99 @@ class JobScreen(Page):
         """Another file for the job: written by `work`, which gives its name; then a new start is asked."""
         self.run_worker(work, group="job-take", name="take", thread=True, exit_on_error=False)
 
+    # --- a prescription from a stick, and whose job it is --------------------------------------------------------
+
+    def look_for_maps(self, desk: JobDesk) -> None:
+        self.app.notice(_("looking for prescriptions"))
+        self._bring(desk.maps, self._list_maps)
+
+    def _list_maps(self, found: tuple[MapFile, ...]) -> None:
+        if not found:
+            self.app.notice(_("no prescription was found: on sticks, in Downloads or in this folder"))
+            return
+
+        def answer(path: str | None) -> None:
+            if path is not None:
+                self._read_map(path, Reading())
+
+        choices = [Choice(one.path, f"{one.changed}  {one.name}  ({one.where})") for one in found[:MOST_MAPS]]
+        self.app.push_screen(ChoiceDialog(_("Which prescription?"), choices, ""), answer)
+
+    def _read_map(self, path: str, reading: Reading) -> None:
+        desk = self.desk
+        if desk is not None:
+            self.app.notice(_("reading the map"))
+            self._bring(lambda: desk.preview(path, reading), self._show_map)
+
+    def _show_map(self, shown: MapPreview) -> None:
+        def answer(what: str | None) -> None:
+            if what == TAKE and self.desk is not None:
+                desk = self.desk
+                self.take(lambda: desk.take_map(shown))
+            elif what == COLUMN:
+                self._ask_reading(shown, _("Which column is the rate?"), [Choice(one, one) for one in shown.columns],
+                                  "column")
+            elif what == UNIT:
+                self._ask_reading(shown, _("In which unit are the rates?"), [Choice(one, one) for one in RATE_UNITS],
+                                  "unit")
+
+        self.app.push_screen(MapDialog(shown, self.app.units), answer)
+
+    def _ask_reading(self, shown: MapPreview, title: str, choices: list[Choice], what: str) -> None:
+        now = getattr(shown.reading, what)
+
+        def answer(value: str | None) -> None:
+            self._read_map(shown.path, shown.reading._replace(**{what: now if value is None else value}))
+
+        self.app.push_screen(ChoiceDialog(title, choices, now), answer)
+
+    def ask_who(self, desk: JobDesk) -> None:
+        """The names one after the other on one list; nothing is written before the last line is chosen."""
+        facts = self.facts
+        if facts is None:
+            self.app.notice(self.trouble or _("being read"))
+            return
+        self._ask_name(desk, Who(facts.client, facts.farm, facts.field, facts.product, facts.operator))
+
+    def _ask_name(self, desk: JobDesk, who: Who) -> None:
+        labels = dict(zip(Who._fields, (_("client"), _("farm"), _("field"), _("product"), _("operator")), strict=True))
+        choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
+        choices.append(Choice("", _("write the job with these names")))
+
+        def named(name: str, text: str | None) -> None:
+            self._ask_name(desk, who if text is None else who._replace(**{name: text[:80]}))
+
+        def answer(name: str | None) -> None:
+            if name == "":
+                self.take(lambda: desk.take_who(who))
+            elif name is not None:
+                self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)),
+                                     lambda text: named(name, text))
+
+        self.app.push_screen(ChoiceDialog(_("Whose job is it?"), choices, ""), answer)
+
+    def ask_use(self, machine: str) -> None:
+        """A machine file that was just written: take it for the job?"""
+        desk = self.desk
+        if desk is None:
+            return
+
+        def take() -> str:
+            desk.take("machine", machine)
+            return machine
+
+        def answer(yes: bool | None) -> None:
+            if yes:
+                self.take(take)
+
+        self.app.push_screen(Confirm(_("Use it now?"), _("{name} for this job: the control worker starts again with "
+                                                         "it.").format(name=file_name(machine))), answer)
+
+    def _bring(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
+        """What is read from files, beside the screen; an error is one line that stays."""
+        self._then = then
+        self.run_worker(work, group="job-bring", name="bring", thread=True, exclusive=True, exit_on_error=False)
+
     # --- long work -----------------------------------------------------------------------------------------------
 
     def begin(self, name: str, work: Callable[[str, Progress, Cancelled], tuple[str, ...]]) -> None:
@@ -214,6 +313,12 @@ class JobScreen(Page):
                 self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
         elif worker.group == "job-look" and event.state is WorkerState.SUCCESS and worker.result is not None:
             self.facts, self.trouble, self.free_bytes = worker.result
+        elif worker.group == "job-bring":
+            if event.state is WorkerState.ERROR:
+                self.say(_("cannot be used: {why}").format(why=_one_line(worker.error)))
+                self.app.notice(_one_line(worker.error))
+            else:
+                self._then(worker.result)
         elif worker.group == "job-take":
             if event.state is WorkerState.ERROR:
                 self.say(_("not taken: {why}").format(why=_one_line(worker.error)))

@@ -1,8 +1,23 @@
 """A made-up desk for the Job screen's pictures and tests: every answer at once, nothing read or written."""
 from __future__ import annotations
 
-from console.app.pages.job.desk import Cancelled, Earlier, Facts, File, Offer, Progress
+import numpy as np
+
+from console.app.field_picture import FieldPicture, Planned, Ring
+from console.app.pages.job.desk import (
+    Cancelled,
+    Earlier,
+    Facts,
+    File,
+    MapFile,
+    MapPreview,
+    Offer,
+    Progress,
+    Reading,
+    Who,
+)
 from console.app.source import FrameSource
+from control.targets.map_check import MapCheck
 
 FACTS = Facts(
     job="Topdressing winter wheat, division 2", job_file="jobs/division-2.yaml", crop="winter wheat",
@@ -15,6 +30,10 @@ FACTS = Facts(
     machines=(File("machines/huanghai-0318.yaml", "huanghai-0318"), File("machines/bench.yaml", "bench")))
 CUT_OFF = Offer("run.resume.json", "2026-03-18T06:18:00+00:00", "2026-03-18T07:02:00+00:00",
                 "Topdressing winter wheat, division 2", 1.2)
+
+
+MAPS = (MapFile("/media/STICK/north.geojson", "north.geojson", "STICK", "2026-03-17 19:40"),
+        MapFile("/media/STICK/zones.shp", "zones.shp", "STICK", "2026-03-16 08:12"))
 
 
 class SampleDesk:
@@ -45,6 +64,36 @@ class SampleDesk:
         self.asked.append(("strip", f"{ndvi:.3f}"))
         self._fail()
         return "jobs/division-2-strip.yaml"
+
+    def maps(self) -> tuple[MapFile, ...]:
+        self.asked.append(("maps",))
+        return MAPS
+
+    def preview(self, path: str, reading: Reading) -> MapPreview:
+        self.asked.append(("preview", path, *reading))
+        self._fail()
+        if path.endswith("zones.shp") and not reading.column:
+            return MapPreview(path, reading, ("RATE_N", "ZONE"), f"{path}: rate column not chosen")
+        rates = np.array([[200.0 + 40.0 * ((row + column) % 4) for column in range(12)] for row in range(10)],
+                         np.float32)
+        picture = FieldPicture("division 2", (((0.0, 0.0), (120.0, 0.0), (120.0, 100.0), (0.0, 100.0)),), 1.2, 2.4,
+                               Planned(0.0, 0.0, 10.0, rates))
+        return MapPreview(path, reading._replace(column=reading.column or "rate"), ("rate", "zone"), "",
+                          f"{reading.unit or 'kg/ha'} (as the file names no unit)", 1.2, 312.0, (200.0, 320.0), picture,
+                          MapCheck(1.2, 1.2, 0.0, 0.0, 0.0, 0.0, 300.0, 0.3, 6.0, 320.0), "/tmp/kept.geojson")
+
+    def take_map(self, preview: MapPreview) -> str:
+        self.asked.append(("map", preview.path, *preview.reading))
+        self._fail()
+        return "jobs/division-2-map.yaml"
+
+    def take_who(self, who: Who) -> str:
+        self.asked.append(("who", *who))
+        self._fail()
+        return "jobs/division-2-who.yaml"
+
+    def outline(self, job: str) -> tuple[Ring, ...]:
+        return (((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0)),) if "division" in job else ()
 
     async def restart(self) -> FrameSource:
         return self._source("restart")

@@ -71,8 +71,13 @@ def south(page: MapScreen) -> None:
 
 
 def machine_or_log(page: MapScreen) -> None:
-    if page.turn_log():
-        page.camera, page.marked = None, False
+    page.turn_log()
+    page.camera, page.marked = None, False
+
+
+def why_no_plan(page: MapScreen) -> str:
+    picture = page.app.fields.of(page.seen(page.app.clock())[0])
+    return _("this job has no map of planned rates") if picture is None or picture.planned is None else ""
 
 
 ACTIONS = (
@@ -83,7 +88,7 @@ ACTIONS = (
     Action("map_follow", "f", "F", N_("follow"), N_("Keeps the machine in sight, or lets it go."), follow, MAP, 6),
     Action("map_whole", "w", "W", N_("whole field"), N_("All of the field and of the work."), whole_field, MAP, 7),
     Action("map_plan", "p", "P", N_("plan"), N_("Shows or hides the planned rates of ground not yet worked."), plan,
-           MAP, 8),
+           MAP, 8, why=why_no_plan),
     Action("map_file", "y", "Y", N_("file"), N_("Lays a file on the map, as applied or harvested, or takes it off."),
            lay_file, MAP, 8),
     Action("map_west", "left", "<", N_("west"), N_("Moves the map; also by dragging it."), west, MAP),
@@ -91,5 +96,6 @@ ACTIONS = (
     Action("map_north", "up", "up", N_("north"), N_("Moves the map; also by dragging it."), north, MAP),
     Action("map_south", "down", "down", N_("south"), N_("Moves the map; also by dragging it."), south, MAP),
     Action("map_log", "o", "O", N_("machine / log"), N_("The machine at work, or the log of the replay."),
-           machine_or_log, MAP),
+           machine_or_log, MAP,
+           why=lambda page: page.why_no_turn()),
 )

@@ -20,9 +20,10 @@ from console.app.pages.map.map_pane import MapPane, Place
 from console.app.pages.map.reading import Reading, job_items, reading
 from console.app.pages.map.reading_line import ReadingLine
 from console.app.replay_job import ReplayJob
-from console.app.view import STALE_S, RunView
+from console.app.view import STALE_S, RunView, look
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import MapLegend, legend_of
+from console.app.widgets.seat_rates import SeatRates
 from console.frame import Frame
 from console.locale import _, in_use
 
@@ -46,13 +47,16 @@ class MapScreen(LogPage):
         self._frame: Frame | None = None
 
     def body(self) -> ComposeResult:
+        rates = look(None, 0.0, self.app.units).rates
         with Vertical(id="map-left"):
+            yield SeatRates(rates, id="map-strip")
             yield MapBar(MapBarView(self.shown_layer, (), in_use()), id="map-bar")
             yield MapPane(EMPTY_MAP, id="map-pane")
             yield MapLegend(legend_of(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
             yield LaidLegend(LaidLegendView("", "", None, ""), id="map-laid")
             yield ReadingLine(Reading("", ()), id="map-reading")
         with Vertical(id="map-right"):
+            yield SeatRates(rates, id="map-rates")
             yield Items((), id="map-job")
 
     def replayed(self) -> ReplayJob | None:
@@ -66,6 +70,8 @@ class MapScreen(LogPage):
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
+        for rates in self.query(SeatRates):
+            rates.show(view.rates)
         frame, age_s = self.seen(self.app.clock())
         self.query_one("#map-job", Items).show(
             job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S))

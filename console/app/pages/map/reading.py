@@ -7,8 +7,9 @@ from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture
 from console.app.laid import LaidView
 from console.app.map_image import Ground, ground
+from console.app.to_finish import to_finish
 from console.app.units import M2_PER_HA, Units
-from console.app.view import Item, Shown, rate_error, signed_percent
+from console.app.view import Item, Shown, duration, rate_error, signed_percent
 from console.app.worked import Worked
 from console.frame import Frame
 from console.locale import _
@@ -59,24 +60,16 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
     if frame is None:
         return ()
     field_ha = picture.area_ha if picture is not None else None
-    left_ha = max(0.0, field_ha - frame.area_ha) if field_ha is not None else None
     mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
-    planned_kg = picture.planned.mass_kg if picture is not None and picture.planned is not None else None
-    if planned_kg is not None:
-        left_kg: float | None = max(0.0, planned_kg - frame.applied_kg)
-    else:
-        left_kg = left_ha * mean if left_ha is not None and mean is not None else None
+    left = to_finish(frame, picture)
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
     row = frame.row
-    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if row.state in (None, "working") else None
     return tuple(Item(label, Shown(text, stale)) for label, text in (
         (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
-        (_("left"), units.area.full(left_ha)),
+        (_("left"), units.area.full(left.area_ha)),
+        (_("time left"), f"{'--' if left.time_s is None else duration(left.time_s)}  {units.distance.full(left.way_m)}"),
         (_("applied"), units.mass.full(frame.applied_kg)),
-        (_("still needed"), units.mass.full(left_kg)),
+        (_("still needed"), units.mass.full(left.product_kg)),
         (_("in hopper"), units.mass.full(row.hopper_kg)),
         (_("mean"), units.rate.full(mean)),
-        (_("target"), units.rate.full(row.target_rate_kg_ha)),
-        (_("rate now"), units.rate.full(row.applied_rate_kg_ha)),
-        (_("error"), "--" if error is None else signed_percent(100.0 * error)),
         (_("speed"), units.speed.full(row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps))))

@@ -73,9 +73,6 @@ def next_alarm(page: ReplayScreen) -> None:
 
 def what_if(page: ReplayScreen) -> None:
     job = page.played
-    if job.what_if is None:
-        page.app.notice(_("this log cannot be recomputed: its machine or crop is not known"))
-        return
     choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
                for name in words.STRATEGIES]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
@@ -97,25 +94,43 @@ def findings(page: ReplayScreen) -> None:
     page.app.push_screen(TextDialog(_("Findings about {name}").format(name=page.played.name), text))
 
 
+def why_no_log(page: ReplayScreen) -> str:
+    return _("no log is open: O opens one") if page.job is None else ""
+
+
+def why_no_what_if(page: ReplayScreen) -> str:
+    if page.job is not None and page.job.what_if is None:
+        return _("this log cannot be recomputed: its machine or crop is not known")
+    return why_no_log(page)
+
+
+def why_no_cancel(page: ReplayScreen) -> str:
+    return _("no what-if is being computed") if page.computing is None else ""
+
+
 ACTIONS = (
     Action("open_log", "o", "O", N_("open"), N_("Another log, the newest first."), open_log, REPLAY, 3),
-    Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3),
-    Action("step_back", "left", "<", N_("back"), N_("One row back."), step_back, REPLAY, 4),
-    Action("step_on", "right", ">", N_("on"), N_("One row on."), step_on, REPLAY, 5),
-    Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."), seek_back, REPLAY, 6),
-    Action("seek_on", "pagedown,shift+right", "PgDn", N_("+30 s"), N_("30 s on."), seek_on, REPLAY, 7),
-    Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."), seek_start, REPLAY),
-    Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."), seek_end, REPLAY),
+    Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3, why=why_no_log),
+    Action("step_back", "left", "<", N_("back"), N_("One row back."), step_back, REPLAY, 4, why=why_no_log),
+    Action("step_on", "right", ">", N_("on"), N_("One row on."), step_on, REPLAY, 5, why=why_no_log),
+    Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."), seek_back, REPLAY, 6,
+           why=why_no_log),
+    Action("seek_on", "pagedown,shift+right", "PgDn", N_("+30 s"), N_("30 s on."), seek_on, REPLAY, 7, why=why_no_log),
+    Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."), seek_start, REPLAY,
+           why=why_no_log),
+    Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."), seek_end, REPLAY, why=why_no_log),
     Action("slower", "comma,left_square_bracket", ",", N_("slower"), N_("Half as fast, down to 0.1x."), slower, REPLAY,
-           8),
+           8, why=why_no_log),
     Action("faster", "full_stop,right_square_bracket", ".", N_("faster"), N_("Twice as fast, up to 1000x."), faster,
-           REPLAY, 8),
+           REPLAY, 8, why=why_no_log),
     Action("next_alarm", "n", "N", N_("next alarm"), N_("To the next row on which a new alarm stands."), next_alarm,
-           REPLAY),
+           REPLAY, why=why_no_log),
     Action("what_if", "i", "I", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
-           REPLAY, 8),
-    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."), cancel_what_if, REPLAY),
-    Action("as_recorded", "b", "B", N_("as recorded"), N_("Back to the log as it was recorded."), as_recorded, REPLAY),
+           REPLAY, 8, why=why_no_what_if),
+    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."), cancel_what_if, REPLAY,
+           why=why_no_cancel),
+    Action("as_recorded", "b", "B", N_("as recorded"), N_("Back to the log as it was recorded."), as_recorded, REPLAY,
+           why=why_no_log),
     Action("findings", "v", "V", N_("findings"), N_("What was found in this log when it was opened."), findings,
-           REPLAY),
+           REPLAY, why=why_no_log),
 )

@@ -128,10 +128,6 @@ class ReplayScreen(PanelScreen):
             self.hurry()
 
     def perform(self, action: Action) -> None:
-        """Nothing but opening one where no log is open."""
-        if self.job is None and action.id != "open_log":
-            self.app.notice(_("no log is open: O opens one"))
-            return
         super().perform(action)
         self.hurry()
 

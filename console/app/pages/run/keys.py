@@ -8,6 +8,7 @@ from console.app import words
 from console.app.action import RUN, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
 from console.app.pages.run.allowing import allow_choices
+from console.app.reasons import why_no_start, why_not_ready
 from console.locale import N_, _
 from control.orders import Do, Strategy, TargetSource
 
@@ -40,7 +41,7 @@ def _ask_nudge(page: RunScreen, first: int) -> None:
 
     def answer(percent: float | None) -> None:
         if percent is not None and percent != now:
-            page.app.give(Do.NUDGE, percent)
+            page.app.change(Do.NUDGE, percent, now, _("nudge {percent}").format(percent=f"{now:+.0f} %"))
 
     page.app.push_screen(NudgeDialog(now, first), answer)
 
@@ -53,14 +54,18 @@ def strategy(page: RunScreen) -> None:
 
 def source(page: RunScreen) -> None:
     frame = page.app.arrival.frame
-    choices = [Choice(one.value, words.source_word(one.value)) for one in TargetSource if one is not TargetSource.NONE]
+    picture = page.app.fields.of(frame)
+    no_map = "" if picture is None or picture.planned is not None else _("this job has no map; F10, P takes one")
+    choices = [Choice(one.value, words.source_word(one.value), no_map if one is TargetSource.MAP else "")
+               for one in TargetSource if one is not TargetSource.NONE]
     _ask_choice(page, _("Target from"), choices, (frame.row.target_source if frame else None) or "", Do.SOURCE)
 
 
 def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str, do: Do) -> None:
     def answer(value: str | None) -> None:
         if value is not None and value != now:
-            page.app.give(do, value)
+            before = next((one.label for one in choices if one.value == now), "")
+            page.app.change(do, value, now or None, f"{title}: {before}")
 
     page.app.push_screen(ChoiceDialog(title, choices, now), answer)
 
@@ -92,21 +97,30 @@ def look_ahead(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.look_ahead if frame else True
     title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
-    _ask(page, title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, not on)
+    _ask_switch(page, title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, on,
+                _("look-ahead"))
 
 
 def flow_trim(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.flow_trim_on if frame else True
     title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
-    _ask(page, title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
-         not on)
+    _ask_switch(page, title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
+                on, _("scale trim"))
 
 
-def _ask(page: RunScreen, title: str, text: str, do: Do, value: str | bool) -> None:
+def _ask(page: RunScreen, title: str, text: str, do: Do, value: str) -> None:
     def answer(yes: bool | None) -> None:
         if yes:
             page.app.give(do, value)
+
+    page.app.push_screen(Confirm(title, text), answer)
+
+
+def _ask_switch(page: RunScreen, title: str, text: str, do: Do, on: bool, name: str) -> None:
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.app.change(do, not on, on, f"{name}: {_('on') if on else _('off')}")
 
     page.app.push_screen(Confirm(title, text), answer)
 
@@ -115,9 +129,11 @@ def allow(page: RunScreen) -> None:
     def answer(value: str | None) -> None:
         if value is not None:
             do, _colon, yes = value.partition(":")
-            page.app.give(Do(do), yes == "True")
+            page.app.change(Do(do), yes == "True", yes != "True", words_of[value])
 
-    page.app.push_screen(ChoiceDialog(_("Allow"), allow_choices(page.app.arrival.frame), "", _(
+    choices = allow_choices(page.app.arrival.frame)
+    words_of = {one.value: one.label.rpartition(",")[0] for one in choices}
+    page.app.push_screen(ChoiceDialog(_("Allow"), choices, "", _(
         "All but the second dose end with STOP.")), answer)
 
 
@@ -126,19 +142,24 @@ def connect(page: RunScreen) -> None:
 
 
 ACTIONS = (
-    Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), start, RUN, 3),
-    Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, RUN, 4),
+    Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), start, RUN, 3,
+           why=lambda page: why_no_start(page.app), judged=True),
+    Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, RUN, 4,
+           why=lambda page: why_not_ready(page.app), judged=True),
     Action("nudge_up", "plus,equals_sign,kp_plus", "+", N_("more"),
-           N_("More than the target, in steps of 5 %; asked once."), nudge_up, RUN, 5),
+           N_("More than the target, in steps of 5 %; asked once."), nudge_up, RUN, 5,
+           asks="number"),
     Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asked once."),
-           nudge_down, RUN, 6),
+           nudge_down, RUN, 6,
+           asks="number"),
     Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asked once."), strategy,
            RUN, 7),
     Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asked once."),
            source, RUN, 8),
     Action("manual_rate", "m", "M", N_("manual rate"), N_("Type a rate; the allowed range is shown."), manual_rate,
-           RUN),
-    Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."), refill, RUN),
+           RUN, asks="number"),
+    Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."), refill, RUN,
+           asks="number"),
     Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."), mark, RUN),
     Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asked once."), look_ahead, RUN),
     Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."),

@@ -60,7 +60,7 @@ ACTIONS = (
     Action("setting_first", "home", "Home", N_("first"), N_("The first setting."), first, SETTINGS, locked=True),
     Action("setting_last", "end", "End", N_("last"), N_("The last setting."), last, SETTINGS, locked=True),
     Action("setting_change", "enter", "Enter", N_("change"), N_("Changes the marked setting; it is kept at once."),
-           change, SETTINGS, 3),
+           change, SETTINGS, 3, asks="text"),
     Action("setting_default", "delete,backspace", "Del", N_("default"), N_("The marked setting as it was delivered."),
            default, SETTINGS, 5),
     Action("settings_defaults", "r", "R", N_("all defaults"), N_("Every setting as it was delivered; asked once."),

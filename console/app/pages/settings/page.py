@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 from textual import events
@@ -190,6 +191,8 @@ class SettingsScreen(Page):
         assert store is not None
         before = store.settings
         store.settings, store.trouble = settings, apply(self.app, settings)
+        if before != settings:
+            self.app.undo.add(_("settings before the last change"), partial(self.take, before))
         try:
             store.write(settings)
         except OSError as error:

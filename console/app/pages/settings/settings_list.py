@@ -50,7 +50,7 @@ class SettingsList(Panel[SettingsView]):
                 continue
             one = view.lines[index]
             here = index == view.at
-            style = "bold reverse" if here else "bold" if one.own else ""
+            style = "bold $on-select on $select" if here else "bold" if one.own else ""
             parts: list[Part] = [(fit(f" {'>' if here else ' '} {one.label}", label), style),
                                  (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
                                  (fit(f" {one.hint}", width - label - value), "$muted")]

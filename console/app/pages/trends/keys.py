@@ -4,7 +4,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from console.app.action import TRENDS, Action
-from console.locale import N_
+from console.locale import N_, _
 
 if TYPE_CHECKING:
     from console.app.pages.trends.page import TrendsScreen
@@ -66,8 +66,8 @@ def later(page: TrendsScreen) -> None:
 
 
 def machine_or_log(page: TrendsScreen) -> None:
-    if page.turn_log():
-        page.ends_s = page.cursor_s = page.fixed = None
+    page.turn_log()
+    page.ends_s = page.cursor_s = page.fixed = None
 
 
 ACTIONS = (
@@ -90,10 +90,11 @@ ACTIONS = (
     Action("trends_far_right", "shift+right", "S->", N_("cursor far on"), N_("A tenth of the span at once."),
            cursor_far_on, TRENDS),
     Action("trends_cursor_off", "escape", "Esc", N_("cursor away"), N_("Values are the newest again."), cursor_away,
-           TRENDS),
+           TRENDS, why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
     Action("trends_earlier", "pageup", "PgUp", N_("earlier"), N_("Half a span back; the plots stand still."), earlier,
            TRENDS),
     Action("trends_later", "pagedown", "PgDn", N_("later"), N_("Half a span on."), later, TRENDS),
     Action("trends_log", "o", "O", N_("machine / log"), N_("The machine at work, or the log of the replay."),
-           machine_or_log, TRENDS),
+           machine_or_log, TRENDS,
+           why=lambda page: page.why_no_turn()),
 )

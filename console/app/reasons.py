@@ -1,0 +1,46 @@
+"""Why something cannot be done now, in one line; empty where it can. By the newest frame: safety has the last word."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from console.app.words import state_word
+from console.locale import _
+from control.orders import Severity, State
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+
+
+def why_no_undo(app: TopdressApp) -> str:
+    return _("nothing was changed that could be taken back") if app.undo.newest is None else ""
+
+
+def why_no_acknowledge(app: TopdressApp) -> str:
+    frame = app.arrival.frame
+    owed = frame is not None and any(one.severity is Severity.RED and not one.acknowledged for one in frame.alarms)
+    return "" if owed else _("no alarm waits for it")
+
+
+def why_no_tour(app: TopdressApp) -> str:
+    return _("no tour is shown") if app.tour is None else ""
+
+
+def why_no_start(app: TopdressApp) -> str:
+    return _why_no_state(app, (State.READY, State.HELD), State.WORKING)
+
+
+def why_not_ready(app: TopdressApp) -> str:
+    return _why_no_state(app, (State.OFF, State.HELD, State.FAULT), State.READY)
+
+
+def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) -> str:
+    if app.source is None:
+        return _("no machine is connected")
+    frame = app.arrival.frame
+    if frame is None or app.gone or frame.row.state in from_:
+        return ""
+    now = state_word(frame.row.state)
+    if frame.row.state == already:
+        return _("the machine is {state} already").format(state=now)
+    return _("the machine is {state}; this begins from {states}").format(
+        state=now, states=", ".join(state_word(one.value) for one in from_))

@@ -1,0 +1,48 @@
+"""What a job still takes: area, product, way and time, from what is left of its field and its plan. Pure."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from console.app.field_picture import FieldPicture
+from console.app.units import M2_PER_HA, Units
+from console.app.view import duration
+from console.frame import Frame
+
+LEAST_WORKED_S = 30.0       # before, nobody can tell how fast the work goes
+
+
+class ToFinish(NamedTuple):
+    """None: not known, for the job has no field, or has hardly begun."""
+
+    area_ha: float | None = None
+    product_kg: float | None = None
+    way_m: float | None = None
+    time_s: float | None = None
+
+    def text(self, units: Units) -> str:
+        if self.area_ha is None and self.product_kg is None:
+            return "--"
+        time = "--" if self.time_s is None else duration(self.time_s)
+        return f"{time}  {units.mass.full(self.product_kg)}  {units.distance.full(self.way_m)}"
+
+
+def to_finish(frame: Frame | None, picture: FieldPicture | None) -> ToFinish:
+    """The plan's product where there is one, else the mean so far on what is left; time at the pace so far."""
+    if frame is None or picture is None:
+        return ToFinish()
+    planned = picture.planned
+    field_ha = picture.area_ha
+    left_ha = None if field_ha is None else max(0.0, field_ha - frame.area_ha)
+    begun = frame.area_ha > 1.0 / M2_PER_HA
+    left_kg = None
+    if planned is not None:
+        left_kg = max(0.0, planned.mass_kg - frame.applied_kg)
+    elif left_ha is not None and begun:
+        left_kg = left_ha * frame.applied_kg / frame.area_ha
+    way_m = None if left_ha is None else left_ha * M2_PER_HA / picture.width_m
+    worked_s = frame.totals.worked_s if frame.totals is not None else 0.0
+    time_s = None
+    if left_ha is not None and begun and worked_s >= LEAST_WORKED_S:
+        held_s = frame.tally.held_s if frame.tally is not None else 0.0
+        time_s = left_ha * (worked_s + held_s) / frame.area_ha
+    return ToFinish(left_ha, left_kg, way_m, time_s)

@@ -1,0 +1,40 @@
+"""The machine's numbers where the terminal is too small for a page: rates first, the rest as far as there is room."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from textual.content import Content
+
+from console.app.digits import ROWS, draw, largest
+from console.app.view import RatesView, Tile
+from console.app.widgets.panel import Panel, fit, line, solid
+from console.locale import _
+
+
+class SmallView(NamedTuple):
+    rates: RatesView
+    tiles: tuple[Tile, ...]
+    hint: str
+
+
+class Small(Panel[SmallView]):
+    def lines(self, view: SmallView, width: int, height: int) -> list[Content]:
+        rates, half = view.rates, width // 2
+        error = f"  {rates.error.text}" if rates.error.text != "--" else ""
+        rows = [line((fit(f" {_('target')} {rates.unit}", half), "bold $target"),
+                     (fit(f" {_('applied')}{error}", width - half), "bold $applied"))]
+        shown = (rates.target, "$target"), (rates.applied, "$applied")
+        if height >= 2 + ROWS[1]:
+            scale = largest((rates.target.text, rates.applied.text), half - 2, height - 3)
+            drawn = [(draw(one.text, scale), "$stale" if one.stale else colour) for one, colour in shown]
+            rows += [line(*(part for (numeral, colour) in drawn for part in (
+                " ", *solid(fit(numeral[row], half - 1), colour)))) for row in range(ROWS[scale])]
+        else:
+            rows.append(line(*((fit(f" {one.text}", half), "bold $stale" if one.stale else f"bold {colour}")
+                               for one, colour in shown)))
+        each = (width - 1) // 2
+        for left in range(0, len(view.tiles), 2):
+            rows.append(line(*((fit(f" {tile.label} {tile.value.text} {tile.unit}  {tile.below}", each),
+                                "bold $on-alarm-amber on $alarm-amber" if tile.level else
+                                "$stale" if tile.value.stale else "bold") for tile in view.tiles[left:left + 2])))
+        return [*rows, line((fit(f" {view.hint}", width), "$muted"))]

@@ -1,0 +1,134 @@
+"""What a handover sheet tells beside the figures: whose job, of what, by whom, simulated or not; alarms and refills."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
+from console.reports.html import escape, facts
+from console.reports.picture import Picture
+from control.orders import Severity
+from control.safety import ALARMS
+from drivers.files.read_log import RunLog
+
+MOST_ALARMS = 12            # kinds on the time line; the longest
+
+
+class Span(NamedTuple):
+    """An alarm from when to when, s."""
+
+    id: str
+    from_s: float
+    to_s: float
+
+
+class Happened(NamedTuple):
+    alarms: tuple[Span, ...] = ()
+    refills: tuple[tuple[float, float], ...] = ()       # s, kg
+    working: tuple[tuple[float, float], ...] = ()       # from, to, s
+
+
+class About(NamedTuple):
+    """Empty: nobody said so."""
+
+    client: str = ""
+    farm: str = ""
+    field: str = ""
+    crop: str = ""
+    product: str = ""
+    operator: str = ""
+    map: str = ""
+    simulated: bool = False
+    happened: Happened = Happened()
+
+
+NOBODY = About()
+
+
+def about_of(log: RunLog) -> About:
+    """By the log's sidecar and its rows."""
+    meta = log.meta
+    job = dict(meta.job or {}) if meta is not None else {}
+    crop = dict(meta.crop or {}) if meta is not None else {}
+
+    def said(of: dict[str, object], name: str) -> str:
+        return str(of.get(name) or "")
+
+    field, target = dict(job.get("field") or {}), dict(job.get("target") or {})
+    return About(said(job, "client"), said(job, "farm"), said(field, "title"), said(crop, "name"),
+                 said(job, "product"), said(job, "operator"), said(target, "map").replace("\\", "/").rpartition("/")[2],
+                 meta is not None and meta.seed is not None, happened(log))
+
+
+def happened(log: RunLog) -> Happened:
+    """Spans of alarms and of work, and refills, from the rows."""
+    stands: dict[str, float] = {}
+    spans: list[Span] = []
+    refills: list[tuple[float, float]] = []
+    working: list[tuple[float, float]] = []
+    begun: float | None = None
+    last_s = 0.0
+    for row in log.rows():
+        now = {name for name in (row.alarms or "").split(";") if name}
+        spans += [Span(name, stands.pop(name), row.time_s) for name in list(stands) if name not in now]
+        for name in now:
+            stands.setdefault(name, row.time_s)
+        for event in (row.events or "").split(";"):
+            word, _blank, value = event.partition(" ")
+            if word == "refill":
+                refills.append((row.time_s, _number(value)))
+        if row.state == "working":
+            begun = row.time_s if begun is None else begun
+        elif begun is not None:
+            working.append((begun, row.time_s))
+            begun = None
+        last_s = row.time_s
+    spans += [Span(name, since, last_s) for name, since in stands.items()]
+    if begun is not None:
+        working.append((begun, last_s))
+    return Happened(tuple(spans), tuple(refills), tuple(working))
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def named(about: About, product: str) -> str:
+    """The sheet's head: what is not known is a line to be filled in by hand."""
+    pairs = [("Client", about.client), ("Farm", about.farm), ("Field", about.field), ("Crop", about.crop),
+             ("Product", product), ("Operator", about.operator), ("Map", about.map)]
+    return facts([(name, escape(value) if value else '<span class="blank"></span>') for name, value in pairs
+                  if value or name != "Map"])
+
+
+def time_line(about: About) -> Picture | None:
+    """Work, refills and each kind of alarm over the job's time; None where nothing happened beside the work."""
+    told = about.happened
+    if not told.alarms and not told.refills:
+        return None
+    longest: dict[str, float] = {}
+    for span in told.alarms:
+        longest[span.id] = longest.get(span.id, 0.0) + span.to_s - span.from_s
+    kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARMS]
+    with drawn(6.6, 0.9 + 0.28 * (2 + len(kinds))) as (canvas, axes):
+        ax = axes[0][0]
+        ax.broken_barh([(a / 60.0, (b - a) / 60.0) for a, b in told.working], (-0.35, 0.7), color=AFTER)
+        ax.plot([at / 60.0 for at, _kg in told.refills], [1.0] * len(told.refills), linestyle="", marker="v",
+                color=THIRD)
+        for at_s, kg in told.refills:
+            ax.annotate(f"{kg:.0f} kg", (at_s / 60.0, 1.0), textcoords="offset points", xytext=(6, -3), fontsize=8.0)
+        for row, name in enumerate(kinds, 2):
+            red = name in ALARMS and ALARMS[name].severity is Severity.RED
+            ax.broken_barh([(one.from_s / 60.0, max(one.to_s - one.from_s, 1.0) / 60.0) for one in told.alarms
+                            if one.id == name], (row - 0.35, 0.7), color=BEFORE if red else THIRD)
+        ax.set_yticks(range(2 + len(kinds)), ["at work", "refills", *(name.replace("_", " ") for name in kinds)])
+        ax.invert_yaxis()
+        ax.set_xlabel("time, min")
+        return Picture(svg(canvas, "jobtime", "Alarms and refills over the job's time"),
+                       "Work, refills and alarms; alarms that stopped the flow are in the colour of a warning.")
+
+
+def simulated_band(about: About) -> str:
+    return ('<p class="simulated">SIMULATED: no material was spread on any ground</p>\n' if about.simulated else "")

@@ -1,0 +1,129 @@
+"""Latched, gone, acknowledged: told apart wherever an alarm is shown; a fault written out; sizes for a seat's eyes."""
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import dist
+
+import pytest
+
+from console.app import themes
+from console.app.alarms import entries
+from console.app.sample import sample_alarms
+from console.app.units import METRIC
+from console.app.view import alarms
+from console.app.widgets.alarm_bar import AlarmBar
+from console.frame import from_json, to_json
+from console.worker.resume_alarms import AlarmBook, plain_records, records_of
+from control.orders import Severity
+
+
+def frame_with(frame, *, acknowledged=False, gone=False, state="working", why=""):
+    red, amber = sample_alarms(frame.at_s)
+    red = red._replace(acknowledged=acknowledged, gone_s=frame.at_s - 10.0 if gone else None)
+    return replace(frame, seq=frame.seq + 1, alarms=(red, amber), row=frame.row._replace(state=state), why_state=why)
+
+
+def first_rows(frame):
+    bar = AlarmBar(alarms(frame, 0.0, METRIC))
+    rows = bar.lines(bar.view, 120, 3)
+    return rows[0].plain, rows[1].plain, [str(span.style) for span in rows[0].spans]
+
+
+def test_the_four_kinds_of_a_red_alarm_all_differ(frames):
+    seen = {}
+    for acknowledged in (False, True):
+        for gone in (False, True):
+            head, todo, styles = first_rows(frame_with(frames[-1], acknowledged=acknowledged, gone=gone))
+            assert ("cause gone since" in head) == gone
+            assert ("A: acknowledge" in todo) is not acknowledged and (" acknowledged " in todo) is acknowledged
+            seen[acknowledged, gone] = styles
+    assert "$alarm-red" in seen[False, False][1], "nobody has looked: the whole row"
+    assert "$alarm-red" in seen[True, False][0] and "$alarm-red" not in seen[True, False][1], "its cause still stands"
+    assert not any("$alarm-red" in style for gone in (True,) for style in seen[False, gone])
+
+
+def test_a_frame_carries_when_the_cause_went(frames):
+    frame = frame_with(frames[-1], gone=True)
+    again = from_json(json.loads(to_json(frame)))
+    assert again.alarms == frame.alarms and again.alarms[0].gone_s is not None
+
+
+def test_the_book_and_the_list_keep_it_and_forget_it(frames):
+    book = AlarmBook()
+    red = sample_alarms(0.0)[0]
+    book.see(1.0, "2026-03-18T06:00:01Z", [red])
+    assert not entries(book.records, METRIC, 0.0)[0].gone
+    book.see(2.0, "2026-03-18T06:00:02Z", [red._replace(gone_s=1.5)])
+    book.see(3.0, "2026-03-18T06:00:03Z", [red._replace(gone_s=1.5)])
+    entry = entries(records_of(plain_records(book.records)), METRIC, 0.0)[0]
+    assert entry.gone and "cause gone since 06:00:02" in entry.when and "not acknowledged" in entry.when
+    book.see(4.0, "2026-03-18T06:00:04Z", [red])
+    assert not entries(book.records, METRIC, 0.0)[0].gone, "it came back"
+
+
+@pytest.mark.parametrize("size", [(160, 50), (120, 40), (100, 30), (80, 24), (60, 20)])
+async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown, size):
+    source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        bar = app.page.query_one("#alarms", AlarmBar)
+        assert abs(bar.size.height - size[1] / 2) <= 1
+        text = " ".join(" ".join(shown(app)).split())
+        for wanted in ("FAULT", "The metering shaft does not answer.", "Stop. Check power and cable",
+                       "A: acknowledge the alarm.", "R: make the machine ready", "The cause is still there."):
+            assert wanted in text, wanted
+        assert "STOP" in shown(app)[-1]
+
+
+def lab_of(text):
+    """CIE L*a*b* of #rrggbb, D65."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
+              for c in (int(text[i:i + 2], 16) / 255 for i in (1, 3, 5))]
+    matrix = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+    xyz = [sum(w * c for w, c in zip(row, linear, strict=True)) / white
+           for row, white in zip(matrix, (0.9505, 1.0, 1.089), strict=True)]
+    f = [x ** (1 / 3) if x > 0.008856 else 7.787 * x + 16 / 116 for x in xyz]
+    return 116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])
+
+
+@pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
+def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
+    v = theme.variables
+    looks = {name: lab_of(v[name]) for name in ("state-working", "alarm-amber", "select", "stop", "alarm-red")}
+    near = {(a, b): round(dist(looks[a], looks[b])) for a in looks for b in looks if a < b
+            and dist(looks[a], looks[b]) < 25.0}
+    assert near == {}
+
+
+@pytest.mark.parametrize(("size", "rows"), [((160, 50), 10), ((120, 40), 5), ((80, 24), 5), ((60, 20), 5),
+                                           ((40, 10), 3)])
+async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, rows):
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        heads = [row[:12].strip() for row in shown(app)[3:max(8, size[1] * 2 // 3)]]
+        drawn = [head for head in heads if head and set(head) <= set("█▀▄ ")]
+        assert len(drawn) >= rows
+
+
+@pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
+async def test_the_map_page_tells_both_rates_in_numerals(app, shown, size):
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        app.turn_to("map")
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert text.count("target kg/ha") == text.count("applied kg/ha") == 1
+
+
+def test_an_amber_alarm_waits_for_nobody(frames):
+    amber = sample_alarms(0.0)[1]
+    assert amber.severity is Severity.AMBER
+    bar = AlarmBar(alarms(replace(frames[-1], alarms=(amber,)), 0.0, METRIC))
+    assert "acknowledge" not in bar.lines(bar.view, 120, 3)[1].plain

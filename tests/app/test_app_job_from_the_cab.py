@@ -1,0 +1,187 @@
+"""A job from the cab: a map from a stick, looked at before it is taken; whose job it is; what it still takes."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
+from console.app.field_picture import FieldPicture, Planned
+from console.app.name_dialog import NameDialog
+from console.app.pages.job.map_dialog import MapDialog
+from console.app.pages.job.sample import SampleDesk
+from console.app.sample import sample_services
+from console.app.small_map import outline, shaded
+from console.app.to_finish import to_finish
+from console.app.units import METRIC
+
+SIZE = (120, 40)
+
+
+@pytest.fixture
+def desk():
+    return SampleDesk()
+
+
+@pytest.fixture
+def full(source, clock, desk):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=replace(sample_services(), job=desk))
+
+
+async def settled(app, pilot):
+    await pilot.pause()
+    for worker in [one for one in app.workers if one.group in ("job-look", "job-bring", "job-take")]:
+        await worker.wait()
+    await pilot.pause()
+    app.page.hurry()
+    app.tick()
+    await pilot.pause()
+
+
+async def opened(app, pilot):
+    app.turn_to("job")
+    await settled(app, pilot)
+
+
+async def test_a_map_from_a_stick_is_shown_and_then_taken(full, desk, shown):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        await pilot.press("p")
+        await settled(full, pilot)
+        assert isinstance(full.screen, ChoiceDialog) and "STICK" in "\n".join(shown(full))
+        await pilot.press("1", "enter")
+        await settled(full, pilot)
+        assert isinstance(full.screen, MapDialog)
+        text = " ".join(" ".join(shown(full)).split())
+        for said in ("1.20 ha, 312 kg in all", "column rate, read as kg/ha", "above the crop's limit", "░ 200 kg/ha"):
+            assert said in text, said
+        assert not any(asked[0] == "map" for asked in desk.asked), "looking changes nothing"
+        await pilot.press("enter")
+        await settled(full, pilot)
+        assert ("map", "/media/STICK/north.geojson", "rate", "") in desk.asked
+        assert full.page.pending == "division-2-map.yaml", "for the next start: the machine works now"
+
+
+async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        await pilot.press("p")
+        await settled(full, pilot)
+        await pilot.press("2", "enter")
+        await settled(full, pilot)
+        assert "rate column not chosen" in "\n".join(shown(full))
+        await pilot.press("enter")
+        assert isinstance(full.screen, MapDialog), "a question must be answered first"
+        await pilot.press("c")
+        await pilot.pause()
+        await pilot.press("1", "enter")
+        await settled(full, pilot)
+        await pilot.press("u")
+        await pilot.pause()
+        await pilot.press("2", "enter")
+        await settled(full, pilot)
+        assert "column RATE_N, read as lb/ac" in "\n".join(shown(full))
+        await pilot.press("enter")
+        await settled(full, pilot)
+        assert ("map", "/media/STICK/zones.shp", "RATE_N", "lb/ac") in desk.asked
+
+
+async def test_a_map_that_cannot_be_read_is_one_line(full, desk):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        await pilot.press("p")
+        await settled(full, pilot)
+        desk.trouble = "north.geojson: no polygon in it"
+        await pilot.press("1", "enter")
+        await settled(full, pilot)
+        assert full.screen is full.page and "no polygon" in full.notice_text
+
+
+async def test_whose_job_it_is(full, desk, shown):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        await pilot.press("w")
+        await pilot.pause()
+        await pilot.press("1", "enter")
+        await pilot.pause()
+        assert isinstance(full.screen, NameDialog)
+        await pilot.press(*"Li", "space", *"Ming", "enter")
+        await pilot.pause()
+        await pilot.press("5", "enter")
+        await pilot.pause()
+        await pilot.press(*"Ann", "enter")
+        await pilot.pause()
+        assert not any(asked[0] == "who" for asked in desk.asked)
+        await pilot.press("6", "enter")
+        await settled(full, pilot)
+        assert ("who", "Li Ming", "", "division 2", "", "Ann") in desk.asked
+
+
+async def test_the_list_of_jobs_draws_their_fields(full, shown):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        await pilot.press("j")
+        await pilot.pause()
+        text = "\n".join(shown(full))
+        assert "division-2" in text and any(0x2800 < ord(letter) < 0x2900 for letter in text)
+
+
+async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_now(full, desk, source):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        full.page.ask_use("machines/new.yaml")
+        await pilot.pause()
+        assert isinstance(full.screen, Confirm)
+        await pilot.press("escape")
+        assert ("take", "machine", "machines/new.yaml") not in desk.asked
+        full.page.ask_use("machines/new.yaml")
+        await pilot.pause()
+        await pilot.press("enter")
+        await settled(full, pilot)
+        assert ("take", "machine", "machines/new.yaml") in desk.asked
+
+
+def test_what_a_job_still_takes(frames):
+    frame = frames[-1]
+    picture = FieldPicture("", (), 2.0, 2.4)
+    left = to_finish(frame, picture)
+    done = frame.area_ha
+    assert left.area_ha == pytest.approx(2.0 - done) and left.way_m == pytest.approx((2.0 - done) * 10_000 / 2.4)
+    assert left.product_kg == pytest.approx((2.0 - done) * frame.applied_kg / done)
+    spent_s = frame.totals.worked_s + frame.tally.held_s
+    assert left.time_s == pytest.approx((2.0 - done) * spent_s / done)
+    rates = np.full((10, 10), 300.0, np.float32)
+    planned = to_finish(frame, replace(picture, planned=Planned(0.0, 0.0, 10.0, rates)))
+    assert planned.product_kg == pytest.approx(300.0 - frame.applied_kg)
+    assert to_finish(frame, None).text(METRIC) == "--"
+
+
+def test_a_field_in_a_few_characters():
+    drawn = outline((((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0)),), 8, 4)
+    assert len(drawn) == 4 and all(drawn) and outline((), 8, 4) == ()
+    rates = np.array([[100.0, np.nan], [200.0, 300.0]], np.float32)
+    assert shaded(Planned(0.0, 0.0, 10.0, rates), 2, 1)[0] in ("▒█", "░█", "▓█", "░ ")
+
+
+async def test_the_job_page_tells_what_is_left(full, shown):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        for worker in [one for one in full.workers if one.group == "field"]:
+            await worker.wait()
+        await settled(full, pilot)
+        row = next(row for row in shown(full) if "to finish" in row)
+        assert " kg" in row and " m" in row and ":" in row
+
+
+async def test_no_letter_of_the_map_dialog_reaches_the_page(full, desk):
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        await pilot.press("p")
+        await settled(full, pilot)
+        await pilot.press("1", "enter")
+        await settled(full, pilot)
+        await pilot.press("f", "j", "m")
+        await pilot.pause()
+        assert isinstance(full.screen, MapDialog) and not isinstance(full.screen, NumberDialog)

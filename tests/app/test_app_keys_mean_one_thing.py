@@ -1,0 +1,235 @@
+"""A key means one thing: digits are values, a refused question swallows its answer, what cannot be done says why."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from textual.widgets import Input
+
+from console.app import actions
+from console.app.app import TopdressApp
+from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
+from console.app.name_dialog import NameDialog
+from console.app.sample import sample_services
+from console.app.stray import HeldEnter, StrayTyping
+from console.app.widgets.key_bar import KeyBar, laid_out
+from control.orders import Do, Order
+
+SIZE = (120, 40)
+
+
+@pytest.fixture
+def full(source, clock):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
+
+
+def in_state(source, state):
+    source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(state=state))
+
+
+async def turned(app, pilot, where):
+    app.turn_to(where)
+    await pilot.pause()
+    await pilot.pause()
+
+
+def test_no_digit_is_bound_on_any_page():
+    keys = {key for action in actions.ACTIONS for key in actions.keys_of(action, {})}
+    assert not [key for key in keys if key.isdigit()]
+
+
+async def test_no_digit_does_anything_on_any_page(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        for where in full.pages:
+            await turned(full, pilot, where)
+            await pilot.press(*"0123456789")
+            await pilot.pause()
+            assert full.page.where == where and full.screen is full.page and source.orders == []
+
+
+async def test_a_refused_question_lets_nothing_of_its_answer_through(full, source, clock):
+    """Locked: the question for a rate is not asked; what is typed for it opens no page and gives no order."""
+    full.locked = True
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.press("m")
+        assert full.screen is full.page and "locked" in full.notice_text
+        full.locked = False
+        await pilot.press("1", "8", "full_stop", "5", "plus", "minus", "enter")
+        await pilot.pause()
+        assert full.screen is full.page and source.orders == []
+        await pilot.press("space", "x")
+        await pilot.pause()
+        assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP], "these are never swallowed"
+        clock.now_s += 3.0
+        await pilot.press("plus")
+        await pilot.pause()
+        assert full.screen is not full.page, "after a pause a key is a key again"
+
+
+async def test_a_refused_name_swallows_its_letters(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        await turned(full, pilot, "calibrate")
+        desk = full.page.desk
+        desk.forget()
+        await pilot.press("n")
+        assert full.screen is full.page
+        at = full.page.at
+        await pilot.press("s", "o", "y", "5", "right_square_bracket")
+        await pilot.pause()
+        assert full.screen is full.page and full.page.at == at and source.orders == []
+
+
+def test_stray_typing_ends_with_another_key_or_a_pause():
+    stray = StrayTyping()
+    stray.refused("number", 0.0)
+    assert stray.swallows("5", 1.0) and stray.swallows("enter", 2.5), "each key begins the pause anew"
+    assert not stray.swallows("s", 2.6) and not stray.swallows("5", 2.7), "something else is meant"
+    stray.refused("number", 10.0)
+    assert not stray.swallows("5", 12.0)
+    stray.refused("", 20.0)
+    assert not stray.swallows("5", 20.1)
+
+
+def test_a_held_enter_answers_one_question():
+    held = HeldEnter()
+    assert not held.repeats("rate", 0.0)
+    assert held.repeats("use it now?", 0.5) and held.repeats("use it now?", 0.53), "the key's own repeats"
+    assert not held.repeats("use it now?", 1.3)
+    assert not held.repeats("use it now?", 1.35), "the same question again is its own affair"
+
+
+async def test_enter_held_down_does_not_confirm_the_question_that_follows(full, source, clock):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        full.live = True
+        await pilot.press("m", "1", "8", "0", "enter", "enter", "enter")
+        await pilot.pause()
+        assert source.orders == [Order(Do.MANUAL_RATE, 180.0)] and isinstance(full.screen, Confirm)
+        clock.now_s += 1.0
+        await pilot.press("enter")
+        await pilot.pause()
+        assert source.orders[-1] == Order(Do.SOURCE, "manual")
+
+
+@pytest.mark.parametrize("key", ["u", "g"])
+async def test_units_and_language_ask_while_working(full, source, key):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        units = full.units
+        await pilot.press(key)
+        assert isinstance(full.screen, Confirm)
+        await pilot.press("escape")
+        assert full.units is units
+        in_state(source, "held")
+        full.tick()
+        await pilot.press(key)
+        assert full.screen is full.page
+
+
+async def test_a_space_is_a_space_in_text(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        full.push_screen(NameDialog("Name", "north"))
+        await pilot.pause()
+        await pilot.press("space", "5", "0")
+        assert full.screen.query_one(Input).value == "north 50" and source.orders == []
+        await pilot.press("ctrl+space", "f12")
+        await pilot.pause()
+        assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP]
+
+
+@pytest.mark.parametrize(("state", "off"), [("working", {"start", "ready"}), ("off", {"start"}), ("held", set())])
+async def test_what_cannot_be_done_is_in_brackets_and_says_why(full, source, shown, state, off):
+    in_state(source, state)
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert {"start", "ready"} & full.page.query_one("#keys", KeyBar).view.off == off
+        last = shown(full)[-1]
+        assert ("(S start)" in last) == ("start" in off) and ("(R ready)" in last) == ("ready" in off)
+        help_of = {one.title: one.help for one in full.get_system_commands(full.screen)}
+        assert ("not now: the machine is" in help_of["start"]) == ("start" in off)
+
+
+async def test_a_greyed_order_goes_out_all_the_same(full, source):
+    """The worker's state is newer than the frame: S pressed right after R must not be lost."""
+    in_state(source, "off")
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.press("r", "s")
+        await pilot.pause()
+        assert [order.do for order in source.orders] == [Do.READY, Do.START]
+
+
+async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, source, shown):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        picture = full.fields.of(source.newest)
+        for worker in [worker for worker in full.workers if worker.group == "field"]:
+            await worker.wait()
+        picture = full.fields.of(source.newest)
+        full.fields._known = {key: replace(picture, planned=None) for key in full.fields._known}
+        await pilot.press("o", "2", "enter")
+        await pilot.pause()
+        assert isinstance(full.screen, ChoiceDialog) and source.orders == []
+        assert "this job has no map; F10, P takes one" in " ".join(" ".join(shown(full)).split())
+        await pilot.press("4", "enter")
+        await pilot.pause()
+        assert source.orders == [Order(Do.SOURCE, "manual")]
+
+
+async def test_start_from_another_page_asks(full, source):
+    in_state(source, "held")
+    async with full.run_test(size=SIZE) as pilot:
+        for where in full.pages:
+            await turned(full, pilot, where)
+            await pilot.press("ctrl+s")
+            assert isinstance(full.screen, Confirm) and source.orders == []
+            await pilot.press("escape")
+        await pilot.press("ctrl+s", "enter")
+        await pilot.pause()
+        assert source.orders == [Order(Do.START)]
+
+
+async def test_undo_takes_the_last_change_back_and_asks(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.press("ctrl+z")
+        assert full.screen is full.page and "nothing was changed" in full.notice_text
+        await pilot.press("t", "2", "enter", "plus", "enter", "ctrl+z")
+        await pilot.pause()
+        assert isinstance(full.screen, Confirm) and "nudge +0 %" in full.screen.text
+        await pilot.press("enter", "ctrl+z", "enter")
+        await pilot.pause()
+        assert source.orders == [Order(Do.STRATEGY, "speed_first"), Order(Do.NUDGE, 5.0), Order(Do.NUDGE, 0.0),
+                                 Order(Do.STRATEGY, "opening_first")]
+        assert full.undo.newest is None
+
+
+async def test_a_setting_is_taken_back_too(full):
+    store = full.services.settings
+    before = store.settings
+    async with full.run_test(size=SIZE) as pilot:
+        await turned(full, pilot, "settings")
+        full.page.take(before.model_copy(update={"sound": not before.sound}))
+        await pilot.press("ctrl+z", "enter")
+        await pilot.pause()
+        assert store.settings == before
+
+
+@pytest.mark.parametrize("size", [(120, 40), (80, 24), (60, 20)])
+async def test_every_page_is_reached_without_f_keys_at_every_size(full, size):
+    async with full.run_test(size=size) as pilot:
+        await pilot.pause()
+        for digit, where in enumerate((one.id.removesuffix("_screen") for one in full.page_actions), 1):
+            bar = full.page.query_one("#keys", KeyBar)
+            place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "pages")
+            await pilot.click("#keys", offset=(place[1] + 1, 0)) if digit == 3 else await pilot.press("tab")
+            await pilot.pause()
+            await pilot.press(str(digit))
+            await pilot.pause()
+            assert full.page.where == where and full.screen is full.page
+
+
+async def test_a_number_out_of_range_stays_and_reaches_no_page(full, source):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.press("m", "9", "9", "9", "enter", "5", "0", "enter", "enter")
+        await pilot.pause()
+        assert isinstance(full.screen, NumberDialog) and source.orders == [] and full.page.where == "run"

@@ -1,0 +1,120 @@
+"""Help that a person can use: examples that parse, words for types, one place for exit codes, no terminal needed."""
+from __future__ import annotations
+
+import io
+import os
+import re
+import shlex
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from console.cli import app, plain_output
+from console.cli.examples import EXAMPLES
+from console.cli.plain_errors import OUR_FAULT, guarded
+
+TYPES = re.compile(r"<(str|int|float|path|list|Path)|int range|float range")
+
+
+def said(*words: str) -> str:
+    done = CliRunner().invoke(app, [*words], env={"COLUMNS": "120"})
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_every_command_has_examples_and_no_others_do():
+    def names(text: str) -> list[str]:
+        return re.findall(r"^  ([\w-]+)  ", text.split("Commands:")[1], re.MULTILINE)
+
+    calibrations = {f"calibrate {name}" for name in names(said("calibrate", "--help"))}
+    assert (set(names(said("--help"))) - {"calibrate"}) | calibrations == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_help_is_in_words_and_its_examples_stand_a_line_each(name):
+    text = said(*name.split(), "--help")
+    assert not TYPES.search(text), TYPES.search(text)
+    for line in EXAMPLES[name]:
+        assert f"\n    {line}\n" in text + "\n"
+
+
+@pytest.mark.parametrize("line", sorted(line for lines in EXAMPLES.values() for line in lines))
+def test_every_word_of_an_example_is_known_to_its_command(line):
+    """Options that stand in an example stand in the help of its command."""
+    program, *words = shlex.split(line)
+    name = next(name for name in sorted(EXAMPLES, key=len, reverse=True) if words[:len(name.split())] == name.split())
+    text = said(*name.split(), "--help")
+    assert program == "topdress"
+    assert all(f"{word} " in text for word in words if word.startswith("--"))
+
+
+def test_help_tells_the_exit_codes_and_completion():
+    text = " ".join(said("--help").split())
+    for wanted in ("0 done", "1 a disk, port or line failed", "2 what was given is wrong", "3 nothing of the data",
+                   "70 a fault of topdress itself", "130 cancelled", "--install-completion"):
+        assert wanted in text
+
+
+@pytest.mark.parametrize("words", [["run"], ["replay", "good.csv"], []])
+def test_what_draws_on_a_terminal_says_that_it_needs_one(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(app, ["simulate", "--seconds", "2", "--out", "good.csv"]).exit_code == 0
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2 and "needs a terminal; without one: topdress" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_simulate_says_what_it_wrote(tmp_path):
+    log = tmp_path / "run.csv"
+    done = CliRunner().invoke(app, ["simulate", "--seconds", "2", "--out", str(log)])
+    for name in ("run.csv", "run.yaml", "run.truth.csv"):
+        assert str(tmp_path / name) in done.stdout and (tmp_path / name).exists()
+
+
+def test_a_fault_of_ours_is_one_line_with_the_place_of_its_trace(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    def broken() -> None:
+        raise KeyError("speed")
+
+    with pytest.raises(typer.Exit) as ended:
+        guarded(broken)()
+    assert ended.value.exit_code == OUR_FAULT
+    [line] = capsys.readouterr().err.splitlines()
+    [kept] = tmp_path.iterdir()
+    assert line.startswith("a fault of topdress: KeyError: 'speed'") and str(kept) in line
+    assert "in broken" in kept.read_text()
+
+
+def drawn(text: str, columns: int, complains: bool, monkeypatch, **environment: str) -> str:
+    """What stands on a terminal of so many columns."""
+    monkeypatch.setattr(plain_output.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    held = io.BytesIO()
+    screen = plain_output.PlainOutput(held, encoding="utf-8", line_buffering=True)
+    screen.complains = complains
+    screen.write(text)
+    screen.flush()
+    return held.getvalue().decode()
+
+
+def test_wide_output_breaks_between_words(monkeypatch):
+    text = "the shaft turns six per cent slower than the machine file says, by the wheel and by the scale\n"
+    rows = drawn(text, 40, False, monkeypatch).splitlines()
+    assert all(len(row) <= 40 for row in rows) and " ".join(" ".join(rows).split()) == text.strip()
+    assert all(row.startswith(plain_output.INDENT) for row in rows[1:])
+
+
+def test_complaints_are_in_colour_and_colour_can_be_refused(monkeypatch):
+    assert drawn("field.csv: no rate\n", 80, True, monkeypatch) == "\x1b[31mfield.csv: no rate\x1b[0m\n"
+    assert drawn("note: two rows left out\n", 80, True, monkeypatch).startswith("\x1b[34m")
+    assert drawn("all well\n", 80, False, monkeypatch) == "all well\n"
+    assert drawn("field.csv: no rate\n", 80, True, monkeypatch, NO_COLOR="1") == "field.csv: no rate\n"
+
+
+def test_nothing_in_a_line_steers_the_terminal(monkeypatch):
+    assert "\x1b[2J" not in drawn("a\x1b[2Jb\n", 80, True, monkeypatch)
