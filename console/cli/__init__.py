@@ -18,6 +18,7 @@ from console.cli import (
     run,
     serve_machine,
     simulate,
+    watch,
 )
 from console.cli import map as map_command
 from console.cli import reproduce as reproduce_command
@@ -47,6 +48,7 @@ app.command("run")(guarded(run.run))
 app.command("replay")(guarded(replay.replay))
 app.command("simulate")(guarded(simulate.simulate))
 app.command("diagnose")(guarded(diagnose.diagnose))
+app.command("watch")(guarded(watch.watch))
 app.command("history")(guarded(history.history))
 app.command("calibrate")(guarded(calibrate.calibrate))
 app.command("effects")(guarded(effects.effects))

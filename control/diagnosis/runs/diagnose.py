@@ -104,7 +104,7 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
         if progress is not None:
             progress(share, word)
     step(0.0, "data")
-    log, data, read_off = _series(columns, machine)
+    log, data, read_off = series_of_log(columns, machine)
     seen = channels(data, machine)
     findings = [*log.findings, *unsure_drives(log, data), *step_findings(seen, machine)]
     step(0.1, "model")
@@ -123,7 +123,8 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
     return replace(found, rates=fits, findings=(*found.findings, said))
 
 
-def _series(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
+def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine
+                  ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
     log, in_steps = without_steps(gate(columns), machine)
     data = run_data(log, machine)
