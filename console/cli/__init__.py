@@ -12,6 +12,7 @@ from console.cli import (
     devices,
     diagnose,
     effects,
+    fleet,
     history,
     import_log,
     replay,
@@ -49,6 +50,7 @@ app.command("replay")(guarded(replay.replay))
 app.command("simulate")(guarded(simulate.simulate))
 app.command("diagnose")(guarded(diagnose.diagnose))
 app.command("watch")(guarded(watch.watch))
+app.command("fleet")(guarded(fleet.fleet))
 app.command("history")(guarded(history.history))
 app.command("calibrate")(guarded(calibrate.calibrate))
 app.command("effects")(guarded(effects.effects))
