@@ -140,7 +140,7 @@ def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any,
     waiting = iter(todo.items())
     room = max(1, AHEAD * sum(client.nthreads().values()))
     running: dict[Any, str] = {}
-    done = as_completed()
+    done = as_completed(loop=client.loop)
 
     def put() -> None:
         for path, arguments in waiting:

@@ -17,7 +17,7 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.diagnose import judged_run
-from control.diagnosis.runs.likelihood import projected
+from control.diagnosis.runs.likelihood import calm, projected
 from control.diagnosis.runs.selection import Judged
 from control.diagnosis.runs.stages import RunData
 from control.machine.machine import Machine, unit_of
@@ -73,7 +73,11 @@ def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
 
 
 def _form(one: Judged) -> Form | None:
-    """Of one group, near nothing wrong, under the noise that is left beside what was found."""
+    """Of one group, near nothing wrong, under the noise that is left beside what was found.
+
+    Of that noise the calm version: an effect too weak to be named may be taken for drift, and would count for less than
+    it is worth. What truly drifts more scatters from log to log, and the season sees that.
+    """
     columns, model = one.search.columns, one.search.model
     model.move({})              # nominal values as the file has them: what they may be off is projected out
     straight = [c.part for c in one.search.candidates if ROWS[c.part.id].probe is not None and c.part.onset_s is None]
@@ -81,7 +85,7 @@ def _form(one: Judged) -> Form | None:
     if not parts:
         return None
     p, before = columns.compressed((), [columns.of_candidate((), part) for part in parts.values()])
-    normal, right = projected(p, np.arange(before), one.found.noise)
+    normal, right = projected(p, np.arange(before), calm(one.found.noise, model.channels))
     here = slice(before, before + len(parts))
     return Form(tuple(parts), tuple(map(tuple, normal[here, here].tolist())), tuple(right[here].tolist()))
 
