@@ -12,6 +12,7 @@ from console.app.pages.map.layer_files import LayerFiles
 from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
 from console.frame import Frame
+from control.diagnosis.live.departure import Departure
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +33,5 @@ class Services:
     logs: LogFiles | None = None
 
     layers: LayerFiles | None = None
+
+    model_check: Callable[[str], Departure | None] | None = None     # of the log at a path, so far; returns at once

@@ -13,12 +13,14 @@ from console.cli import (
     devices,
     diagnose,
     effects,
+    fleet,
     history,
     import_log,
     replay,
     run,
     serve_machine,
     simulate,
+    watch,
 )
 from console.cli import map as map_command
 from console.cli import reproduce as reproduce_command
@@ -57,6 +59,8 @@ _add(app, "run", run.run)
 _add(app, "replay", replay.replay)
 _add(app, "simulate", simulate.simulate)
 _add(app, "diagnose", diagnose.diagnose)
+_add(app, "watch", watch.watch)
+_add(app, "fleet", fleet.fleet)
 _add(app, "history", history.history)
 app.add_typer(calibrations, name="calibrate", no_args_is_help=True)
 _add(calibrations, "catch", calibrate.catch, "calibrate")

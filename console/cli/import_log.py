@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from console.cli.outputs import Force, Output, new_log_files, refuse_collisions
+from console.cli.outputs import Force, Output, log_files, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -22,7 +22,9 @@ def import_log(
                                                  "--guess: where to write it; default beside output or file.")] = None,
     guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "
                                         "nothing.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside. "
+                                             "LOG.parquet: all in one small file; a run log becomes one too, and is "
+                                             "read back equal.")] = None,
     force: Force = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
@@ -35,6 +37,8 @@ def import_log(
             _guess(files, _place_of_guess(files, mapping, out), force)
         elif out is None:
             raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
+        elif _is_copy(files, mapping, out):
+            _copy(files[0], out, force)
         else:
             _import(files, mapping, out, force)
     except ImportTrouble as trouble:
@@ -82,7 +86,7 @@ def _import(files: list[Path], mapping_file: Path | None, out: Path, force: bool
     from drivers.files.imports.log_file import is_import_of, write_imported
     from drivers.files.imports.read import read_raw
     reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
-    refuse_collisions(reads, [Output(new_log_files(out), lambda: is_import_of(out, files))], force)
+    refuse_collisions(reads, [Output(_written(out), lambda: is_import_of(out, files))], force)
     first, mapping = _mapping(files, mapping_file)
     parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
              for path in files]
@@ -92,6 +96,40 @@ def _import(files: list[Path], mapping_file: Path | None, out: Path, force: bool
     frame = write_imported(out, log, mapping, mapping_file)
     seconds = float(frame["time_s"][-1])
     typer.echo(f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}")
+
+
+def _written(out: Path) -> tuple[Path, ...]:
+    from drivers.files.log_store import SUFFIXES
+    if out.suffix.lower() in SUFFIXES:
+        return (out,)
+    if out.suffix != ".csv":
+        raise CommandError(f"--out {out}: allowed is a name that ends in .csv or .parquet")
+    return new_log_files(out)
+
+
+def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
+    """Whether a run log is only to be kept in the other form: text as Parquet, or Parquet of ours as text."""
+    from drivers.files.any_log import is_foreign
+    from drivers.files.log_store import SUFFIXES, is_store
+    if mapping is not None or len(files) != 1 or not files[0].exists():
+        return False
+    if is_store(files[0]):
+        return True
+    return out.suffix.lower() in SUFFIXES and not is_foreign(files[0])
+
+
+def _copy(source: Path, out: Path, force: bool) -> None:
+    from drivers.files.log_store import SUFFIXES, write_store, write_text
+    from drivers.files.read_log import read_rows
+    refuse_collisions(log_files(source), [Output(_written(out))], force)
+    log = read_rows(source)
+    for finding in log.findings:
+        typer.echo(f"note: {source}: {finding}", err=True)
+    if out.suffix.lower() in SUFFIXES:
+        write_store(out, log.columns, log.meta, log.findings)
+    else:
+        write_text(out, log.columns, log.meta)
+    typer.echo(f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB")
 
 
 def _mapping(files: list[Path], place: Path | None) -> tuple[RawTable | None, ImportFile]:

@@ -15,7 +15,9 @@ def run(
     hz: Annotated[float, typer.Option(metavar="HZ", min=5.0, max=100.0, help="Control ticks a second.")] = 20.0,
     log: Annotated[str | None, typer.Option(metavar="NAME.csv", help="Run log. None: a new file in the user's data "
                                             "folder.")] = None,
+    model_check: Annotated[bool, typer.Option(help="Hold the log against the machine model while it grows, in a "
+                                              "process of its own.")] = True,
 ) -> None:
     """The console. Attaches to the control worker that runs, or starts one."""
     from console.cli.screens import show_run
-    show_run(tuple(config or ()), tuple(effect or ()), seed, hz, log)
+    show_run(tuple(config or ()), tuple(effect or ()), seed, hz, log, model_check)

@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 
-def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None) -> None:
+def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None,
+             model_check: bool = False) -> None:
     """The console on the worker that runs, or on one started for it."""
     from console.app.app import TopdressApp
     from console.link import Link, WorkerFailed, find_running
     from console.services.job import JobFiles, Launcher
+    from console.services.live_checker import LiveChecker
     from console.services.settings import settings_store
     from drivers.files.setup import by_kind, setup_of
     found = by_kind(config)
@@ -53,7 +55,8 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         raise CommandError(str(error)) from None
     TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                 hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
-                services=replace(run_services(setup, found, effects), job=job, settings=settings_store())).run()
+                services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
+                                 model_check=LiveChecker().latest if model_check else None)).run()
 
 
 def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> Services:

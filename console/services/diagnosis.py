@@ -226,6 +226,9 @@ def _source(path: Path) -> Source:
 
 def _kind(path: Path) -> str | None:
     """By the columns: run, that of a bench table, or None."""
+    from drivers.files.log_store import is_store
+    if is_store(path):
+        return "run"
     if path.suffix.lower() != ".csv":
         return None
     with path.open("rb") as file:

@@ -74,14 +74,13 @@ def machine_of(order: Order) -> Machine:
     """The machine that the data is held against."""
     from drivers.files.config import load, validated
     from drivers.files.kinds import MACHINE
-    from drivers.files.run_meta import meta_from_yaml
+    from drivers.files.read_log import meta_of
     if order.machine is not None:
         return load(order.machine, MACHINE).model
-    beside = Path(order.data).with_suffix(".yaml")
-    if order.kind == "run" and beside.exists():
-        meta = meta_from_yaml(beside.read_text(encoding="utf-8"))
-        if meta.machine is not None:
-            return validated(meta.machine, MACHINE, str(beside))
+    if order.kind == "run":
+        meta = meta_of(Path(order.data))
+        if meta is not None and meta.machine is not None:
+            return validated(meta.machine, MACHINE, str(Path(order.data).with_suffix(".yaml")))
     return load(order.default_machine, MACHINE).model
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
+from drivers.files.log_store import is_store
 from drivers.files.read_log import LogError, RunLog, read_rows
 from drivers.files.table import header_of
 
@@ -20,7 +21,7 @@ def open_log(path: Path) -> RunLog:
         try:
             return read_rows(path)
         except LogError:
-            if "time_s" in [name.strip().lower() for name in header_of(path)]:
+            if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
                 raise                       # our own; of another's with names as ours the import knows more
     from drivers.files.imports.convert import convert
     from drivers.files.imports.guess import guess
@@ -44,6 +45,8 @@ def open_log(path: Path) -> RunLog:
 
 def is_foreign(path: Path) -> bool:
     """Whether the import reads this rather than `read_log`. Raises TableError, OSError."""
+    if is_store(path):
+        return False
     if path.is_dir() or path.suffix.lower() in FOREIGN:
         return True
     names = header_of(path)

@@ -14,6 +14,7 @@ from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from drivers.files.atomic import sidecar
 from drivers.files.findings import Finding
 from drivers.files.foreign import UnusableLog, examined, needed, our_names
+from drivers.files.log_store import StoreError, is_store, read_store, stored_about
 from drivers.files.log_text import HEADER
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, TableError, read_table
@@ -92,11 +93,16 @@ class RunLog:
 
 
 def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
-    """Opens a run log of any program, cut anywhere by a power loss.
+    """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
 
     `only`: names of the columns wanted (None: all); `time_s` comes always. Raises LogError.
     """
     path = Path(path)
+    if is_store(path):
+        try:
+            return RunLog(path, *read_store(path, only))
+        except StoreError as error:
+            raise LogError(str(error)) from None
     meta, meta_findings = _meta_beside(path)
     if _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
@@ -122,6 +128,16 @@ def read_rows(path: str | Path) -> RunLog:
     if len(log) == 0:
         raise LogError(f"{log.path}: no whole row below the header")
     return log
+
+
+def meta_of(path: Path) -> RunMeta | None:
+    """What is told of a run log beside its rows, which are not read; None: nothing that can be used."""
+    if not is_store(path):
+        return _meta_beside(path)[0]
+    try:
+        return stored_about(path).meta
+    except (StoreError, OSError):
+        return None
 
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy.typing as npt
 
@@ -28,6 +28,14 @@ Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 class Cancelled(Exception):
     """The caller asked to stop."""
+
+
+class JudgedRun(NamedTuple):
+    """A diagnosis, the log as its stages see it, and its groups of channels with their searches."""
+
+    found: Diagnosis
+    data: RunData
+    groups: tuple[Judged, ...]
 
 
 def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
@@ -98,22 +106,30 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     >>> found.gain[0].after < 0.9 * found.gain[0].before
     True
     """
+    return judged_run(columns, machine, path=path, progress=progress, cancelled=cancelled, each=each).found
+
+
+def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
+               progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
+               each: Each = map) -> JudgedRun:
+    """As `diagnose_run`, with what it was made of."""
     def step(share: float, word: str) -> None:
         if cancelled is not None and cancelled():
             raise Cancelled
         if progress is not None:
             progress(share, word)
     step(0.0, "data")
-    log, data, read_off = _series(columns, machine)
+    log, data, read_off = series_of_log(columns, machine)
     seen = channels(data, machine)
     findings = [*log.findings, *unsure_drives(log, data), *step_findings(seen, machine)]
     step(0.1, "model")
-    found = _judged(seen, machine, data, step, each)
-    findings += on_the_whole(log, found, machine)
-    findings += between_rows(log, {part.id for one in found for part in one.found.parts})
+    groups = _judged(seen, machine, data, step, each)
+    findings += on_the_whole(log, groups, machine)
+    findings += between_rows(log, {part.id for one in groups for part in one.found.parts})
     step(0.9, "result")
-    told = report(data, machine, found, read_off, path, tuple(findings))
-    return _with_rates(told, columns) if told.verdict == "not_judged" else told
+    told = report(data, machine, groups, read_off, path, tuple(findings))
+    told = _with_rates(told, columns) if told.verdict == "not_judged" else told
+    return JudgedRun(told, data, tuple(groups))
 
 
 def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
@@ -123,7 +139,8 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
     return replace(found, rates=fits, findings=(*found.findings, said))
 
 
-def _series(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
+def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine
+                  ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
     log, in_steps = without_steps(gate(columns), machine)
     data = run_data(log, machine)

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -14,9 +15,11 @@ from drivers.files.config import sha256_of
 from drivers.files.imports.convert import US, UTC_US
 from drivers.files.imports.join import Joined
 from drivers.files.imports.mapping import ImportFile
+from drivers.files.log_store import SUFFIXES, write_store
 from drivers.files.log_text import DECIMALS
 from drivers.files.plain import plain
-from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
+from drivers.files.read_log import meta_of, read_log
+from drivers.files.run_meta import meta_to_yaml, run_meta
 
 
 def log_frame(log: Joined) -> pl.DataFrame:
@@ -31,7 +34,14 @@ def log_frame(log: Joined) -> pl.DataFrame:
 
 
 def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:
-    """The log at `path`, its sidecar beside it; returns what was written. Raises OSError."""
+    """The log at `path`, its sidecar beside it (in a store: within); returns what was written. Raises OSError."""
+    if path.suffix.lower() in SUFFIXES:
+        with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
+            text_log = Path(folder) / "imported.csv"
+            written = write_imported(text_log, log, mapping, mapping_file)
+            read = read_log(text_log)
+        write_store(path, read.columns, read.meta, read.findings)
+        return written
     frame = log_frame(log)
     text = io.BytesIO()
     frame.write_csv(text)
@@ -49,8 +59,9 @@ def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: P
 def is_import_of(log: Path, files: Iterable[Path]) -> bool:
     """Whether the log at `log` was made of these very files, so that it can be made again."""
     try:
-        told = meta_from_yaml(sidecar(log).read_text(encoding="utf-8")).extra["imported"]["files"]
-        return {file["sha256"] for file in told} == {_checksum(path) for path in files}
+        meta = meta_of(log)
+        told = [] if meta is None else meta.extra["imported"]["files"]
+        return meta is not None and {file["sha256"] for file in told} == {_checksum(path) for path in files}
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

@@ -3,10 +3,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from textual.app import ComposeResult
+
 from console.app.action import RUN, bindings
 from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
+from console.app.pages.run.model_check import ModelCheck, model_check_text
 from console.app.view import AlarmsView, RunView
 from console.frame import Frame
 
@@ -18,6 +21,18 @@ class RunScreen(PanelScreen):
     def __init__(self) -> None:
         super().__init__()
         self.start_key = HeldKey()          # held down it lets the flow begin with the creep: the launch
+
+    def extra(self) -> ComposeResult:
+        yield ModelCheck("", id="model-check")
+
+    def show_numbers(self, view: RunView) -> None:
+        super().show_numbers(view)
+        frame, checked = self.app.arrival.frame, self.app.services.model_check
+        found = None if frame is None or checked is None else checked(frame.log_path)
+        bar = self.query_one("#model-check", ModelCheck)
+        bar.display = found is not None
+        if found is not None and frame is not None:
+            bar.show(model_check_text(found, frame, self.app.utc_offset_s))
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)

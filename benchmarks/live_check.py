@@ -1,0 +1,136 @@
+"""The live check: false alarms in healthy work, and how long an effect works before the line says so.
+
+Logs are those of the hidden generator of tests/diagnosis, which shares no formula with the program: machines within
+their tolerances, four kinds of noise, all programmes. They are fed half a minute at a time, as they would grow.
+
+    python benchmarks/live_check.py [--hours 50] [--delays] [--seed 1] [--keep FILE.jsonl]
+
+Exit code 1 where there is more than one false alarm in 100 hours. `--keep` goes on where it was stopped.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from control.diagnosis.live.watch import LOOK_S, LiveCheck
+from drivers.files.config import load
+from drivers.files.kinds import MACHINE
+from tests.diagnosis.hidden import noise as run_noise
+from tests.diagnosis.hidden import runlog
+from tests.diagnosis.hidden.courses import ONSET, Course
+from tests.diagnosis.hidden.nominal import Effect
+from tests.diagnosis.hidden.plant import Plant
+from tests.diagnosis.hidden.programmes import Programme, chosen, drive
+from tests.diagnosis.hidden.run_cases import LEAST_KG, within_tolerance
+
+Columns = dict[str, npt.NDArray[Any]]
+PROMISED = 1.0                  # false alarms in 100 hours, at most
+MINUTES = 45.0
+BEGINS_S = 900.0
+SIZES: dict[str, tuple[float, float, float]] = {      # in the catalogue's units
+    "flow.gain": (-2.0, -4.0, -8.0), "flow.fill_falloff": (6.0, 12.0, 20.0), "shaft.gain": (-1.0, -2.0, -5.0),
+    "gate.offset": (0.5, 1.0, 2.0), "speed.wheel_radius": (2.0, 4.0, 8.0), "canopy.head_fouled": (-5.0, -10.0, -20.0)}
+REPEATED = 2                    # logs for each effect and size
+
+
+def log_of(seed: int, effects: tuple[Effect, ...] = (), programme: Programme | None = None) -> Columns | None:
+    """None where the hopper would have run empty."""
+    rng = np.random.default_rng([seed, 19])
+    programmes = chosen("all")
+    p = programme or programmes[int(rng.integers(len(programmes)))]
+    d = drive(p._replace(minutes=(MINUTES, MINUTES)), int(rng.integers(1 << 30)))
+    noises = run_noise.noises(str(rng.choice(run_noise.KINDS)), d.row_s, rng)
+    physics = within_tolerance(rng, bool(d.refill_kg))
+    columns = runlog.columns(Plant(d), physics, effects, noises, int(rng.integers(1 << 30)))
+    return None if np.nanmin(columns["hopper_kg"]) < LEAST_KG else columns
+
+
+def lines(columns: Columns) -> Iterator[tuple[float, str, str]]:
+    """(time, channel, cause) whenever the line on the Run page would change to say something."""
+    check, time_s = LiveCheck(load("huanghai", MACHINE).model), columns["time_s"]
+    last = None
+    for at_s in np.arange(time_s[0] + LOOK_S, time_s[-1] + LOOK_S, LOOK_S):
+        new = (time_s > at_s - LOOK_S) & (time_s <= at_s)
+        check.add({name: array[new] for name, array in columns.items()})
+        if check.due:
+            standing = check.look()
+            said = None if standing is None else (standing.channel, standing.cause)
+            if said is not None and said != last:
+                yield (check.now_s, *said)
+            last = said
+
+
+def healthy(hours: float, seed: int, kept: Path | None) -> bool:
+    done: dict[int, dict[str, Any]] = {}
+    if kept is not None and kept.exists():
+        done = {one["seed"]: one for one in map(json.loads, kept.read_text().splitlines())}
+    worked_h, number, found, used_s = 0.0, seed, [], 0.0
+    while worked_h < hours:
+        one = done.get(number)
+        if one is None:
+            columns, begin = log_of(number), time.process_time()
+            one = {"seed": number, "hours": 0.0, "lines": [], "cpu_s": 0.0}
+            if columns is not None:
+                said = list(lines(columns))
+                one |= {"hours": float(np.ptp(columns["time_s"])) / 3600.0, "lines": said,
+                        "cpu_s": time.process_time() - begin}
+            if kept is not None:
+                with kept.open("a") as file:
+                    file.write(json.dumps(one) + "\n")
+        worked_h, used_s, number = worked_h + one["hours"], used_s + one["cpu_s"], number + 1
+        found += one["lines"][:1]           # one alarm a log: the first line stands until it is looked at
+    low, high = (0.5 * chi2.ppf(0.05, 2 * len(found)) if found else 0.0), 0.5 * chi2.ppf(0.95, 2 * len(found) + 2)
+    rate = 100.0 * len(found) / worked_h
+    print(f"healthy: {worked_h:.1f} h, {len(found)} false alarms: {rate:.2f} in 100 h, 90 % interval "
+          f"{100 * low / worked_h:.2f} to {100 * high / worked_h:.2f} (promised: at most {PROMISED:g})")
+    print(f"processor: {100.0 * used_s / (3600.0 * worked_h):.1f} % of one core")
+    for line in found:
+        print("  false:", *line)
+    return rate <= PROMISED
+
+
+def delays(seed: int) -> None:
+    print("effect, size, begun at 900 s: minutes to the line (name), or not said")
+    fits = [p for p in chosen("all") if p.strategy != "opening_first"]
+    for effect, sizes in SIZES.items():
+        for size in sizes:
+            told = []
+            for again in range(REPEATED):
+                number = seed + 1000 * again
+                e = Effect(effect, size, 0, 0.5, None, 2 if effect.startswith("canopy") else None, number,
+                           course=Course(ONSET, BEGINS_S, 0.0))
+                columns = log_of(number, (e,), fits[(seed + again) % len(fits)])
+                if columns is None:
+                    told.append("no log")
+                    continue
+                first = next((line for line in lines(columns)), None)
+                told.append("not said" if first is None else
+                            f"{(first[0] - BEGINS_S) / 60.0:.1f} ({first[2] or first[1]})")
+            print(f"  {effect:20} {size:6g}  {'   '.join(told)}", flush=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--hours", type=float, default=50.0)
+    parser.add_argument("--delays", action="store_true")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path)
+    given = parser.parse_args()
+    if given.delays:
+        delays(given.seed)
+    return 0 if given.hours <= 0.0 or healthy(given.hours, given.seed, given.keep) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""`topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster."""
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from console.cli.outputs import Force, marked, named, refuse_collisions
+from console.cli.plain_errors import CommandError
+
+REPORT, DATA = "report.html", ("logs", "courses", "pieces", "shared", "machines")
+ABOUT = ("log", "unit", "product", "operator", "field", "time")
+
+
+def fleet(
+    paths: Annotated[list[str], typer.Argument(metavar="PATHS...", help="Logs, folders of logs, patterns with stars, "
+                                               "fsspec URLs; CSV or Parquet, of any machine.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Report, data, and what was done already: a second run "
+                                      "diagnoses only what is new.")],
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, as tcp://host:8786. "
+                                                  "None: workers on this computer.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="On this computer.")] = max(1, os.cpu_count() or 1),
+    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one, for logs that name "
+                                         "none.")] = "huanghai",
+    about: Annotated[Path | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (file "
+                                               "name or path), and unit, product, operator, field, time.")] = None,
+    price: Annotated[float | None, typer.Option(min=0.0, help="Of a kilogram: the report then counts money.")] = None,
+    currency: Annotated[str, typer.Option(help="Its name.")] = "CNY",
+    force: Force = False,
+) -> None:
+    """Diagnose every log once, then all together: the course of each effect by machine, what products, operators and
+    fields share, what it cost. Ctrl-C ends; what is done is kept."""
+    from console.reports.figure import need_matplotlib
+    from console.reports.html import GENERATOR
+    from console.services.fleet import cluster, diagnosed, logs_at
+    from drivers.files.config import load, sha256_of
+    from drivers.files.kinds import MACHINE
+    from drivers.files.run_meta import software_version
+    need_matplotlib()
+    loaded = load(machine, MACHINE)
+    logs = logs_at(paths)
+    if not logs:
+        raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
+    reads = [*(Path(log) for log in logs if "://" not in log), named(machine, MACHINE.folder)]
+    refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode())], force)
+    known = {} if about is None else _about(about, logs)
+    out.mkdir(parents=True, exist_ok=True)
+    salt = f"{software_version()} {sha256_of(loaded.path)} "
+    begin = time.monotonic()
+    with cluster(scheduler, workers) as client:
+        try:
+            found = diagnosed(client, logs, loaded.model.model_dump(mode="json"), known, out, salt, _progress())
+        except KeyboardInterrupt:
+            typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
+            raise typer.Exit(130) from None
+    took_s = time.monotonic() - begin
+    _told(found, out, price, currency)
+    typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken; "
+               f"{took_s:.0f} s", err=True)
+
+
+def _told(found: object, out: Path, price: float | None, currency: str) -> None:
+    from console.reports.fleet_page import fleet_page, low_words, shared_words, titled
+    from console.services.fleet import Found
+    from console.services.fleet_season import season, write_tables
+    from drivers.files.atomic import write_atomically
+    from drivers.files.run_meta import software_version
+    assert isinstance(found, Found)
+    for path, why in found.broken:
+        typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
+    whole = season(found.records, found.broken)
+    write_tables(out, whole, found.records)
+    page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, price, currency,
+                      f"topdress {software_version()}")
+    write_atomically(out / REPORT, page)
+    for one in whole.machines:
+        worst = f"  {titled(one.courses[0][0].effect)}" if one.courses else ""
+        typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"
+                   f"{worst}")
+    for said in (*(shared_words(one, whole.units) for one in whole.shared), *map(low_words, whole.low)):
+        typer.echo(said)
+    typer.echo(f"report: {out / REPORT}", err=True)
+
+
+def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
+    """By log; a name without a folder stands for every log of that name."""
+    from drivers.files.table import TableError, read_table
+    try:
+        read = read_table(table, texts=ABOUT)
+    except TableError as error:
+        raise CommandError(str(error)) from None
+    strange = [name for name in read.names if name not in ABOUT]
+    if "log" not in read.columns or strange:
+        raise CommandError(f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(ABOUT)}; log must be "
+                           "there")
+    said = {str(name): {column: str(read.columns[column][k]) for column in read.columns if column != "log"}
+            for k, name in enumerate(read.columns["log"])}
+    return {log: found for log in logs if (found := said.get(log) or said.get(log.replace("\\", "/").split("/")[-1]))}
+
+
+def _progress() -> Callable[[int, int, str], None]:
+    shown = sys.stderr.isatty()
+
+    def tell(done: int, of: int, what: str) -> None:
+        if shown:
+            sys.stderr.write("\r\x1b[K" if done >= of else f"\r\x1b[K{done} of {of} {what} (Ctrl-C cancels)")
+            sys.stderr.flush()
+    return tell

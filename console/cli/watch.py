@@ -1,0 +1,55 @@
+"""`topdress watch`: a growing log held against the machine model while the machine works."""
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def watch(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A run log that grows, of this machine or any other; or "
+                                        "one that is done.")],
+    machine: Annotated[str | None, typer.Option(help="Machine file, or name of a shipped one; default: the one that "
+                                                "the log names, else huanghai.")] = None,
+    to_end: Annotated[bool, typer.Option("--to-end", help="End with the log instead of waiting for more of "
+                                         "it.")] = False,
+) -> None:
+    """Say in one line when the machine departs from its model, and when it no longer does. Ctrl-C ends."""
+    from console.cli.plain_errors import CommandError
+    from console.reports.live_words import departure_line, todo
+    from console.services.live_check import POLL_S, followed, lower_priority
+    from drivers.files.imports.trouble import ImportTrouble
+    if to_end and not log.exists():
+        raise CommandError(f"{log}: no such file")
+    lower_priority()
+    begin, looks, last = time.monotonic(), 0, None
+
+    def wait() -> bool:
+        if not to_end:
+            time.sleep(POLL_S)
+        return not to_end
+    try:
+        for at_s, departure in followed(log, machine, wait):
+            looks += 1
+            if departure is not None and departure != last:
+                line = departure_line(departure, "" if departure.since_s is None else clock(departure.since_s))
+                typer.echo(f"{clock(at_s)}  {line}; {todo(departure)}")
+            elif departure is None and last is not None:
+                typer.echo(f"{clock(at_s)}  as the model says again")
+            last = departure
+    except ImportTrouble as trouble:
+        for line in trouble.lines:
+            typer.echo(line, err=True)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        pass
+    used_s, took_s = time.process_time(), time.monotonic() - begin
+    typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)
+
+
+def clock(seconds: float) -> str:
+    """Of the log: h:mm:ss."""
+    whole = int(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

@@ -1,0 +1,43 @@
+"""A departure from the model in one line, in the language in use: what, by how much, since when, probably why."""
+from __future__ import annotations
+
+from console.locale import N_, _
+from control.diagnosis.live.departure import Departure
+from control.machine.machine import CATALOGUE
+
+CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
+            "heads": N_("heads")}
+LEAST_PERCENT = 0.5         # of the dose: less is not told as a number
+
+
+def departure_line(found: Departure, since: str) -> str:
+    """`since`: time of day or of the log; empty: not known."""
+    said = what(found)
+    if since:
+        said = _("{what} since {time}").format(what=said, time=since)
+    if found.cause:
+        why = _(CATALOGUE[found.cause].effect.title)
+        form = _("{said}, probably: {why}") if found.certain else _("{said}, perhaps: {why}")
+        said = form.format(said=said, why=why)
+    return said
+
+
+def what(found: Departure) -> str:
+    """Which channel departs, and by how much of the dose."""
+    channel = _(CHANNELS.get(found.channel, found.channel))
+    if found.percent is None or abs(found.percent) < LEAST_PERCENT:
+        return _("{channel} off the model").format(channel=channel)
+    share = f"{abs(found.percent):.0f}" if abs(found.percent) >= 2.0 else f"{abs(found.percent):.1f}"
+    form = _("{channel}: dose {share} % low") if found.percent < 0.0 else _("{channel}: dose {share} % high")
+    if found.channel == "flow":
+        form = _("flow {share} % low") if found.percent < 0.0 else _("flow {share} % high")
+    return form.format(channel=channel, share=share)
+
+
+def todo(found: Departure) -> str:
+    """What is offered once the machine is held."""
+    if found.adoptable:
+        return _("F9: adopt it into the machine file")
+    if found.next_run:
+        return _("F9: the run that tells which: {plan}").format(plan=found.next_run)
+    return _("F9: what it is and what to do")

@@ -1,0 +1,113 @@
+"""What a worker of the fleet does with one log: bytes in, one plain record out. Knows nothing of Dask."""
+from __future__ import annotations
+
+import contextlib
+import datetime as dt
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from control.machine.machine import Machine
+    from drivers.files.read_log import RunLog
+
+FORMAT = "topdress-fleet-log/1"
+BLOCK = 1 << 20
+SHARED = ("product", "operator", "field")
+
+
+def checksum(where: str, salt: str) -> str:
+    """SHA-256 of a log's bytes, its sidecar's, and of what else decides its record. Raises OSError."""
+    digest = hashlib.sha256(salt.encode())
+    with local(where) as path:
+        for file in (path, path.with_suffix(".yaml")):
+            if file.is_file():
+                with file.open("rb") as opened:
+                    while block := opened.read(BLOCK):
+                        digest.update(block)
+            digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def record(where: str, machine: Mapping[str, Any], about: Mapping[str, str]) -> dict[str, Any]:
+    """The record of one log, of plain values. machine: for logs that name none. about: what is known of it beside.
+
+    Whatever is wrong with it is a record too: {"error": one line}.
+    """
+    from control.machine.machine import Machine
+    from drivers.files.config import ConfigError
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        with local(where) as path:
+            return _judged(where, path, Machine.model_validate(machine), about)
+    except ConfigError as error:
+        return {"format": FORMAT, "path": where, "error": error.lines[0]}
+    except Exception as error:      # one log of thousands never stops the rest
+        lines = str(error).splitlines()
+        return {"format": FORMAT, "path": where, "error": lines[0] if lines else type(error).__name__}
+
+
+def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) -> dict[str, Any]:
+    from control.diagnosis.season.evidence import evidence
+    from drivers.files.any_log import open_log
+    from drivers.files.config import validated
+    from drivers.files.kinds import MACHINE
+    log = open_log(path)
+    machine = default
+    if log.meta is not None and log.meta.machine is not None:
+        machine = validated(log.meta.machine, MACHINE, f"{where}: machine")
+    seen = evidence(log.columns, machine, where)
+    found = seen.found
+    return {
+        "format": FORMAT, "path": where, "rows": len(log), "duration_s": log.duration_s, "model": machine.id,
+        "unit": _known(log, about, "unit") or _folder(where), "time_d": _days(log, path, about),
+        "shared": {name: _known(log, about, name) for name in SHARED},
+        "verdict": found.verdict, "worked": seen.worked._asdict(), "percent": seen.percent, "units": seen.units,
+        "causes": [{"id": cause.id, "size": cause.size.value, "low": cause.size.low, "high": cause.size.high,
+                    "probability": cause.probability, "onset_s": cause.onset_s} for cause in found.causes],
+        "forms": [{"names": form.names, "normal": form.normal, "right": form.right} for form in seen.forms]}
+
+
+def _known(log: RunLog, about: Mapping[str, str], name: str) -> str:
+    """As the list of logs says, else as the log's sidecar."""
+    said = about.get(name) or ("" if log.meta is None else log.meta.extra.get(name))
+    if not said and name == "field" and log.meta is not None and log.meta.job is not None:
+        said = (log.meta.job.get("field") or {}).get("title")
+    return str(said or "")
+
+
+def _folder(where: str) -> str:
+    """The name of the folder in which it lies: where nobody says which machine a log is of."""
+    parts = where.replace("\\", "/").rstrip("/").split("/")
+    return parts[-2] if len(parts) > 1 else ""
+
+
+def _days(log: RunLog, path: Path, about: Mapping[str, str]) -> float:
+    """When the log began, in days since 1970: as said, as its sidecar or first fix says, else its file."""
+    first = [str(text) for text in log.texts("utc")[:10_000] if text][:1]
+    for said in (about.get("time"), None if log.meta is None else log.meta.started_utc, *first):
+        if said:
+            with contextlib.suppress(ValueError):
+                moment = dt.datetime.fromisoformat(said.replace("Z", "+00:00"))
+                return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp() / 86_400.0
+    return path.stat().st_mtime / 86_400.0
+
+
+@contextlib.contextmanager
+def local(where: str) -> Iterator[Path]:
+    """The file at a path or fsspec URL as a file of this computer, its sidecar beside it. Raises OSError."""
+    if "://" not in where:
+        yield Path(where)
+        return
+    import fsspec
+    system, path = fsspec.core.url_to_fs(where)
+    with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
+        place = Path(folder) / path.rstrip("/").split("/")[-1]
+        system.get_file(path, str(place))
+        beside = str(Path(path).with_suffix(".yaml").as_posix())
+        if system.exists(beside):
+            system.get_file(beside, str(place.with_suffix(".yaml")))
+        yield place

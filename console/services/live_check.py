@@ -1,0 +1,119 @@
+"""The live check as a process of its own: `python -m console.services.live_check LOG [MACHINE]`.
+
+It follows a growing log with the lowest priority and says what departs from the model as lines of JSON on stdout:
+{"departure": {...} or null, "at_s": 612.0}, whenever that changes, or {"error": "one line"} and ends. It ends with its
+stdin, so that no console leaves one behind. Nothing waits for it: it reads a file, and may be slow or dead.
+"""
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from control.diagnosis.live.departure import Departure
+    from control.diagnosis.live.watch import LiveCheck
+    from control.machine.machine import Machine
+    from drivers.files.table import Columns
+
+NICE = 19
+POLL_S = 5.0
+DEFAULT_MACHINE = "huanghai"
+
+
+def machine_of_log(log: Path, machine: str | None) -> Machine:
+    """As given, else as the log names it, else the default one. Raises ConfigError."""
+    from drivers.files.config import load, validated
+    from drivers.files.kinds import MACHINE
+    from drivers.files.read_log import meta_of
+    if machine is None:
+        meta = meta_of(log)
+        if meta is not None and meta.machine is not None:
+            return validated(meta.machine, MACHINE, str(log.with_suffix(".yaml")))
+    return load(machine or DEFAULT_MACHINE, MACHINE).model
+
+
+def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[tuple[float, Departure | None]]:
+    """(time of the log, what stands) after each look, for ever; `wait` returns False where that is enough.
+
+    Rows that are there already are gone through as if they came now. Raises LogError, ImportTrouble, ConfigError,
+    OSError.
+    """
+    from control.diagnosis.live.watch import LiveCheck
+    from drivers.files.growing_log import GrowingLog
+    growing, check = GrowingLog(log), None
+    while True:
+        rows = growing.more()
+        if rows is None:
+            if not wait():
+                return
+            continue
+        check = check or LiveCheck(machine_of_log(log, machine))
+        for piece in _pieces(rows):
+            check.add(piece)
+            if check.due:
+                yield _looked(check)
+
+
+def _looked(check: LiveCheck) -> tuple[float, Departure | None]:
+    standing = check.look()
+    return check.now_s, standing
+
+
+def _pieces(rows: Columns) -> Iterator[Columns]:
+    """What came at once, as it would have come: LOOK_S at a time."""
+    import numpy as np
+
+    from control.diagnosis.live.watch import LOOK_S
+    time_s = rows["time_s"]
+    edges = np.searchsorted(time_s, np.arange(time_s[0] + LOOK_S, time_s[-1], LOOK_S))
+    begins = [0, *edges.tolist(), len(time_s)]
+    for begin, end in pairwise(begins):
+        yield {name: array[begin:end] for name, array in rows.items()}
+
+
+def main(arguments: list[str]) -> int:
+    lower_priority()
+    threading.Thread(target=_end_with_stdin, daemon=True).start()
+    from drivers.files.config import ConfigError
+    log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
+    said: object = ()
+
+    def wait() -> bool:
+        time.sleep(POLL_S)
+        return True
+    try:
+        for at_s, departure in followed(log, machine, wait):
+            if departure != said:
+                said = departure
+                _say({"departure": None if departure is None else departure._asdict(), "at_s": at_s})
+    except (ValueError, OSError, ConfigError) as error:      # LogError and ImportTrouble are ValueErrors
+        _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
+    return 1
+
+
+def lower_priority() -> None:
+    """The control loop comes first."""
+    if hasattr(os, "nice"):
+        os.nice(NICE)
+
+
+def _end_with_stdin() -> None:
+    while sys.stdin.buffer.read(4096):
+        pass
+    os._exit(0)
+
+
+def _say(what: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

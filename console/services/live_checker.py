@@ -1,0 +1,85 @@
+"""The console's end of the live check: one process for the log that is being written, its last word at hand.
+
+Asking never waits: process and pipe belong to a thread. A check that dies is started again a few times, and then left
+alone; one that hangs only goes on saying what it said last.
+"""
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+
+from console.threads import ONE_THREAD
+from control.diagnosis.live.departure import Departure
+
+PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
+AGAIN_S = 120.0                 # after its death
+STARTS = 3                      # for one log, at most
+
+
+class LiveChecker:
+    """`latest(log)` starts the check of a log when it is first asked for, and ends that of the log before."""
+
+    def __init__(self, program: Sequence[str] = PROGRAM, again_s: float = AGAIN_S) -> None:
+        self._program, self._again_s = tuple(program), again_s
+        self._run: _Run | None = None
+
+    def latest(self, log: str) -> Departure | None:
+        """What departs, as far as is known; None: nothing, or not known yet."""
+        if self._run is None or self._run.log != log:
+            self.close()
+            if not log:
+                return None
+            self._run = _Run(log, self._program, self._again_s)
+        return self._run.departure
+
+    def close(self) -> None:
+        if self._run is not None:
+            self._run.end()
+            self._run = None
+
+
+class _Run:
+    """The check of one log."""
+
+    def __init__(self, log: str, program: tuple[str, ...], again_s: float) -> None:
+        self.log = log
+        self.departure: Departure | None = None
+        self._program, self._again_s = program, again_s
+        self._ended = threading.Event()
+        self._child: subprocess.Popen[str] | None = None
+        threading.Thread(target=self._work, name="model-check", daemon=True).start()
+
+    def end(self) -> None:
+        self._ended.set()
+        child = self._child
+        if child is not None:
+            with contextlib.suppress(OSError):
+                child.kill()
+
+    def _work(self) -> None:
+        for _ in range(STARTS):
+            with contextlib.suppress(OSError):
+                self._listen()
+            self.departure = None
+            if self._ended.wait(self._again_s):
+                return
+
+    def _listen(self) -> None:
+        """Until the process ends. Its stdin stays open: it ends with this console."""
+        with subprocess.Popen([*self._program, self.log], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                              stderr=subprocess.DEVNULL, env=os.environ | ONE_THREAD, start_new_session=True,
+                              text=True) as child:
+            self._child = child
+            if self._ended.is_set():
+                child.kill()
+            assert child.stdout is not None
+            for said in child.stdout:
+                with contextlib.suppress(ValueError, TypeError):
+                    told = json.loads(said)
+                    if "departure" in told:
+                        self.departure = None if told["departure"] is None else Departure(**told["departure"])

@@ -1,0 +1,1 @@
+"""The model held against a log that is still being written."""

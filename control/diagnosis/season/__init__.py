@@ -1,0 +1,1 @@
+"""Many logs of many machines together: what each effect did over a season, and what is shared."""

@@ -1,0 +1,333 @@
+"""Per machine the course of each effect over a season: level, wear, repair; and what products, operators, fields share.
+
+All of it works on the quadratic forms of the logs (`evidence.py`). Which effects a machine has at all: forward
+selection on the sum of its logs' forms, each effect as a curve over the season with five degrees of freedom. Each log's
+own size of those effects then is a short linear solve, scattering by more than its own error from log to log (random
+effects; DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177). Through these sizes goes a broken line: pieces
+of straight lines, cut where that pays (segment neighbourhood, Bai and Perron, Journal of Applied Econometrics 18, 2003,
+1; Schwarz's criterion). A piece that rises is wear, a break towards zero is a repair.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2, norm
+from scipy.stats import f as f_distribution
+
+from .evidence import Form
+
+Array = npt.NDArray[np.float64]
+
+FALSE_FINDS = 1e-4          # probability that noise gives so much, over all effects tried on one machine
+MOST_EFFECTS = 6            # of one machine
+CURVE_DF = 5                # of an effect's course in the selection
+LEAST_APART = 0.1          # of a level's logs, what is not its machines' own: less, and the two cannot be told apart
+LEAST_LOGS = 3              # of a piece of a course
+PIECE_PRICE = 3.0           # times log(logs): two numbers and a place (Schwarz)
+ALIKE = 0.05                # share of an effect's information that is left beside another
+SHARED_P = 1e-4             # of a factor (product, operator, field) for an effect
+Z90 = 1.645
+
+
+class OneLog(NamedTuple):
+    """A log as the season sees it. time_d: days, any origin, the same for all."""
+
+    key: str
+    machine: str
+    time_d: float
+    forms: tuple[Form, ...]
+    shared: Mapping[str, str] = {}          # factor (product, operator, field) -> level; "" not known
+
+
+class Piece(NamedTuple):
+    """A straight piece of a course: sizes at its begin and end, and their 90 % intervals' half widths."""
+
+    begin_d: float
+    end_d: float
+    begin: float
+    end: float
+    begin_half: float
+    end_half: float
+    per_day: float
+    per_day_p: float            # that the slope is noise
+
+
+class Course(NamedTuple):
+    """One effect of one machine. sizes, half: of each log (in the order of `times_d`), with their 90 % half widths, the
+    scatter from log to log included. breaks_d: between which logs it jumps."""
+
+    machine: str
+    effect: str
+    gain: float                 # of twice the log-likelihood
+    times_d: tuple[float, ...]
+    sizes: tuple[float, ...]
+    half: tuple[float, ...]
+    pieces: tuple[Piece, ...]
+    mean: float
+    mean_half: float
+    alike: tuple[str, ...] = ()     # effects that these logs cannot tell from it
+
+    @property
+    def breaks_d(self) -> tuple[float, ...]:
+        return tuple(0.5 * (a.end_d + b.begin_d) for a, b in zip(self.pieces, self.pieces[1:], strict=False))
+
+
+class Shared(NamedTuple):
+    """What one level of a factor does to an effect on every machine, against the mean of its machines' other logs."""
+
+    factor: str
+    level: str
+    effect: str
+    size: float
+    half: float
+    p: float                    # of the whole factor
+    logs: int
+
+
+def courses(logs: Sequence[OneLog]) -> tuple[list[Course], list[Shared]]:
+    """Of all machines; what is shared is taken off before the courses are cut."""
+    by_machine: dict[str, list[OneLog]] = {}
+    for log in sorted(logs, key=lambda one: (one.machine, one.time_d)):
+        by_machine.setdefault(log.machine, []).append(log)
+    found = {machine: selected(own) for machine, own in by_machine.items()}
+    effects = sorted({name for names in found.values() for name, _ in names})
+    shared = [one for name in effects for one in _shared(name, by_machine, found)]
+    done = []
+    for machine, own in by_machine.items():
+        names = [name for name, _ in found[machine]]
+        for k, (name, gain) in enumerate(found[machine]):
+            sizes, sd = _sizes(own, names, k)
+            off = np.array([sum(one.size for one in shared if one.effect == name
+                                and log.shared.get(one.factor) == one.level) for log in own])
+            done.append(_course(machine, name, gain, own, sizes - off, sd)._replace(alike=_alike(own, name)))
+    return done, shared
+
+
+def selected(logs: Sequence[OneLog]) -> list[tuple[str, float]]:
+    """Effects that one machine has, with what each gains; strongest first."""
+    found: list[tuple[str, float]] = []
+    names = sorted({name for log in logs for form in log.forms for name in form.names})
+    basis = _basis(np.array([log.time_d for log in logs]))
+    while len(found) < MOST_EFFECTS:
+        active = [name for name, _ in found]
+        best = ("", 0.0, 1.0)
+        for name in names:
+            if name in active:
+                continue
+            gain, df = _curve_gain(logs, active, name, basis)
+            p = float(chi2.sf(gain, df)) if df else 1.0
+            if gain > 0.0 and (p, -gain) < (best[2], -best[1]):
+                best = (name, gain, p)
+        if not best[0] or best[2] * len(names) > FALSE_FINDS:
+            break
+        found.append(best[:2])
+    return found
+
+
+def _alike(logs: Sequence[OneLog], name: str) -> tuple[str, ...]:
+    """Effects of which next to nothing is left, summed over the logs, once `name` is fitted to each."""
+    alone: dict[str, float] = {}
+    beside: dict[str, float] = {}
+    for log in logs:
+        for form in log.forms:
+            if name in form.names:
+                for k, other in enumerate(form.names):
+                    if other != name:
+                        alone[other] = alone.get(other, 0.0) + form.normal[k][k]
+                        beside[other] = beside.get(other, 0.0) + _left(log, [name], other)[0]
+    return tuple(other for other, sum_ in alone.items() if sum_ > 0.0 and beside[other] < ALIKE * sum_)
+
+
+def _basis(times_d: Array) -> Array:
+    """(logs, df): one, time, and smooth bends; fewer for few logs."""
+    df = min(CURVE_DF, max(1, len(times_d) // LEAST_LOGS))
+    span = max(float(np.ptp(times_d)), 1e-9)
+    share = (times_d - times_d.min()) / span
+    return np.stack([np.cos(np.pi * k * share) for k in range(df)], axis=1)
+
+
+def _left(log: OneLog, active: Sequence[str], name: str) -> tuple[float, float]:
+    """Information and pull of one effect in one log, once the active ones are fitted to that log."""
+    for form in log.forms:
+        if name in form.names:
+            normal, right = np.array(form.normal), np.array(form.right)
+            at = form.names.index(name)
+            fixed = [form.names.index(one) for one in active if one in form.names and one != name]
+            if not fixed:
+                return float(normal[at, at]), float(right[at])
+            part = normal[np.ix_(fixed, fixed)] + 1e-9 * np.diag(np.diag(normal)[fixed] + 1e-12)
+            solved = np.linalg.solve(part, np.stack([normal[fixed, at], right[fixed]], axis=1))
+            information = float(normal[at, at] - normal[at, fixed] @ solved[:, 0])
+            if information < 1e-3 * normal[at, at]:         # not to be told from them in this log
+                return 0.0, 0.0
+            return information, float(right[at] - normal[at, fixed] @ solved[:, 1])
+    return 0.0, 0.0
+
+
+def _curve_gain(logs: Sequence[OneLog], active: Sequence[str], name: str, basis: Array) -> tuple[float, int]:
+    """Gain of a curve over the season, its scatter from log to log counted as error; and its degrees of freedom."""
+    both = np.array([_left(log, active, name) for log in logs])
+    known = both[:, 0] > 0.0
+    if known.sum() < 1:
+        return 0.0, 0
+    information, sizes = both[known, 0], both[known, 1] / both[known, 0]
+    rows = basis[known][:, :max(1, min(basis.shape[1], int(known.sum()) // LEAST_LOGS))]
+    extra = _scatter(sizes, information, rows)
+    weight = 1.0 / (1.0 / information + extra)
+    normal = rows.T @ (rows * weight[:, None])
+    right = rows.T @ (weight * sizes)
+    return float(right @ np.linalg.lstsq(normal, right, rcond=None)[0]), rows.shape[1]
+
+
+def _scatter(sizes: Array, information: Array, rows: Array) -> float:
+    """Variance of a size from log to log beyond each log's own error and a fitted curve: the method of moments."""
+    free = len(sizes) - np.linalg.matrix_rank(rows)
+    if free < 1:
+        return 0.0
+    weighted = rows * information[:, None]
+    inverse = np.linalg.pinv(rows.T @ weighted)
+    left = sizes - rows @ (inverse @ (weighted.T @ sizes))
+    excess = float(information @ left ** 2) - free
+    reach = float(information.sum()) - float(np.trace(inverse @ (weighted.T @ weighted)))
+    return max(0.0, excess / reach) if reach > 0.0 else 0.0
+
+
+def _sizes(logs: Sequence[OneLog], names: Sequence[str], k: int) -> tuple[Array, Array]:
+    """Size of one of the machine's effects in each log, and its s.d.; NaN and inf where a log does not tell it."""
+    sizes, sd = np.full(len(logs), np.nan), np.full(len(logs), np.inf)
+    others = [name for name in names if name != names[k]]
+    for j, log in enumerate(logs):
+        information, pull = _left(log, others, names[k])
+        if information > 0.0:
+            sizes[j], sd[j] = pull / information, information ** -0.5
+    return sizes, sd
+
+
+def _course(machine: str, effect: str, gain: float, logs: Sequence[OneLog], sizes: Array, sd: Array) -> Course:
+    known = np.isfinite(sd)
+    times_d = np.array([log.time_d for log in logs])[known]
+    sizes, sd = sizes[known], sd[known]
+    extra = _scatter(sizes, sd ** -2, _basis(times_d))
+    whole = np.sqrt(sd ** 2 + extra)
+    pieces = tuple(_piece(times_d, sizes, whole, begin, end) for begin, end in _cut(times_d, sizes, whole))
+    weight = whole ** -2
+    mean = float(np.sum(weight * sizes) / np.sum(weight))
+    return Course(machine, effect, gain, tuple(times_d.tolist()), tuple(sizes.tolist()),
+                  tuple((Z90 * whole).tolist()), pieces, mean, Z90 * float(np.sum(weight)) ** -0.5)
+
+
+def _line(times_d: Array, sizes: Array, sd: Array) -> tuple[Array, Array]:
+    """Weighted straight line: (value at the first time, slope) and their covariance."""
+    rows = np.stack([np.ones(len(times_d)), times_d - times_d[0]], axis=1)
+    if np.ptp(times_d) <= 0.0:
+        rows[:, 1] = 0.0
+    normal = rows.T @ (rows / sd[:, None] ** 2)
+    covariance = np.linalg.pinv(normal)
+    fit = covariance @ (rows.T @ (sizes / sd ** 2))
+    return fit, np.asarray(covariance, np.float64)
+
+
+def _cut(times_d: Array, sizes: Array, sd: Array) -> list[tuple[int, int]]:
+    """Where the pieces of the best broken line begin and end (dynamic programming over all places)."""
+    count = len(sizes)
+    if count < 2 * LEAST_LOGS:
+        return [(0, count)]
+    weight, time = sd ** -2, times_d - times_d.mean()
+    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(np.stack([
+        weight, weight * time, weight * time ** 2, weight * sizes, weight * time * sizes, weight * sizes ** 2]),
+        axis=1)], axis=1)
+    price = PIECE_PRICE * float(np.log(count))
+    best, came = np.full(count + 1, np.inf), [0] * (count + 1)
+    best[0] = 0.0
+    for end in range(LEAST_LOGS, count + 1):
+        begins = np.arange(0, end - LEAST_LOGS + 1)
+        cost = best[begins] + _squares_left(sums[:, end:end + 1] - sums[:, begins]) + price
+        came[end] = int(np.argmin(cost))
+        best[end] = cost[came[end]]
+    pieces, end = [], count
+    while end > 0:
+        pieces.append((came[end], end))
+        end = came[end]
+    return pieces[::-1]
+
+
+def _squares_left(sums: Array) -> Array:
+    """Weighted squares that straight lines leave, from the sums (6, k) of w, w t, w t t, w y, w t y, w y y."""
+    w, wt, wtt, wy, wty, wyy = sums
+    spread = np.maximum(wtt - wt ** 2 / w, 1e-12 * np.maximum(wtt, 1e-300))
+    return np.asarray(np.maximum(0.0, wyy - wy ** 2 / w - (wty - wt * wy / w) ** 2 / spread))
+
+
+def _piece(times_d: Array, sizes: Array, sd: Array, begin: int, end: int) -> Piece:
+    own = times_d[begin:end]
+    fit, covariance = _line(own, sizes[begin:end], sd[begin:end])
+    span = float(own[-1] - own[0])
+    last = np.array([1.0, span])
+    slope_sd = float(np.sqrt(max(covariance[1, 1], 0.0)))
+    p = float(2.0 * norm.sf(abs(fit[1]) / slope_sd)) if slope_sd > 0.0 else 1.0
+    return Piece(float(own[0]), float(own[-1]), float(fit[0]), float(fit @ last),
+                 Z90 * float(np.sqrt(covariance[0, 0])), Z90 * float(np.sqrt(last @ covariance @ last)),
+                 float(fit[1]), p)
+
+
+def _shared(effect: str, by_machine: Mapping[str, Sequence[OneLog]],
+            found: Mapping[str, Sequence[tuple[str, float]]]) -> list[Shared]:
+    """Levels of each factor that move an effect on the machines that have it, beside a curve of each machine's own."""
+    logs: list[OneLog] = []
+    curves: list[Array] = []
+    sizes, sd = np.empty(0), np.empty(0)
+    for machine, own in by_machine.items():
+        names = [name for name, _ in found[machine]]
+        if effect in names:
+            one, error = _sizes(own, names, names.index(effect))
+            known = np.isfinite(error)
+            logs += [log for log, there in zip(own, known, strict=True) if there]
+            sizes, sd = np.concatenate([sizes, one[known]]), np.concatenate([sd, error[known]])
+            curves.append(_basis(np.array([log.time_d for log in own]))[known][:, :3])
+    if not logs:
+        return []
+    width = sum(one.shape[1] for one in curves)
+    base, row, column = np.zeros((len(logs), width)), 0, 0
+    for one in curves:
+        base[row:row + len(one), column:column + one.shape[1]] = one
+        row, column = row + len(one), column + one.shape[1]
+    result: list[Shared] = []
+    for factor in sorted({name for log in logs for name in log.shared}):
+        result += _levels(effect, factor, [log.shared.get(factor, "") for log in logs], sizes, sd, base)
+    return result
+
+
+def _apart(column: Array, base: Array) -> float:
+    """Share of a level's logs that its machines' own curves do not explain: 0 where a machine had no other."""
+    left = column - base @ np.linalg.lstsq(base, column, rcond=None)[0]
+    return float(left @ left) / max(float(column @ column), 1.0)
+
+
+def _levels(effect: str, factor: str, of_log: Sequence[str], sizes: Array, sd: Array, base: Array) -> list[Shared]:
+    """Each level against the commonest, in units of the effect; nothing where the factor says nothing."""
+    levels = sorted({level for level in of_log if level}, key=lambda level: -list(of_log).count(level))[1:]
+    columns = [np.array([float(level == own) for own in of_log]) for level in levels]
+    apart = [_apart(column, base) > LEAST_APART for column in columns]
+    levels = [level for level, told in zip(levels, apart, strict=True) if told]
+    if not levels:
+        return []
+    dummies = np.stack([column for column, told in zip(columns, apart, strict=True) if told], axis=1)
+    extra = _scatter(sizes, sd ** -2, np.concatenate([base, dummies], axis=1))
+    whole = np.sqrt(sd ** 2 + extra)
+    rows = np.concatenate([base, dummies], axis=1) / whole[:, None]
+    covariance = np.linalg.pinv(rows.T @ rows)
+    fit = covariance @ (rows.T @ (sizes / whole))
+    here = slice(base.shape[1], None)
+    block = covariance[here, here]
+    wald = float(fit[here] @ np.linalg.lstsq(block, fit[here], rcond=None)[0])
+    free = len(sizes) - np.linalg.matrix_rank(rows)
+    df = int(np.linalg.matrix_rank(block))
+    p = float(f_distribution.sf(wald / df, df, free)) if df and free > 0 else 1.0
+    if p > SHARED_P:
+        return []
+    half = Z90 * np.sqrt(np.maximum(np.diag(block), 0.0))
+    return [Shared(factor, level, effect, float(size), float(error), p, list(of_log).count(level))
+            for level, size, error in zip(levels, fit[here], half, strict=True) if abs(size) > error > 0.0]

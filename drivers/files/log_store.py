@@ -1,0 +1,145 @@
+"""A run log as Parquet: one file that holds the columns, the sidecar and what the reader of the text had to say.
+
+For seasons of logs: fewer bytes than the text, and read at once (docs/format-run-log.md, "Parquet").
+"""
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.log_row import TEXT_COLUMNS
+from drivers.files.atomic import sidecar, write_atomically
+from drivers.files.findings import Finding
+from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
+from drivers.files.table import Columns
+
+if TYPE_CHECKING:
+    import polars as pl
+
+FORMAT = "topdress-log-store/1"
+SUFFIXES = frozenset({".parquet", ".pq"})
+_KEY, _MAGIC = "topdress", b"PAR1"
+_MOST_FOOTER = 64 << 20         # bytes
+
+
+class StoreError(ValueError):
+    """The file cannot be used as a store of a run log; one line, naming it."""
+
+
+class Stored(NamedTuple):
+    """What a store holds; columns, `meta` and findings as those of `RunLog`."""
+
+    columns: Columns
+    meta: RunMeta | None
+    findings: tuple[Finding, ...]
+
+
+def is_store(path: Path) -> bool:
+    """Whether this is a Parquet file that topdress wrote (of any version), and not another program's."""
+    return path.suffix.lower() in SUFFIXES and _KEY.encode() in _footer(path)
+
+
+def write_store(path: Path, columns: Columns, meta: RunMeta | None, findings: Sequence[Finding] = ()) -> None:
+    """Whole or not at all. columns: arrays of length n, float64 (NaN: not known) or object (texts). Raises OSError."""
+    about = {"format": FORMAT, "meta": None if meta is None else meta_to_yaml(meta),
+             "findings": [list(finding) for finding in findings]}
+    data = io.BytesIO()
+    _frame(columns).write_parquet(data, metadata={_KEY: json.dumps(about, ensure_ascii=False)})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, data.getvalue())
+
+
+def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
+    """The same as a run log of text with its sidecar, each whole or not at all. Raises OSError."""
+    data = io.BytesIO()
+    _frame(columns).write_csv(data)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if meta is not None:
+        write_atomically(sidecar(path), meta_to_yaml(meta))
+    write_atomically(path, data.getvalue())
+
+
+def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
+    """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises StoreError."""
+    import polars as pl
+    try:
+        check_file(path)
+        about = stored_about(path)
+        names = [name for name in pl.read_parquet_schema(path) if only is None or name in only or name == "time_s"]
+        frame = pl.read_parquet(path, columns=names)
+    except BeyondLimits as error:
+        raise StoreError(str(error)) from None
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise StoreError(f"{path}: not readable as Parquet: {_first_line(error)}") from None
+    columns = {name: _column(frame.drop_in_place(name)) for name in names}
+    if "time_s" not in columns or not bool(np.all(np.diff(columns["time_s"]) > 0.0)):
+        raise StoreError(f"{path}: column time_s: missing, or not strictly increasing")
+    return Stored(columns, about.meta, about.findings)
+
+
+class About(NamedTuple):
+    """What a store says of its log beside the columns."""
+
+    meta: RunMeta | None
+    findings: tuple[Finding, ...]
+
+
+def stored_about(path: Path) -> About:
+    """Without reading the columns. Raises StoreError, OSError."""
+    import polars as pl
+    try:
+        told = json.loads(pl.read_parquet_metadata(path)[_KEY])
+        if told["format"] != FORMAT:
+            raise StoreError(f"{path}: key format: value {told['format']}: allowed {FORMAT}")
+        meta = None if told["meta"] is None else meta_from_yaml(told["meta"])
+        return About(meta, tuple(Finding(*one) for one in told["findings"]))
+    except pl.exceptions.PolarsError as error:
+        raise StoreError(f"{path}: not readable as Parquet: {_first_line(error)}") from None
+    except StoreError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise StoreError(f"{path}: what it says of its log is not readable: {_first_line(error)}") from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _footer(path: Path) -> bytes:
+    """The part of a Parquet file that describes it; nothing where there is none. Needs no polars."""
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        if size < 12:
+            return b""
+        file.seek(size - 8)
+        length, magic = int.from_bytes(file.read(4), "little"), file.read(4)
+        if magic == _MAGIC and length <= min(size - 8, _MOST_FOOTER):
+            file.seek(size - 8 - length)
+            return file.read(length)
+    return b""
+
+
+def _frame(columns: Columns) -> pl.DataFrame:
+    """Not known is null, so that every other reader of Parquet sees it as such."""
+    import polars as pl
+    return pl.DataFrame([
+        pl.Series(name, [text or None for text in array.tolist()], pl.String) if array.dtype == object
+        else pl.Series(name, array, pl.Float64).fill_nan(None) for name, array in columns.items()])
+
+
+def _column(series: pl.Series) -> NDArray[Any]:
+    import polars as pl
+    if series.dtype == pl.String or series.name in TEXT_COLUMNS:
+        shared: dict[str, str] = {}
+        array = np.empty(series.len(), object)
+        array[:] = [shared.setdefault(text, text) if text else "" for text in series.cast(pl.String).to_list()]
+        return array
+    return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)

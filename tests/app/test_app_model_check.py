@@ -1,0 +1,66 @@
+"""The model check's line on the Run page: there when something departs, empty in a turn, with an offer at hold."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from console.app.app import TopdressApp
+from console.app.gallery import StillSource
+from console.app.pages.run.model_check import model_check_text
+from console.app.services import Services
+from console.locale import use
+from console.reports.live_words import departure_line
+from control.diagnosis.live.departure import Departure
+
+FOUND = Departure("flow", "flow.gain", -4.0, 600.0, adoptable=True)
+
+
+def with_row(frame, **changes):
+    return replace(frame, row=frame.row._replace(**changes))
+
+
+def test_the_line_says_what_since_when_and_why(frames):
+    frame = with_row(frames[-1], state="working", time_s=900.0, utc="2026-03-20T08:15:00.000Z", work_switch=1,
+                     target_rate_kg_ha=300.0)
+    said = model_check_text(FOUND, frame, 0.0)
+    assert said.startswith("model check: flow 4 % low since 08:10, probably: ") and said.endswith("; F9")
+    unsure = model_check_text(FOUND._replace(certain=False, since_s=None, percent=None), frame, 0.0)
+    assert "flow off the model, perhaps: " in unsure
+    assert departure_line(Departure("gate", "", 3.0, None), "") == "gate: dose 3 % high"
+
+
+def test_nothing_while_turning_and_an_offer_at_hold(frames):
+    frame = with_row(frames[-1], state="working", time_s=900.0, work_switch=1, target_rate_kg_ha=0.0)
+    assert model_check_text(FOUND, frame, 0.0) == ""
+    assert model_check_text(FOUND, with_row(frame, target_rate_kg_ha=300.0, work_switch=0), 0.0) == ""
+    held = with_row(frame, state="held")
+    assert "adopt" in model_check_text(FOUND, held, 0.0)
+    assert model_check_text(FOUND._replace(adoptable=False, next_run="two speeds"), held, 0.0).endswith("two speeds")
+
+
+def test_in_chinese(frames):
+    use("zh")
+    try:
+        frame = with_row(frames[-1], state="held")
+        assert "流量低 4 %" in model_check_text(FOUND, frame, 0.0)
+    finally:
+        use("en")
+
+
+async def test_the_row_is_there_only_while_something_departs(clock, frames, shown):
+    said: list[Departure | None] = [None]
+    asked: list[str] = []
+
+    def latest(log: str) -> Departure | None:
+        asked.append(log)
+        return said[0]
+    app = TopdressApp(StillSource(with_row(frames[-1], state="working", work_switch=1, target_rate_kg_ha=300.0)), clock,
+                      live=False, services=Services(model_check=latest))
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        assert asked and not app.page.query_one("#model-check").display
+        said[0] = FOUND
+        clock.now_s += 1.0
+        app.tick()
+        await pilot.pause()
+        assert app.page.query_one("#model-check").display
+        assert any("model check: flow 4 % low" in line for line in shown(app))

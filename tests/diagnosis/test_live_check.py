@@ -1,0 +1,112 @@
+"""The live check: what begins is said within minutes, nothing is said of a healthy machine or of a single odd look."""
+from typing import Any
+
+import numpy as np
+import pytest
+
+from control.diagnosis.live.change import Begun, begun
+from control.diagnosis.live.departure import Departure
+from control.diagnosis.live.watch import BARS, LOOK_S, QUARTER_S, LiveCheck, departure_of
+from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
+from control.diagnosis.runs.hypothesis import Part
+from control.machine.machine import Machine
+
+MACHINE = Machine()
+
+
+def wheel_log(seconds: float, wrong_from_s: float = np.inf, percent: float = 4.0) -> dict[str, Any]:
+    """Wheel and GNSS, ten rows a second; the wheel reads too much from some time on."""
+    rng, time_s = np.random.default_rng(4), np.arange(0.0, seconds, 0.1)
+    speed = 1.3 + 0.2 * np.sin(time_s / 7.0)
+    factor = np.where(time_s >= wrong_from_s, 1.0 + percent / 100.0, 1.0)
+    return {"time_s": time_s, "speed_mps": speed + 0.03 * rng.standard_normal(len(time_s)),
+            "wheel_speed_mps": factor * speed + 0.02 * rng.standard_normal(len(time_s)),
+            "state": np.full(len(time_s), "working", object)}
+
+
+def fed(check: LiveCheck, columns: dict[str, Any]) -> list[tuple[float, Departure | None]]:
+    time_s, seen = columns["time_s"], []
+    for at_s in np.arange(LOOK_S, time_s[-1] + LOOK_S, LOOK_S):
+        new = (time_s >= at_s - LOOK_S) & (time_s < at_s)
+        check.add({name: array[new] for name, array in columns.items()})
+        if check.due:
+            seen.append((check.now_s, check.look()))
+    return seen
+
+
+def diagnosis(*causes: Cause) -> Diagnosis:
+    return Diagnosis(Data("", "run", 1, 1.0, "m"), (), "named" if causes else "none", causes, (), (), None, (), None)
+
+
+def cause(effect_id: str, *rivals: Rival, onset_s: float | None = None) -> Cause:
+    return Cause(effect_id, Size(-4.0, -5.0, -3.0, "%"), onset_s, 0.99, rivals, None, "", FieldCost(-4.0, 0.0))
+
+
+def test_the_test_sees_a_wheel_that_begins_to_read_too_much_and_nothing_before() -> None:
+    calm = begun(wheel_log(500.0), MACHINE)
+    assert [one.group for one in calm] == ["speed"] and calm[0].gain < BARS["speed"]
+    (found,) = begun(wheel_log(500.0, 400.0), MACHINE)
+    assert found.part.id.startswith("speed.wheel_") and found.gain > BARS["speed"]
+    assert found.part.onset_s == pytest.approx(400.0, abs=10.0)
+    assert found.part.size == pytest.approx(4.0, abs=1.0)
+
+
+def test_a_departure_is_said_with_its_time_and_its_name() -> None:
+    seen = fed(LiveCheck(MACHINE), wheel_log(870.0, 500.0))
+    said = [(at_s, one) for at_s, one in seen if one is not None]
+    assert said and 500.0 < said[0][0] <= 620.0
+    assert said[0][1].since_s == pytest.approx(500.0, abs=20.0)
+    assert said[-1][1].cause.startswith("speed.wheel") and said[-1][1].since_s == pytest.approx(500.0, abs=20.0)
+
+
+def test_a_beginning_that_the_diagnosis_does_not_bear_out_is_not_said_and_raises_the_bar() -> None:
+    asked: list[float] = []
+
+    def diagnose(columns: Any, _: Machine) -> Diagnosis:
+        asked.append(float(columns["time_s"][-1]))
+        return diagnosis()
+    check = LiveCheck(MACHINE, lambda *_: [Begun("speed", Part("speed.wheel_radius", 1.0, 300.0), 50.0)], diagnose)
+    seen = fed(check, wheel_log(800.0))
+    assert all(one is None for _, one in seen)
+    assert len(asked) == 1                      # 1.5 times 50 is the bar now
+
+
+def test_another_channels_finding_does_not_bear_it_out() -> None:
+    check = LiveCheck(MACHINE, lambda *_: [Begun("speed", Part("speed.wheel_radius", 1.0, 300.0), 50.0)],
+                      lambda *_: diagnosis(cause("flow.gain")))
+    assert all(one is None for _, one in fed(check, wheel_log(600.0)))
+
+
+def test_what_was_there_from_the_start_must_be_found_twice() -> None:
+    answers = iter([diagnosis(cause("flow.gain")), diagnosis(), diagnosis(cause("flow.gain")),
+                    diagnosis(cause("flow.gain")), diagnosis(), diagnosis()])
+    check = LiveCheck(MACHINE, lambda *_: [], lambda *_: next(answers))
+    quarters = [one for at_s, one in fed(check, wheel_log(6 * QUARTER_S + 100.0)) if at_s % QUARTER_S < LOOK_S]
+    assert [one is not None for one in quarters] == [False, False, False, True, True, False]
+
+
+def test_what_is_only_suspected_is_not_said() -> None:
+    assert departure_of(diagnosis(cause("flow.gain", Rival("unknown", 0.5)))) is None
+    told = departure_of(diagnosis(cause("flow.gain", Rival("flow.fill_falloff", 0.4))))
+    assert told is not None and not told.certain and told.percent == -4.0
+    assert departure_of(diagnosis(cause("flow.gain"))).adoptable
+    assert not departure_of(diagnosis(cause("flow.gain", onset_s=3.0))).adoptable
+
+
+def test_standing_still_costs_no_look() -> None:
+    looks: list[int] = []
+    check = LiveCheck(MACHINE, lambda *_: looks.append(1) or [], lambda *_: diagnosis())
+    columns = wheel_log(600.0)
+    columns["state"][:] = "held"
+    fed(check, columns)
+    assert not looks
+
+
+def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:
+    check = LiveCheck(MACHINE, lambda *_: [], lambda *_: diagnosis())
+    columns = wheel_log(3000.0)
+    less = {name: array for name, array in columns.items() if name != "state"}
+    check.add({name: array[:10_000] for name, array in less.items()})
+    check.add({name: array[10_000:] for name, array in columns.items()})
+    assert check.now_s == pytest.approx(2999.9)
+    assert len(check._rows["time_s"]) == len(check._rows["state"]) == 18_000

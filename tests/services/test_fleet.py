@@ -1,0 +1,192 @@
+"""A fleet of logs: each done once, broken ones listed, a dead worker's work done again, cancelled work gone on with."""
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from console.reports.fleet_page import fleet_page
+from console.services import fleet
+from console.services.fleet_job import checksum, record
+from console.services.fleet_season import season, write_tables
+from control.diagnosis.season.evidence import evidence
+from control.machine.machine import Machine
+from drivers.files.log_store import write_store
+
+MACHINE = Machine().model_dump(mode="json")
+
+
+def wheel_log(path: Path, percent: float = 0.0, seconds: float = 120.0, seed: int = 1) -> Path:
+    rng, time_s = np.random.default_rng(seed), np.arange(0.0, seconds, 0.1)
+    speed = 1.3 + 0.2 * np.sin(time_s / 7.0)
+    columns = {"time_s": time_s, "speed_mps": speed + 0.03 * rng.standard_normal(len(time_s)),
+               "wheel_speed_mps": (1.0 + percent / 100.0) * speed + 0.02 * rng.standard_normal(len(time_s)),
+               "applied_rate_kg_ha": np.full(len(time_s), 300.0)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".parquet":
+        write_store(path, columns, None)
+    else:
+        pl.DataFrame(columns).write_csv(path)
+    return path
+
+
+class Asked:
+    """In place of `record`: which logs were asked for stands in a file, for workers have memories of their own."""
+
+    def __init__(self, file: Path, spoilt: str = "") -> None:
+        self.file, self.spoilt = file, spoilt
+
+    def answer(self, where: str, machine: Any, about: Any) -> dict[str, Any]:
+        with self.file.open("a") as opened:
+            opened.write(where + "\n")
+        return {"path": where, "error": "spoilt"} if where == self.spoilt else {"path": where}
+
+    @property
+    def so_far(self) -> list[str]:
+        return self.file.read_text().splitlines()
+
+
+def quiet(*_: Any) -> None:
+    pass
+
+
+@pytest.fixture
+def client() -> Any:
+    distributed = pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    threads = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**threads) as local, distributed.Client(local, set_as_default=False) as one:
+        yield one
+
+
+def test_a_record_tells_machine_time_and_sizes_with_their_errors(tmp_path: Path) -> None:
+    said = record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), MACHINE,
+                  {"operator": "Li", "time": "2026-04-01T08:00:00+08:00"})
+    assert said["unit"] == "seeder 7" and said["shared"]["operator"] == "Li" and said["rows"] == 1200
+    assert said["time_d"] == pytest.approx(20544.0)
+    (form,) = [one for one in said["forms"] if "speed.wheel_radius" in one["names"]]
+    at = form["names"].index("speed.wheel_radius")
+    size = form["right"][at] / form["normal"][at][at]
+    assert size == pytest.approx(2.0, abs=4.0 / form["normal"][at][at] ** 0.5)
+    assert said["percent"]["speed.wheel_radius"] == pytest.approx(2.0 / 2.0, abs=0.1)
+    assert said["worked"]["applied_kg"] == 0.0 or said["worked"]["hours"] > 0.0
+    json.dumps(said)
+
+
+def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> None:
+    """The size by many short logs is that of their mean, with an error by the square root smaller."""
+    sizes, errors = [], []
+    for seed in range(8):
+        from drivers.files.read_log import read_rows
+        log = read_rows(wheel_log(tmp_path / f"{seed}.csv", 1.0, seed=seed))
+        form = evidence(log.columns, Machine()).forms[0]
+        at = form.names.index("speed.wheel_radius")
+        sizes.append(form.right[at] / form.normal[at][at])
+        errors.append(form.normal[at][at] ** -0.5)
+    assert np.mean(sizes) == pytest.approx(1.0, abs=3.0 * errors[0] / 8 ** 0.5)
+    assert np.std(sizes) == pytest.approx(np.mean(errors), rel=0.7)
+
+
+@pytest.mark.parametrize("content", ["", "time_s,speed\n1,2\n", "a,b\nc,d\n", "time_s,speed_mps\n0,1\n0.1,"])
+def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "broken.csv"
+    path.write_text(content)
+    said = record(str(path), MACHINE, {})
+    assert said["error"] and "\n" not in said["error"]
+    assert record(str(tmp_path / "not-there.csv"), MACHINE, {})["error"]
+
+
+def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
+    path = wheel_log(tmp_path / "a.csv")
+    first = checksum(str(path), "1")
+    assert checksum(str(path), "2") != first
+    (tmp_path / "b.csv").write_bytes(path.read_bytes())
+    assert checksum(str(tmp_path / "b.csv"), "1") == first
+    path.with_suffix(".yaml").write_text("operator: Li\n")
+    assert checksum(str(path), "1") != first
+
+
+def test_which_logs_are_meant(tmp_path: Path) -> None:
+    for name in ("x/a.csv", "x/y/b.parquet", "x/c.truth.csv", "x/d.txt", "x/.e.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    found = fleet.logs_at([str(tmp_path / "x"), str(tmp_path / "x" / "a.csv"), str(tmp_path / "x" / "*.txt")])
+    assert [Path(one).name for one in found] == ["a.csv", "b.parquet", "d.txt"]
+    with pytest.raises(OSError, match="no such file"):
+        fleet.logs_at([str(tmp_path / "nowhere")])
+
+
+def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, client: Any,
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
+    logs.append(str(tmp_path / "in" / "twin.csv"))
+    Path(logs[3]).write_bytes(Path(logs[0]).read_bytes())
+    asked = Asked(tmp_path / "asked", logs[2])
+    monkeypatch.setattr(fleet, "record", asked.answer)
+    out = tmp_path / "out"
+    found = fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
+    assert sorted(asked.so_far) == sorted(logs[:3]) and found.known == 0
+    assert len(found.records) == 2 and found.broken == ((logs[2], "spoilt"),)
+    again = fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
+    assert len(asked.so_far) == 3 and again.known == 3 and again.broken == found.broken
+    wheel_log(Path(logs[1]), seed=9)
+    fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
+    assert asked.so_far[3:] == [logs[1]]
+    fleet.diagnosed(client, logs, MACHINE, {logs[0]: {"operator": "Li"}}, out, "s", quiet)
+    assert asked.so_far[4:] == [logs[0]]               # what is known of it is part of it
+
+
+def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(6)]
+    asked = Asked(tmp_path / "asked")
+    monkeypatch.setattr(fleet, "record", asked.answer)
+
+    def tell(done: int, of: int, what: str) -> None:
+        if what == "diagnosing" and done == 2:
+            raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
+        fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", tell)
+    kept = len(list((tmp_path / "out" / "logs").glob("*.json")))
+    assert kept == 2
+    before = len(asked.so_far)
+    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    assert found.known == 2 and len(found.records) == 6 and len(asked.so_far) - before == 4
+
+
+def records(tmp_path: Path) -> list[dict[str, Any]]:
+    made = []
+    for machine, percent in (("one", 3.0), ("two", 0.0)):
+        for day in range(4):
+            path = wheel_log(tmp_path / machine / f"{day}.parquet", percent, 60.0, seed=day)
+            made.append({"key": f"{machine}{day}", **record(str(path), MACHINE, {"time": f"2026-04-0{day + 1}"})})
+    return made
+
+
+def test_page_and_tables(tmp_path: Path) -> None:
+    made = records(tmp_path)
+    assert not [one["error"] for one in made if "error" in one]
+    whole = season(made, [("c.csv", "spoilt <b>")])
+    worst = whole.machines[0]
+    assert worst.machine == "one" and worst.courses[0][0].effect.startswith("speed.wheel_")
+    assert worst.courses[0][0].mean == pytest.approx(3.0, abs=0.3)
+    assert not whole.machines[1].courses
+    write_tables(tmp_path, whole, made)
+    assert pl.read_parquet(tmp_path / "courses.parquet").height == 4
+    assert pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
+    page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, 2.5, "CNY", "t")
+    assert page.index(">one<") < page.index(">two<") and "<svg" in page and "spoilt &lt;b&gt;" in page
+    assert "money, CNY" in page
+
+
+def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    told = CliRunner().invoke(app, ["fleet", str(tmp_path / "empty"), "--out", str(tmp_path / "out")])
+    assert told.exit_code != 0 and "no logs there" in told.output
+    wheel_log(tmp_path / "in" / "a.csv")
+    table = tmp_path / "about.csv"
+    table.write_text("log,driver\na.csv,Li\n")
+    told = CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "o"), "--about", str(table)])
+    assert told.exit_code != 0 and "column driver" in told.output

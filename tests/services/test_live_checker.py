@@ -1,0 +1,117 @@
+"""The live check beside the console: it says what it finds, and its death, slowness or noise touches nobody."""
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from console.services import live_check
+from console.services.live_check import followed
+from console.services.live_checker import LiveChecker
+from control.diagnosis.live.departure import Departure
+from drivers.files.growing_log import GrowingLog
+from drivers.files.log_store import write_store
+
+FOUND = Departure("flow", "flow.gain", -4.0, 600.0)
+
+
+def program(tmp_path: Path, body: str) -> tuple[str, ...]:
+    """A check that says what stands in `body`, in place of the real one."""
+    file = tmp_path / "check.py"
+    file.write_text("import json, os, sys, time\n" + body)
+    return sys.executable, str(file)
+
+
+def waited(ask: Any, want: Any, timeout_s: float = 30.0) -> Any:
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end and ask() != want:
+        time.sleep(0.02)
+    return ask()
+
+
+def test_what_the_check_says_is_at_hand(tmp_path: Path) -> None:
+    said = json.dumps({"departure": FOUND._asdict(), "at_s": 700.0})
+    checker = LiveChecker(program(tmp_path, f"print('no json'); print({said!r}, flush=True); sys.stdin.read()\n"))
+    assert waited(lambda: checker.latest("a.csv"), FOUND) == FOUND
+    assert checker.latest("") is None                       # no log any more: the process is ended
+    checker.close()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="no signals of this kind here")
+def test_a_check_that_is_frozen_keeps_nobody_waiting_and_one_that_dies_is_started_again(tmp_path: Path) -> None:
+    said = json.dumps({"departure": FOUND._asdict(), "at_s": 700.0})
+    pid_file = tmp_path / "pid"
+    checker = LiveChecker(program(tmp_path, f"open({str(pid_file)!r}, 'w').write(str(os.getpid()))\n"
+                                            f"print({said!r}, flush=True); sys.stdin.read()\n"), again_s=0.05)
+    assert waited(lambda: checker.latest("a.csv"), FOUND) == FOUND
+    first = int(pid_file.read_text())
+    os.kill(first, signal.SIGSTOP)
+    begin = time.monotonic()
+    for _ in range(1000):
+        assert checker.latest("a.csv") == FOUND
+    assert time.monotonic() - begin < 5.0
+    os.kill(first, signal.SIGKILL)
+    assert waited(lambda: pid_file.read_text() not in ("", str(first)), True)
+    checker.close()
+
+
+def test_a_program_that_is_not_there_says_nothing() -> None:
+    checker = LiveChecker(("/nowhere/at-all",), again_s=0.01)
+    assert checker.latest("a.csv") is None
+    checker.close()
+
+
+def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
+    child = subprocess.Popen([sys.executable, "-m", "console.services.live_check", str(tmp_path / "not-there.csv")],
+                             stdin=subprocess.PIPE, cwd=Path(__file__).parents[2])
+    assert child.stdin is not None
+    child.stdin.close()
+    assert child.wait(60) == 0
+
+
+def rows(begin: int, end: int) -> str:
+    return "".join(f"{0.1 * k:.1f},{1.3:.4f},{1.31:.4f}\n" for k in range(begin, end))
+
+
+def test_a_growing_log_gives_whole_new_rows_only(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    growing = GrowingLog(path)
+    assert growing.more() is None
+    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 5) + "0.5,1.2")
+    assert growing.more()["time_s"].tolist() == [0.0, 0.1, 0.2, 0.3, 0.4]     # type: ignore[index]
+    assert growing.more() is None
+    with path.open("a") as file:
+        file.write("00,1.25\n" + rows(6, 8))
+    more = growing.more()
+    assert more is not None and more["time_s"].tolist() == [0.5, 0.6, 0.7] and more["speed_mps"][0] == 1.2
+    path.write_text("time_s,speed_mps,wheel_speed_mps\n0.0,1.0,1.0\n")        # another log in its place
+    assert growing.more()["time_s"].tolist() == [0.0]                        # type: ignore[index]
+
+
+def test_logs_of_other_programs_and_stores_are_followed_too(tmp_path: Path) -> None:
+    foreign = tmp_path / "foreign.csv"
+    head = (Path(__file__).parents[2] / "docs/examples/import/tractor.csv").read_bytes().splitlines(keepends=True)
+    foreign.write_bytes(b"".join(head[:101]))
+    growing = GrowingLog(foreign)
+    first = growing.more()
+    foreign.write_bytes(b"".join(head[:201]))
+    more = growing.more()
+    assert first is not None and more is not None and len(first["time_s"]) + len(more["time_s"]) == 200
+    write_store(tmp_path / "run.parquet", {"time_s": np.arange(3.0)}, None)
+    assert GrowingLog(tmp_path / "run.parquet").more()["time_s"].tolist() == [0.0, 1.0, 2.0]    # type: ignore[index]
+
+
+def test_rows_at_once_are_gone_through_as_they_would_have_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from control.diagnosis.live import watch
+    monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 6000))
+    looks = [at_s for at_s, _ in followed(path, "huanghai", lambda: False)]
+    assert len(looks) == 10 and looks[0] == pytest.approx(300.0, abs=30.1)
+    assert live_check.machine_of_log(path, None).id == "huanghai"
