@@ -63,11 +63,11 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
     mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
     left = to_finish(frame, picture)
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
-    row = frame.row
+    row, ends = frame.row, "--" if left.time_s is None else duration(left.time_s)
     return tuple(Item(label, Shown(text, stale)) for label, text in (
         (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
         (_("left"), units.area.full(left.area_ha)),
-        (_("time left"), f"{'--' if left.time_s is None else duration(left.time_s)}  {units.distance.full(left.way_m)}"),
+        (_("time left"), f"{ends}  {units.distance.full(left.way_m)}"),
         (_("applied"), units.mass.full(frame.applied_kg)),
         (_("still needed"), units.mass.full(left.product_kg)),
         (_("in hopper"), units.mass.full(row.hopper_kg)),
