@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.log_row import COLUMNS
 from control.machine.machine import CATALOGUE
-from control.metering.setting import OPENING_BAND_SHARE
+from control.metering.plan import OPENING_BAND_SHARE
 
 runner = CliRunner()
 

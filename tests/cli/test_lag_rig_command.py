@@ -85,7 +85,9 @@ def test_without_a_board_a_silent_rig_is_named(tmp_path: Path, monkeypatch: pyte
     assert not table.exists()
 
 
-@pytest.mark.parametrize("arguments", [["lag", "t.csv", "--rig", "x"], ["catch", "--rig", "x"], ["lag"]])
-def test_either_a_table_or_a_rig(arguments: list[str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(("arguments", "why"), [
+    (["lag", "t.csv", "--rig", "x"], "or --rig URL and no table"), (["lag"], "or --rig URL and no table"),
+    (["catch", "--rig", "x"], "No such option: --rig")])
+def test_either_a_table_or_a_rig(arguments: list[str], why: str, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["calibrate", *arguments, "--out", str(tmp_path / "x")])
-    assert result.exit_code == 2 and "or lag with --rig URL" in result.output
+    assert result.exit_code == 2 and why in result.output
