@@ -15,7 +15,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -170,7 +169,7 @@ def run(folder: Path, workers: int, kill: bool, out: Path) -> tuple[float, float
     child = subprocess.Popen(
         [sys.executable, "-c", "from console.cli import main; main()", "fleet", str(folder), "--out", str(out),
          "--workers", str(workers), "--price", "3"], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
-    most, killed = 0.0, threading.Event()
+    most, killed, before = 0.0, False, len(list((out / "logs").glob("*.json")))
     while child.poll() is None:
         time.sleep(0.5)
         with_memory = []
@@ -182,9 +181,9 @@ def run(folder: Path, workers: int, kill: bool, out: Path) -> tuple[float, float
         busy = [one for one in with_memory if "spawn_main" in one[2]]
         most = max([most, *(one[0] for one in busy)])
         done = len(list((out / "logs").glob("*.json")))
-        if kill and not killed.is_set() and done >= 4 and busy:
+        if kill and not killed and done >= before + 4 and busy:
             os.kill(max(busy)[1], signal.SIGKILL)
-            killed.set()
+            killed = True
             print(f"  one worker was killed after {done} logs")
     if child.returncode:
         raise SystemExit(f"topdress fleet ended with code {child.returncode}")
