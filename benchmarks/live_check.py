@@ -41,7 +41,6 @@ BEGINS_S = 900.0
 SIZES: dict[str, tuple[float, float, float]] = {      # in the catalogue's units
     "flow.gain": (-2.0, -4.0, -8.0), "flow.fill_falloff": (6.0, 12.0, 20.0), "shaft.gain": (-1.0, -2.0, -5.0),
     "gate.offset": (0.5, 1.0, 2.0), "speed.wheel_radius": (2.0, 4.0, 8.0), "canopy.head_fouled": (-5.0, -10.0, -20.0)}
-REPEATED = 2                    # logs for each effect and size
 
 
 def log_of(seed: int, effects: tuple[Effect, ...] = (), programme: Programme | None = None) -> Columns | None:
@@ -100,13 +99,13 @@ def healthy(hours: float, seed: int, kept: Path | None) -> bool:
     return rate <= PROMISED
 
 
-def delays(seed: int) -> None:
+def delays(seed: int, repeated: int) -> None:
     print("effect, size, begun at 900 s: minutes to the line (name), or not said")
     fits = [p for p in chosen("all") if p.strategy != "opening_first"]
-    for effect, sizes in SIZES.items():
-        for size in sizes:
-            told = []
-            for again in range(REPEATED):
+    for which in (1, 2, 0):             # the middle sizes first: a run may be cut
+        for effect, sizes in SIZES.items():
+            size, told = sizes[which], []
+            for again in range(repeated):
                 number = seed + 1000 * again
                 e = Effect(effect, size, 0, 0.5, None, 2 if effect.startswith("canopy") else None, number,
                            course=Course(ONSET, BEGINS_S, 0.0))
@@ -124,11 +123,12 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--hours", type=float, default=50.0)
     parser.add_argument("--delays", action="store_true")
+    parser.add_argument("--repeated", type=int, default=2, help="logs for each effect and size")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     if given.delays:
-        delays(given.seed)
+        delays(given.seed, given.repeated)
     return 0 if given.hours <= 0.0 or healthy(given.hours, given.seed, given.keep) else 1
 
 

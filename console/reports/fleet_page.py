@@ -75,7 +75,7 @@ def _over(course: Course) -> bool:
 def course_words(course: Course, unit: str) -> str:
     """How an effect went over the season, in one sentence."""
     last = course.pieces[-1]
-    said = _("{title}: {size} {unit} ± {half} at the end").format(
+    said = _("{title}: {size} {unit} +- {half} at the end").format(
         title=titled(course.effect), size=f"{last.end:+.2f}", half=fixed(last.end_half, 2), unit=unit)
     if wears(course):
         said += _(", growing by {slope} a day (wear)").format(slope=f"{last.per_day:+.3f}")
@@ -87,7 +87,7 @@ def course_words(course: Course, unit: str) -> str:
 
 
 def shared_words(one: Shared, units: Mapping[str, str]) -> str:
-    return _("{factor} {level}: {title} {size} {unit} ± {half} on every machine ({logs} logs)").format(
+    return _("{factor} {level}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
         factor=_(FACTORS.get(one.factor, one.factor)), level=one.level, title=titled(one.effect),
         size=f"{one.size:+.2f}", half=fixed(one.half, 2), unit=units.get(one.effect, ""), logs=one.logs)
 

@@ -49,8 +49,12 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         with Client(scheduler, set_as_default=False) as client:
             yield client
         return
-    with LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
-                      dashboard_address=None) as local, Client(local, set_as_default=False) as client:
+    try:
+        local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
+                             dashboard_address=None)
+    except RuntimeError as error:
+        raise OSError(f"the workers of this computer did not start: {error}") from None
+    with local, Client(local, set_as_default=False) as client:
         yield client
 
 

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 
 FALSE_FINDS = 1e-4          # probability that noise gives so much, over all effects tried on one machine
 MOST_EFFECTS = 6            # of one machine
+CHANCE_SD = 3.0             # of a sum of squares, before more is explained than chance does
 CURVE_DF = 5                # of an effect's course in the selection
 LEAST_APART = 0.1          # of a level's logs, what is not its machines' own: less, and the two cannot be told apart
 LEAST_LOGS = 3              # of a piece of a course
@@ -92,7 +93,7 @@ def courses(logs: Sequence[OneLog]) -> tuple[list[Course], list[Shared]]:
     by_machine: dict[str, list[OneLog]] = {}
     for log in sorted(logs, key=lambda one: (one.machine, one.time_d)):
         by_machine.setdefault(log.machine, []).append(log)
-    found = {machine: selected(own) for machine, own in by_machine.items()}
+    found = _one_name(by_machine, {machine: selected(own) for machine, own in by_machine.items()})
     effects = sorted({name for names in found.values() for name, _ in names})
     shared = [one for name in effects for one in _shared(name, by_machine, found)]
     done = []
@@ -106,25 +107,67 @@ def courses(logs: Sequence[OneLog]) -> tuple[list[Course], list[Shared]]:
     return done, shared
 
 
+def _one_name(by_machine: Mapping[str, Sequence[OneLog]], found: Mapping[str, list[tuple[str, float]]]
+              ) -> dict[str, list[tuple[str, float]]]:
+    """Of effects that a machine's logs cannot tell apart, the one that explains most over all machines."""
+    basis = {machine: _with_levels(_basis(np.array([log.time_d for log in own])), own)
+             for machine, own in by_machine.items()}
+    totals: dict[str, float] = {}
+
+    def total(name: str) -> float:
+        if name not in totals:
+            totals[name] = sum(_curve_gain(own, (), name, basis[machine]).explained
+                               for machine, own in by_machine.items())
+        return totals[name]
+    result = {}
+    for machine, own in found.items():
+        mine: list[tuple[str, float]] = []
+        for name, gain in own:
+            taken = {one for one, _ in (*own, *mine)}
+            alike = [one for one in _alike(by_machine[machine], name) if one not in taken]
+            mine.append((max((name, *alike), key=total), gain))
+        result[machine] = mine
+    return result
+
+
 def selected(logs: Sequence[OneLog]) -> list[tuple[str, float]]:
-    """Effects that one machine has, with what each gains; strongest first."""
+    """Effects that one machine has, with what each gains; strongest first.
+
+    Of those that are more than noise beside their scatter from log to log, the one that explains most is taken: what
+    only looks like it leaves something in every log.
+    """
     found: list[tuple[str, float]] = []
     names = sorted({name for log in logs for form in log.forms for name in form.names})
-    basis = _basis(np.array([log.time_d for log in logs]))
+    basis = _with_levels(_basis(np.array([log.time_d for log in logs])), logs)
     while len(found) < MOST_EFFECTS:
         active = [name for name, _ in found]
-        best = ("", 0.0, 1.0)
-        for name in names:
-            if name in active:
-                continue
-            gain, df = _curve_gain(logs, active, name, basis)
-            p = float(chi2.sf(gain, df)) if df else 1.0
-            if gain > 0.0 and (p, -gain) < (best[2], -best[1]):
-                best = (name, gain, p)
-        if not best[0] or best[2] * len(names) > FALSE_FINDS:
+        tried = {name: _curve_gain(logs, active, name, basis) for name in names if name not in active}
+        surely = {name: one for name, one in tried.items() if one.p * len(names) < FALSE_FINDS}
+        if not surely:
             break
-        found.append(best[:2])
+        best = max(surely, key=lambda name: surely[name].explained)
+        found.append((best, surely[best].gain))
     return found
+
+
+class _Gain(NamedTuple):
+    """gain: of twice the log-likelihood, scatter from log to log counted as error; p: of that. explained: without the
+    scatter, with what sizes of each log's own explain beyond chance."""
+
+    gain: float
+    p: float
+    explained: float
+
+
+def _with_levels(curve: Array, logs: Sequence[OneLog]) -> Array:
+    """A curve's columns (logs, df), and one for each level of what is shared that a part of the logs has."""
+    columns = [curve]
+    for factor in sorted({name for log in logs for name in log.shared}):
+        of_log = [log.shared.get(factor, "") for log in logs]
+        levels = sorted({level for level in of_log if level and of_log.count(level) >= LEAST_LOGS})
+        for level in levels[1:] if len(levels) > 1 else []:
+            columns.append(np.array([[float(one == level)] for one in of_log]))
+    return np.concatenate(columns, axis=1)
 
 
 def _alike(logs: Sequence[OneLog], name: str) -> tuple[str, ...]:
@@ -167,19 +210,24 @@ def _left(log: OneLog, active: Sequence[str], name: str) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _curve_gain(logs: Sequence[OneLog], active: Sequence[str], name: str, basis: Array) -> tuple[float, int]:
-    """Gain of a curve over the season, its scatter from log to log counted as error; and its degrees of freedom."""
+def _curve_gain(logs: Sequence[OneLog], active: Sequence[str], name: str, basis: Array) -> _Gain:
     both = np.array([_left(log, active, name) for log in logs])
     known = both[:, 0] > 0.0
-    if known.sum() < 1:
-        return 0.0, 0
+    if not known.any():
+        return _Gain(0.0, 1.0, 0.0)
     information, sizes = both[known, 0], both[known, 1] / both[known, 0]
-    rows = basis[known][:, :max(1, min(basis.shape[1], int(known.sum()) // LEAST_LOGS))]
-    extra = _scatter(sizes, information, rows)
-    weight = 1.0 / (1.0 / information + extra)
-    normal = rows.T @ (rows * weight[:, None])
-    right = rows.T @ (weight * sizes)
-    return float(right @ np.linalg.lstsq(normal, right, rcond=None)[0]), rows.shape[1]
+    rows = basis[known][:, :max(1, int(known.sum()) // LEAST_LOGS)]
+    df = int(np.linalg.matrix_rank(rows))
+    gain = _explained(rows, sizes, 1.0 / (1.0 / information + _scatter(sizes, information, rows)))
+    fixed = _explained(rows, sizes, information)
+    free = len(sizes) - df
+    beyond = float(information @ sizes ** 2) - fixed - free - CHANCE_SD * (2.0 * free) ** 0.5
+    return _Gain(gain, float(chi2.sf(gain, df)), fixed + max(0.0, beyond))
+
+
+def _explained(rows: Array, sizes: Array, weight: Array) -> float:
+    normal, right = rows.T @ (rows * weight[:, None]), rows.T @ (weight * sizes)
+    return float(right @ np.linalg.lstsq(normal, right, rcond=None)[0])
 
 
 def _scatter(sizes: Array, information: Array, rows: Array) -> float:
