@@ -66,6 +66,7 @@ class Day:
         self.lines: list[str] = []
         self.pictures = 0
         self.watcher: Watcher | None = None
+        self.first_log = ""
 
     @property
     def frame(self) -> Frame:
@@ -112,6 +113,7 @@ class Day:
 
     def morning(self) -> None:
         self.watch()
+        self.first_log = Path(self.console.where().log_path).name
         self.shows("NDVI", 30.0)
         self.picture("start")
         self.press("F10")
@@ -204,17 +206,25 @@ class Day:
         self.press("p")
 
     def learn(self) -> None:
-        """The log of the morning, the second in the list: the newest is the short one after the power cut."""
+        """The log of the morning."""
         self.press("F9")
         self.shows("run", 20.0)
         time.sleep(2.0)
-        self.press("Down", "Enter")
+        for _row in range(12):                # exports of the evening stand above the log of the morning
+            if any(row.lstrip().startswith(">") and f" {self.first_log}" in row
+                   for row in self.console.terminal.text().splitlines()):
+                break
+            self.press("Down")
+        self.press("Enter")
         self.shows("against huanghai", 120.0)
         self.picture("diagnosis")
         self.press("k")
         self.shows("machine file")
         self.picture("adopt-asked")
         self.press("Enter")
+        time.sleep(1.0)
+        if self.console.terminal.shows("Why this one?"):
+            self.answer("Why this one?", *"tried", "Enter")
         self.shows(".yaml", 20.0)
         self.picture("adopted")
         self.press("Enter")
