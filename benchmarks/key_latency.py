@@ -71,16 +71,24 @@ def console_alone(terminal: Terminal) -> Iterator[tuple[str, float]]:
     time.sleep(0.2)
 
 
+def from_its_start(terminal: Terminal) -> None:
+    """A log that came to its end has stopped."""
+    terminal.type(HOME)
+    time.sleep(0.4)
+    if "playing" not in terminal.text():
+        took(terminal, "p", lambda text: "playing" in text)
+
+
 def in_replay(terminal: Terminal, times: int) -> Iterator[tuple[str, float]]:
     """Hold pauses the log, for there is no machine."""
     for _time in range(times):
-        took(terminal, HOME, lambda text: "playing" in text)
+        from_its_start(terminal)
         yield "page", took(terminal, F3, lambda text: PAGE in text)
         took(terminal, F7, lambda text: PAGE not in text)
         time.sleep(0.2)
         yield "dialog", took(terminal, "v", lambda text: "Findings about" in text)
         took(terminal, ESCAPE, lambda text: "Findings about" not in text)
-        time.sleep(0.2)
+        from_its_start(terminal)
         yield "hold", took(terminal, " ", lambda text: "paused" in text)
         took(terminal, " ", lambda text: "playing" in text)
         time.sleep(0.2)

@@ -28,7 +28,7 @@ HIDDEN = "shaft.gain=-6"
 PORT = 4300
 UNPLUGGED_S, FOR_S = 75.0, 8.0          # the receiver, since the machine was switched on
 KEYS = {"F2": "\x1bOQ", "F3": "\x1bOR", "F5": "\x1b[15~", "F7": "\x1b[18~", "F9": "\x1b[20~", "F10": "\x1b[21~",
-        "Enter": "\r", "Space": " ", "Down": "\x1b[B", "Ctrl+Q": "\x11"}
+        "Enter": "\r", "Space": " ", "Down": "\x1b[B", "Ctrl+Q": "\x11", "Esc": "\x1b"}
 
 
 class DayConsole(Console):
@@ -59,13 +59,14 @@ class DayConsole(Console):
 
 
 class Day:
-    def __init__(self, folder: Path, out: Path) -> None:
+    def __init__(self, folder: Path, out: Path, caps_lock: bool = False) -> None:
         out.mkdir(parents=True, exist_ok=True)
-        self.out, self.console = out, DayConsole(folder)
+        self.out, self.console, self.caps_lock = out, DayConsole(folder), caps_lock
         self.begun_s = time.monotonic()
         self.lines: list[str] = []
         self.pictures = 0
         self.watcher: Watcher | None = None
+        self.first_log = ""
 
     @property
     def frame(self) -> Frame:
@@ -79,9 +80,9 @@ class Day:
 
     def press(self, *keys: str) -> None:
         for key in keys:
-            self.console.terminal.type(KEYS.get(key, key))
+            self.console.terminal.type(KEYS.get(key, key.upper() if self.caps_lock else key))
             time.sleep(0.25)
-        self.say("press  " + " ".join(keys))
+        self.say("press  " + " ".join(key if key in KEYS or not self.caps_lock else key.upper() for key in keys))
 
     def answer(self, question: str, *keys: str) -> None:
         """Keys for a dialog, once it stands there."""
@@ -112,6 +113,7 @@ class Day:
 
     def morning(self) -> None:
         self.watch()
+        self.first_log = Path(self.console.where().log_path).name
         self.shows("NDVI", 30.0)
         self.picture("start")
         self.press("F10")
@@ -204,20 +206,30 @@ class Day:
         self.press("p")
 
     def learn(self) -> None:
-        """The log of the morning, the second in the list: the newest is the short one after the power cut."""
+        """The log of the morning."""
         self.press("F9")
         self.shows("run", 20.0)
         time.sleep(2.0)
-        self.press("Down", "Enter")
+        for _row in range(12):                # exports of the evening stand above the log of the morning
+            if any(row.lstrip().startswith(">") and f" {self.first_log}" in row
+                   for row in self.console.terminal.text().splitlines()):
+                break
+            self.press("Down")
+        self.press("Enter")
         self.shows("against huanghai", 120.0)
         self.picture("diagnosis")
         self.press("k")
         self.shows("machine file")
         self.picture("adopt-asked")
         self.press("Enter")
+        time.sleep(1.0)
+        if self.console.terminal.shows("Why this one?"):
+            self.answer("Why this one?", *"tried", "Enter")
         self.shows(".yaml", 20.0)
         self.picture("adopted")
-        self.press("Enter", "Ctrl+Q")
+        self.press("Enter")
+        self.answer("Use it now?", "Esc")
+        self.press("Ctrl+Q")
         self.until("the console's end", lambda: self.console.terminal.process.poll() is not None)
 
     def run(self) -> int:
@@ -241,5 +253,7 @@ class Day:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--caps-lock", action="store_true", help="Every letter comes as a capital.")
     with tempfile.TemporaryDirectory() as own:
-        sys.exit(Day(Path(own), parser.parse_args().out).run())
+        given = parser.parse_args()
+        sys.exit(Day(Path(own), given.out, given.caps_lock).run())

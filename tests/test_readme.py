@@ -23,4 +23,5 @@ def test_pages_with_their_keys() -> None:
 
 def test_commands() -> None:
     told = " ".join(row.split("|")[1] for row in rows("| command |"))
-    assert set(re.findall(r"`topdress ([a-z-]+)", told)) == {one.name for one in app.registered_commands}
+    assert set(re.findall(r"`topdress ([a-z-]+)", told)) == {
+        one.name for one in (*app.registered_commands, *app.registered_groups)}

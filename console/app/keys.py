@@ -208,7 +208,7 @@ def leave(app: TopdressApp) -> None:
 
 
 ACTIONS = (
-    Action("hold", "space", "Space", N_("hold"), N_("Flow to zero at once; start goes on. In a replay alone: pause."),
+    Action("hold", "space", "Space", N_("hold"), N_("Stops the flow at once; Start resumes. In a replay alone: pause."),
            hold, bar=1, locked=True, priority=True),
     Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."), stop,
            bar=2, locked=True, priority=True),
@@ -218,9 +218,9 @@ ACTIONS = (
     Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
     Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),
            locked=True),
-    Action("trends_screen", "f4", "F4", N_("trends"), N_("Any channel over any span; freeze, read at a time."),
+    Action("trends_screen", "f4", "F4", N_("trends"), N_("Any channel over any time span; freeze it, read off values."),
            opens(TRENDS), locked=True),
-    Action("devices_screen", "f5", "F5", N_("devices"), N_("Every line, what it says; test, write raw."),
+    Action("devices_screen", "f5", "F5", N_("devices"), N_("Every port and what it sends; test it, record raw data."),
            opens(DEVICES), locked=True),
     Action("calibrate_screen", "f6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
            opens(CALIBRATE), locked=True),

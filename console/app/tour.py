@@ -31,11 +31,11 @@ class Step(NamedTuple):
 
 
 STEPS = (
-    Step(N_("This machine is simulated: nothing moves outside. Press R: it gets ready."),
+    Step(N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
          lambda seen: seen.state in ("ready", "working", "held")),
     Step(N_("Press S: the tractor drives on and fertilizer flows."),
          lambda seen: seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA),
-    Step(N_("Largest: the rate wanted and the rate given. Below: speed, shaft, opening, what is left in the hopper."),
+    Step(N_("The big numbers: target rate and applied rate. Below: speed, shaft, opening, what is left in the hopper."),
          lambda seen: seen.lasted_s >= READ_S),
     Step(N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
          lambda seen: seen.frame.row.strategy != seen.began.row.strategy),

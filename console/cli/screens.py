@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,11 +13,12 @@ import platformdirs
 from console.cli.plain_errors import CommandError, need_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from pydantic import BaseModel
 
     from console.app.services import Services
+    from console.link import Where
     from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
@@ -25,11 +27,8 @@ if TYPE_CHECKING:
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None,
              model_check: bool = False) -> None:
     """The console on the worker that runs, or on one started for it."""
-    from console.app.app import TopdressApp
     from console.link import Link, WorkerFailed, find_running
     from console.services.job import JobFiles, Launcher
-    from console.services.live_checker import LiveChecker
-    from console.services.settings import settings_store
     from drivers.files.setup import by_kind, setup_of
     found = by_kind(config)
     setup = setup_of(found, dt.date.today())
@@ -50,13 +49,27 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
             launcher.adopt(running.log_path)
             source = Link(running)
         elif job.offer() is None:           # else the console asks whether to go on with it
-            source = Link(launcher.start())
+            source = Link(_beside(launcher.start))
     except WorkerFailed as error:
         raise CommandError(str(error)) from None
+    from console.app.app import TopdressApp
+    from console.services.live_checker import LiveChecker
+    from console.services.settings import settings_store
     TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                 hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
                 services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
                                  model_check=LiveChecker().latest if model_check else None)).run()
+
+
+def _beside(start: Callable[[], Where]) -> Where:
+    """The worker comes up, a process of its own, while this one imports the console: each takes about as long."""
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        started = beside.submit(start)
+        import console.app.app
+        import console.services.calibrate
+        import console.services.diagnosis
+        import console.services.layers  # noqa: F401
+        return started.result()
 
 
 def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> Services:

@@ -441,4 +441,4 @@ async def test_without_files_the_page_says_so(source, clock, frames):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f6", "s")
         await pilot.pause()
-        assert "not offered here" in app.notice_text and len(app.screen_stack) == 2
+        assert "not available here" in app.notice_text and len(app.screen_stack) == 2

@@ -393,7 +393,7 @@ async def test_without_a_service_the_page_says_so(app):
     async with app.run_test(size=(80, 24)) as pilot:
         await opened(app, pilot)
         await pilot.press("enter")
-        assert app.notice_text == "diagnosis is not offered here"
+        assert app.notice_text == "diagnosis is not available here"
 
 
 async def test_every_action_is_in_the_palette(desk):

@@ -9,8 +9,11 @@ import pytest
 from console.app import actions
 from console.app.action import ANYWHERE
 from console.app.app import TopdressApp
+from console.app.dialogs import Choice
 from console.app.pages.all import all_pages
+from console.app.pages.settings.page import ThemeDialog
 from console.app.pages.settings.settings_list import SettingsList
+from console.app.sample import sample_services
 from console.app.services import Services
 from console.app.settings import SettingsStore, clash, keymap_problem, theme_of
 from console.locale import in_use, languages
@@ -245,3 +248,19 @@ def test_the_tables_of_pages_name_the_same_pages():
     opened = [one.id.removesuffix("_screen") for one in actions.pages()]
     assert opened == list(all_pages(None, Services()))
     assert {one.where for one in actions.ACTIONS} - {ANYWHERE} <= set(opened)
+
+
+async def test_a_theme_is_seen_while_it_is_chosen_and_escape_brings_the_old_one_back(source, clock):
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        before = app.theme
+        choices = [Choice(name, name) for name in ("day", "night", "contrast")]
+        app.push_screen(ThemeDialog("Theme", choices, before))
+        await pilot.pause()
+        await pilot.press("down")
+        await pilot.pause()
+        assert app.theme != before
+        await pilot.press("escape")
+        await pilot.pause()
+        assert app.theme == before

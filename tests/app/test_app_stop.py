@@ -53,6 +53,8 @@ DIALOGS = {
     GoneScreen: lambda: GoneScreen("gone", True, True),
     AlarmList: lambda: AlarmList("Alarms", ()),
     HelpScreen: lambda: HelpScreen(actions.at("run")),
+    settings_page.ThemeDialog: lambda: settings_page.ThemeDialog("Theme", [Choice("day", "Day"), Choice("night", "N")],
+                                                                 "day"),
     settings_page.KeyDialog: lambda: settings_page.KeyDialog("start", "S"),
     KeyDialog: lambda: KeyDialog("Key", "", "", lambda typed: ""),
     CommandPalette: CommandPalette,

@@ -1,4 +1,4 @@
-"""F1: what every key does, and what the signs mean."""
+"""F1: what every key does, and what the signs mean; a word typed after / leaves the lines that hold it."""
 from __future__ import annotations
 
 from typing import ClassVar
@@ -9,7 +9,7 @@ from textual.binding import Binding
 from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen
-from textual.widgets import Static
+from textual.widgets import Input, Static
 
 from console.app.action import Action
 from console.app.widgets.panel import Part, fit
@@ -18,7 +18,7 @@ from console.locale import _
 
 class HelpScreen(ModalScreen[None]):
     AUTO_FOCUS = "#help-scroll"
-    BINDINGS: ClassVar = [Binding("escape,f1,enter", "close", show=False)]
+    BINDINGS: ClassVar = [Binding("escape,f1,enter", "close", show=False), Binding("slash", "search", show=False)]
 
     def __init__(self, shown: tuple[Action, ...]) -> None:
         super().__init__()
@@ -27,7 +27,8 @@ class HelpScreen(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         with VerticalScroll(id="help-scroll", classes="dialog wide"):
             yield Static(_("Keys of this screen"), classes="dialog-title", markup=False)
-            yield Static(self._keys())
+            yield Input("", placeholder=_("/ searches"), id="help-search", classes="name-input", compact=True)
+            yield Static(self._keys(), id="help-keys")
             yield Static(_("Signs"), classes="dialog-title", markup=False)
             yield Static("\n".join((
                 _("Orange, ✖, ALARM: flow is stopped or about to be; acknowledge it.  Blue, !, CAUTION: work goes on."),
@@ -36,9 +37,24 @@ class HelpScreen(ModalScreen[None]):
             )), markup=False)
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
-    def _keys(self) -> Content:
-        shown = self.shown
-        width = max(cell_len(_(action.label)) for action in shown) + 3
+    def action_search(self) -> None:
+        self.query_one("#help-search", Input).focus()
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        self.query_one("#help-keys", Static).update(self._keys(event.value))
+
+    def on_input_submitted(self) -> None:
+        """Enter ends the typing: letters are keys again, the lines stay."""
+        self.query_one("#help-scroll").focus()
+
+    def _keys(self, wanted: str = "") -> Content:
+        """The lines that hold every word that is wanted, in key, name or what it does."""
+        words = wanted.lower().split()
+        shown = [action for action in self.shown
+                 if all(word in f"{action.shown} {_(action.label)} {_(action.help)}".lower() for word in words)]
+        if not shown:
+            return Content(_("no key does this on this page"))
+        width = max(cell_len(_(action.label)) for action in self.shown) + 3
         parts: list[Part] = []
         for action in shown:
             parts += [(fit(f" {action.shown}", 7), "bold $primary"), (fit(_(action.label), width), "bold"),

@@ -48,7 +48,7 @@ def _with_files(do: Callable[[CalibrateScreen], None]) -> Callable[[CalibrateScr
     """Refused in words where this console cannot compute and save."""
     def run(page: CalibrateScreen) -> None:
         if page.job is None:
-            page.tell(_("calibrating is not offered here: start topdress run"))
+            page.tell(_("calibration is not available here: start topdress run"))
         else:
             do(page)
 

@@ -43,17 +43,19 @@ def _ask_disconnect(page: DevicesScreen, device: DeviceView) -> None:
             page.order(device, DeviceDo.DISCONNECT)
 
     page.app.push_screen(Confirm(_("Disconnect {device}?").format(device=device.name),
-                                 _("Its line is let go until C connects it again; work without it may stop.")), answer)
+                                 _("It stays disconnected until C connects it again; work may stop without it.")),
+           answer)
 
 
 ACTIONS = (
     Action("dev_up", "up", "Up", N_("device above"), N_("Picks the device above."), above, DEVICES),
     Action("dev_down", "down", "Down", N_("device below"), N_("Picks the device below."), below, DEVICES),
-    Action("dev_test", "t", "T", N_("test"), N_("Listens what speaks on this line; nothing is sent."), test, DEVICES,
+    Action("dev_test", "t", "T", N_("test"), N_("Listens to what is on this port; nothing is sent."), test, DEVICES,
            4),
     Action("dev_capture", "w", "W", N_("write raw"),
-           N_("Writes what comes and goes into a file beside the log; again: ends it."), write_raw, DEVICES, 5),
+           N_("Records what is received and sent in a file beside the log; again: stops."), write_raw, DEVICES, 5),
     Action("dev_plug", "c", "C", N_("connect / disconnect"),
-           N_("Takes the line or lets go of it; letting go is asked once and refused while working."), plug, DEVICES,
+           N_("Connects or disconnects the port; disconnecting is asked once and refused while working."), plug,
+           DEVICES,
            6),
 )

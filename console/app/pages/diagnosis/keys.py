@@ -65,7 +65,7 @@ def against(page: DiagnosisScreen) -> None:
             page.machine = name or None
             page.look()
 
-    page.app.push_screen(ChoiceDialog(_("Held against which machine file?"), choices, page.machine or ""), answer)
+    page.app.push_screen(ChoiceDialog(_("Compare against which machine file?"), choices, page.machine or ""), answer)
 
 
 def next_view(page: DiagnosisScreen) -> None:
@@ -200,15 +200,15 @@ def other_log(page: DiagnosisScreen, found: Found) -> None:
 
 
 ACTIONS = (
-    Action("dia_up", "up", "Up", N_("above"), N_("The file, or the cause, above."), above, DIAGNOSIS),
-    Action("dia_down", "down", "Down", N_("below"), N_("The file, or the cause, below."), below, DIAGNOSIS),
+    Action("dia_up", "up", "Up", N_("above"), N_("Moves up one file or cause."), above, DIAGNOSIS),
+    Action("dia_down", "down", "Down", N_("below"), N_("Moves down one file or cause."), below, DIAGNOSIS),
     Action("dia_begin", "enter", "Enter", N_("diagnose"),
            N_("Looks at the chosen file; nothing of the machine is touched."), diagnose, DIAGNOSIS, 3),
     Action("dia_pick", "p", "P", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
            4),
     Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,
            asks="text"),
-    Action("dia_machine", "m", "M", N_("against"), N_("The machine file that the data is held against."), against,
+    Action("dia_machine", "m", "M", N_("against"), N_("The machine file that the data is compared with."), against,
            DIAGNOSIS),
     Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
            next_view, DIAGNOSIS, 5),

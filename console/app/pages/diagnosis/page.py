@@ -196,7 +196,7 @@ class DiagnosisScreen(Page):
 
     def perform(self, action: Action) -> None:
         if self.service is None:
-            self.app.notice(_("diagnosis is not offered here"))
+            self.app.notice(_("diagnosis is not available here"))
             return
         if self.busy:
             self.app.notice(_("at work: Esc cancels"))

@@ -63,7 +63,7 @@ def _forget_strip(page: JobScreen) -> None:
 def _store_strip(page: JobScreen, ndvi: float) -> None:
     desk = page.desk
     if desk is None:
-        page.app.notice(_("files are not at hand here"))
+        page.app.notice(_("files are not available here"))
     else:
         page.take(lambda: desk.take_strip(ndvi))
 
@@ -76,7 +76,7 @@ def _with_files(do: Callable[[JobScreen, JobDesk], None]) -> Callable[[JobScreen
     """Refused in words where this console has no files at hand."""
     def run(page: JobScreen) -> None:
         if page.desk is None:
-            page.app.notice(_("files are not at hand here"))
+            page.app.notice(_("files are not available here"))
         else:
             do(page, page.desk)
 
@@ -180,7 +180,7 @@ def who(page: JobScreen, desk: JobDesk) -> None:
 
 
 ACTIONS = (
-    Action("job_details", "v", "V", N_("details"), N_("Everything that the check list has to say, in full."), details,
+    Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details,
            JOB, 3, locked=True),
     Action("job_file", "j", "J", N_("job"), N_("Takes another job file; the control worker starts again with it."), job,
            JOB, 4),

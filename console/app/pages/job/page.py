@@ -100,7 +100,7 @@ class JobScreen(Page):
         super().show_numbers(view)
         units = self.app.units
         frame, age_s = self.seen(self.app.clock())
-        trouble = self.trouble or ("" if self.desk is not None else _("files are not at hand here"))
+        trouble = self.trouble or ("" if self.desk is not None else _("files are not available here"))
         self.query_one("#job-checks", CheckList).show(ChecksView(
             checks(frame, age_s, self.facts, trouble, self.free_bytes, units), in_use()))
         self.query_one("#job-totals", Items).show(totals(
@@ -152,7 +152,7 @@ class JobScreen(Page):
     def ask_refill(self) -> None:
         unit, seen_kg = self.app.units.mass, self.refill.seen_kg
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
-        text = _("Seen by the scale; Enter records it.") if seen_kg is not None else ""
+        text = _("Measured by the scale; Enter records it.") if seen_kg is not None else ""
 
         def answer(filled_kg: float | None) -> None:
             if filled_kg is not None:

@@ -62,12 +62,13 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
     field_ha = picture.area_ha if picture is not None else None
     mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
     left = to_finish(frame, picture)
+    time_left = "--" if left.time_s is None else duration(left.time_s)
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
-    row, ends = frame.row, "--" if left.time_s is None else duration(left.time_s)
+    row = frame.row
     return tuple(Item(label, Shown(text, stale)) for label, text in (
         (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
         (_("left"), units.area.full(left.area_ha)),
-        (_("time left"), f"{ends}  {units.distance.full(left.way_m)}"),
+        (_("time left"), f"{time_left}  {units.distance.full(left.way_m)}"),
         (_("applied"), units.mass.full(frame.applied_kg)),
         (_("still needed"), units.mass.full(left.product_kg)),
         (_("in hopper"), units.mass.full(row.hopper_kg)),

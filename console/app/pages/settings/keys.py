@@ -47,7 +47,7 @@ def default(page: SettingsScreen) -> None:
 
 
 def all_defaults(page: SettingsScreen) -> None:
-    question = Confirm(_("All settings as delivered?"), _("Units, language, look, keys: everything."))
+    question = Confirm(_("Reset all settings?"), _("Units, language, look, keys: everything."))
     page.app.push_screen(question, lambda yes: page.take(Settings()) if yes else None)
 
 
@@ -59,10 +59,10 @@ ACTIONS = (
            locked=True),
     Action("setting_first", "home", "Home", N_("first"), N_("The first setting."), first, SETTINGS, locked=True),
     Action("setting_last", "end", "End", N_("last"), N_("The last setting."), last, SETTINGS, locked=True),
-    Action("setting_change", "enter", "Enter", N_("change"), N_("Changes the marked setting; it is kept at once."),
+    Action("setting_change", "enter", "Enter", N_("change"), N_("Changes the selected setting; it is saved at once."),
            change, SETTINGS, 3, asks="text"),
-    Action("setting_default", "delete,backspace", "Del", N_("default"), N_("The marked setting as it was delivered."),
+    Action("setting_default", "delete,backspace", "Del", N_("default"), N_("Resets the selected setting."),
            default, SETTINGS, 5),
-    Action("settings_defaults", "r", "R", N_("all defaults"), N_("Every setting as it was delivered; asked once."),
+    Action("settings_defaults", "r", "R", N_("all defaults"), N_("Resets every setting; asked once."),
            all_defaults, SETTINGS, 6),
 )

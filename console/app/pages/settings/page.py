@@ -59,7 +59,7 @@ class SettingsScreen(Page):
         super().show_numbers(view)
         if self.store is None:
             self.query_one("#settings-list", SettingsList).show(
-                SettingsView((), 0, _("settings are not kept here"), "", in_use()))
+                SettingsView((), 0, _("settings are not saved here"), "", in_use()))
             return
         default = Settings()
         lines = tuple(SettingLine(row.group, row.label, row.shown, _at(self.store.settings, row.path)
@@ -100,7 +100,7 @@ class SettingsScreen(Page):
 
     def perform(self, action: Action) -> None:
         if self.store is None:
-            self.app.notice(_("settings are not kept here"))
+            self.app.notice(_("settings are not saved here"))
             return
         super().perform(action)
         self._look()
@@ -123,7 +123,8 @@ class SettingsScreen(Page):
         if row.choices:
             value = _at(now, row.path)
             value = {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
-            self.app.push_screen(ChoiceDialog(row.label, row.choices, str(value)), self._chosen(row.path))
+            kind = ThemeDialog if row.path == ("theme",) else ChoiceDialog
+            self.app.push_screen(kind(row.label, row.choices, str(value)), self._chosen(row.path))
         elif row.number is not None:
             low, high, unit = row.number
             self.app.push_screen(NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
@@ -160,7 +161,7 @@ class SettingsScreen(Page):
         return take
 
     def put_back(self) -> None:
-        """The marked setting as it was delivered."""
+        """Resets the selected setting."""
         assert self.store is not None
         path = self.rows()[self.at].path
         if path[0] != "keymap":
@@ -208,6 +209,22 @@ class SettingsScreen(Page):
     def _look(self) -> None:
         self.hurry()
         self.app.tick()
+
+
+class ThemeDialog(ChoiceDialog):
+    """The marked theme is seen at once; Escape brings the old one back."""
+
+    def _mark(self) -> None:
+        super()._mark()
+        self._wear(self.choices[self.at].value)
+
+    def action_cancel(self) -> None:
+        self._wear(self.now)
+        super().action_cancel()
+
+    def _wear(self, name: str) -> None:
+        if name in self.app.available_themes:
+            self.app.theme = name
 
 
 class KeyDialog(Dialog[str | None]):
