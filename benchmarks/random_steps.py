@@ -1,9 +1,10 @@
 """Random steps of the control loop with wild places, times and numbers: `python benchmarks/random_steps.py --steps N`
 
-A machine drives to and fro on a field and works. A share of its readings, of the times of its ticks and of its orders
-is wild: no number, infinite, from the future, from the past, elsewhere on earth. The interlocks are written
-here a second time, from docs/safety.md, and with a memory of their own; every command that turns the shaft is held
-against them, every command against the limits of the drives, every row against the log's text and the console's frame.
+A machine drives to and fro on a field and works, by any strategy, at times with START held down while it creeps; a
+tractor tells speeds to come. A share of its readings, of the times of its ticks and of its orders is wild: no number,
+infinite, from the future, from the past, elsewhere on earth. The interlocks are written here a second time, from
+docs/safety.md, and with a memory of their own; every command that turns the shaft is held against them, every command
+against the limits of the drives, every row against the log's text and the console's frame.
 
 Printed, and the exit code is 1 unless the first two are 0 and material flowed: interlocks broken, exceptions, the
 slowest tick (of the thread's own time), the memory that the process took at most, ticks with flow. With `--state FILE`
@@ -34,8 +35,8 @@ from control.field.job import Job, Wanted
 from control.geodesy import TangentPlane
 from control.loop import ControlLoop
 from control.loop.tick import Tick
-from control.orders import Do, Order, State, TargetSource
-from control.readings import GnssFix, Measurements, Reading
+from control.orders import Do, Order, State, Strategy, TargetSource
+from control.readings import GnssFix, Measurements, Reading, SpeedTold
 from control.simulation.assembly import control_loop, with_simulated_field
 from drivers.files.log_text import RowText
 from drivers.files.setup import load_setup
@@ -131,6 +132,7 @@ class Machine:
         self._said: dict[str, Any] = {}
         self._off: tuple[float, float] | None = None
         self._skew_s = 0.0
+        self._told = chance.random() < 0.5      # the tractor speaks
         self._frozen = 0                # ticks for which clock and devices still stand
         self._last: Measurements | None = None
 
@@ -148,7 +150,7 @@ class Machine:
         self._true_s += DT_S
         self._driven_m += self._speed_mps * DT_S
         if chance.random() < 0.002:
-            self._speed_mps = chance.choice((0.0, 0.4, 0.8, 1.2, 2.0, 4.0))
+            self._speed_mps = chance.choice((0.0, 0.15, 0.25, 0.4, 0.8, 1.2, 2.0, 4.0))
         now_s = self._true_s + self._skew_s
         if chance.random() < 0.02 * self._wild:
             now_s += chance.choice(TICKS_S if chance.random() < 0.2 else TICKS_S[:-5])
@@ -168,10 +170,22 @@ class Machine:
             self._said["gnss"] = self._fix(now_s, self._east_m, north_m, 180.0 if back else 0.0)
         if self._odd(0.05):
             self._said["work_switch"] = chance.choice((True, False, None))
+        self._tell(now_s)
         if self._odd(0.05):
             self._said.pop(chance.choice(sorted(self._said)), None)
         return Measurements(now_s, **{"work_switch": True} | self._said, drive_fault=self._odd(0.01),
                             drive_stopped=self._odd(0.01))
+
+    def _tell(self, now_s: float) -> None:
+        """What the tractor says of its speeds."""
+        if not self._told or self._quiet():
+            return
+        chance = self._chance
+        points = [(0.0, self._speed_mps), (1.0, chance.choice((0.0, 1.2, 3.0)))][:chance.choice((1, 2))]
+        if self._odd(0.1):
+            points[-1] = chance.choice(WILD), chance.choice(WILD)
+        self._said["speed_told"] = SpeedTold(now_s - (chance.choice(LATE_S) if self._odd(0.1) else 0.0), tuple(points),
+                                             chance.choice(WILD) if self._odd(0.05) else 0.5)
 
     def _odd(self, share: float) -> bool:
         return self._chance.random() < share * self._wild
@@ -228,7 +242,7 @@ def run(number: int, seed: int, setup: Any, done: Done) -> None:
     chance = random.Random(f"{seed}/{number}")
     source = chance.choice((TargetSource.MANUAL, TargetSource.CANOPY))
     target = Wanted(source=source, manual_rate_kg_ha=chance.choice((100.0, 300.0)))
-    job = setup.job.model_copy(update={"target": target})
+    job = setup.job.model_copy(update={"target": target, "strategy": chance.choice(list(Strategy))})
     if chance.random() < 0.8:
         job = with_simulated_field(job, setup.machine)
     has_switch = chance.random() < 0.3
@@ -258,6 +272,8 @@ def run(number: int, seed: int, setup: Any, done: Done) -> None:
 
 
 def _order(loop: ControlLoop, chance: random.Random) -> None:
+    if chance.random() < 0.2:
+        loop.order(Order(Do.START, True))
     if chance.random() < 0.05:
         for order in SETTLING:
             loop.order(order)

@@ -119,12 +119,12 @@ def possible(m: Measurements) -> Measurements:
             unknown["gnss"] = None
         elif odd:
             unknown["gnss"] = fix._replace(**odd)
-    if m.speed_told is not None and not _can_be_told(m.speed_told):
+    if m.speed_told is not None and not can_be_told(m.speed_told):
         unknown["speed_told"] = None
     return m._replace(**unknown) if unknown else m
 
 
-def _can_be_told(told: SpeedTold) -> bool:
+def can_be_told(told: SpeedTold) -> bool:
     """Whether these are speeds of a machine that spreads, at times that rise from now on."""
     times = [in_s for in_s, _ in told.points]
     return (isfinite(told.time_s) and 0.0 < told.acceleration_mps2 <= 10.0 and 0 < len(times) <= MOST_TOLD

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
-from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading
+from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedTold
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
 from drivers.cab_line import DatagramLine, DeviceLine
 from drivers.datagrams import Datagrams, open_datagrams, open_line
@@ -19,6 +19,7 @@ from drivers.devices.lines import Counts
 from drivers.devices.point_dose import Dose
 from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.slave_board import BoardReadings, DriveLimits, SlaveBoard
+from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.devices.wheel import WheelGeometry
 from drivers.ports import Clock, Port
 
@@ -78,6 +79,13 @@ class Cab:
             port = opener(config.lag_rig.port, config.lag_rig.baud, clock)
             self._rig = DeviceLine("lag_rig", "lag-rig/1", port, rig.counts,
                                    serial_baud(config.lag_rig.port, config.lag_rig.baud)), rig
+        self._speed_told: SpeedTold | None = None
+        self._tractor: tuple[DeviceLine, TractorSpeedDecoder] | None = None
+        if config.tractor is not None:
+            decoder = TractorSpeedDecoder()
+            port = opener(config.tractor.port, config.tractor.baud, clock)
+            self._tractor = DeviceLine("tractor", "tractor-speed/1", port, decoder.counts,
+                                       serial_baud(config.tractor.port, config.tractor.baud)), decoder
         self._listening = self._listeners()
 
     def measure(self, now_s: float) -> Measurements:
@@ -95,7 +103,7 @@ class Cab:
                 line.put_aside(error)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
-                            drive_stopped=self._drive_stopped(),
+                            drive_stopped=self._drive_stopped(), speed_told=self._speed_told,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -153,7 +161,7 @@ class Cab:
             line.write(self._clock(), rig.order(run, arm))
 
     def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
-        """Every device, in the order gnss, heads, board, rate module, lag rig."""
+        """Every device, in the order gnss, heads, board, rate module, lag rig, tractor."""
         return tuple(line.status(now_s) for line in self._lines())
 
     def line(self, name: str) -> DeviceLine | None:
@@ -198,7 +206,15 @@ class Cab:
             found.append((self._module.line, self._read_module))
         if self._rig is not None:
             found.append((self._rig[0], partial(self._read_rig, *self._rig)))
+        if self._tractor is not None:
+            found.append((self._tractor[0], partial(self._read_tractor, *self._tractor)))
         return found
+
+    def _read_tractor(self, line: DeviceLine, decoder: TractorSpeedDecoder, now_s: float) -> None:
+        data = line.read(now_s)
+        told = decoder.feed(data, now_s) if data else []
+        self._speed_told = told[-1] if told else self._speed_told
+        line.note(one.time_s for one in told)
 
     def _read_gnss(self, now_s: float) -> None:
         assert self._gnss is not None

@@ -169,6 +169,13 @@ class LagRigConfig(_Config):
     baud: Baud = 115200
 
 
+class TractorConfig(_Config):
+    """The tractor's own computer, or a gateway to it, that tells the speeds it will aim at (`$PTDSP`)."""
+
+    port: str
+    baud: Baud = 115200
+
+
 class CabConfig(_Config):
     """Which devices a machine has and where they are plugged in; None: not fitted.
 
@@ -184,6 +191,7 @@ class CabConfig(_Config):
     board: BoardConfig | None = None
     rate_module: RateModuleConfig | None = None
     lag_rig: LagRigConfig | None = None
+    tractor: TractorConfig | None = None
 
     @model_validator(mode="after")
     def _can_meter(self) -> Self:

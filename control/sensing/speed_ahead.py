@@ -134,8 +134,8 @@ class Forecaster:
 
 
 def _aimed(told: SpeedTold, in_s: float) -> float:
-    """The speed that is aimed at so many seconds after it was told, m/s."""
-    return next(mps for since, mps in reversed(told.points) if since <= in_s + 1e-9 or since == 0.0)
+    """The speed that is aimed at so many seconds after it was told, m/s, whichever way: `speed_used` has no sign."""
+    return next(abs(mps) for since, mps in reversed(told.points) if since <= in_s + 1e-9 or since == 0.0)
 
 
 def _towards(mps: float, aimed: float, most: float) -> float:

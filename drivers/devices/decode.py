@@ -14,6 +14,7 @@ from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lines import Counts
 from drivers.devices.slave_board import BoardReadings, SlaveBoard
+from drivers.devices.tractor_speed import TractorSpeedDecoder
 
 Record = dict[str, float | int | str | None]
 
@@ -90,11 +91,18 @@ def _agopengps(data: bytes) -> tuple[list[Record], Counts]:
     return _through(AgOpenGpsDecoder(), _fix_record, data)
 
 
+def _tractor(data: bytes) -> tuple[list[Record], Counts]:
+    return _through(TractorSpeedDecoder(), lambda told: {
+        "acceleration_mps2": told.acceleration_mps2,
+        **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in told.points}}, data)
+
+
 PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
     "gnss": _gnss,
     "gpsd": _gpsd,
     "agopengps": _agopengps,
     "board": _board,
+    "tractor": _tractor,
     **{name: partial(_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
     **{f"{name}-multi": partial(_heads, layout, True) for name, layout in HEAD_PROTOCOLS.items()},
 }

@@ -20,7 +20,7 @@ SILENT_S = 2.0              # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
 DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
-                "rate_module": N_("rate module"), "lag_rig": N_("lag rig")}
+                "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor")}
 
 
 class Check(NamedTuple):

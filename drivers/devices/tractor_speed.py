@@ -1,0 +1,68 @@
+"""Speeds that the tractor says it will aim at: one ASCII sentence, of the tractor's own computer or of a gateway to it.
+
+    $PTDSP,0.50,0.0,4.5,1.2,7.0*hh
+
+The first number is the acceleration it drives with, m/s2; then pairs: seconds from now, km/h (backwards negative). The
+first pair is at 0.0: what it aims at now. `hh` is NMEA's sum. Sent at least once a second; after 2 s it says nothing.
+"""
+from __future__ import annotations
+
+import re
+
+from control.readings import MOST_TOLD, SpeedTold, can_be_told
+from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.nmea import checksum
+
+HEAD = b"PTDSP,"
+LONGEST = 1024
+_SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")
+_NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
+
+
+class TractorSpeedDecoder:
+    """Bytes to told speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`, `overlong`, `garbage`;
+    ignored: sentences of another name."""
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self._lines = LineCutter(self.counts, LONGEST)
+
+    def feed(self, data: bytes, time_s: float) -> list[SpeedTold]:
+        """What `data`, which arrived at `time_s`, completes; oldest first."""
+        return [told for line in self._lines.feed(data) if (told := self._take(line, time_s)) is not None]
+
+    def flush(self, time_s: float) -> list[SpeedTold]:
+        """At the end of a recording."""
+        return [told for line in self._lines.flush() if (told := self._take(line, time_s)) is not None]
+
+    def _take(self, line: bytes, time_s: float) -> SpeedTold | None:
+        found = _SENTENCE.fullmatch(line.strip())
+        if found is None:
+            self.counts.reject("garbage")
+            return None
+        body, sum_ = found.groups()
+        if checksum(body) != int(sum_, 16):
+            self.counts.reject("bad_checksum")
+            return None
+        if not body.startswith(HEAD):
+            self.counts.ignore("other_sentence")
+            return None
+        fields = body[len(HEAD):].split(b",")
+        if len(fields) % 2 == 0 or not 3 <= len(fields) <= 1 + 2 * MOST_TOLD or not all(map(_NUMBER.fullmatch, fields)):
+            self.counts.reject("wrong_fields")
+            return None
+        values = [float(field) for field in fields]
+        told = SpeedTold(time_s, tuple((in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)),
+                         values[0])
+        if not can_be_told(told):
+            self.counts.reject("impossible_value")
+            return None
+        self.counts.accept()
+        return told
+
+
+def sentence(told: SpeedTold) -> bytes:
+    """The same as bytes, for a gateway or a virtual tractor."""
+    pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in told.points)
+    body = f"PTDSP,{told.acceleration_mps2:.2f},{pairs}".encode()
+    return b"$%s*%02X\r\n" % (body, checksum(body))
