@@ -24,12 +24,14 @@ def fleet(
                                       "diagnoses only what is new.")],
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, as tcp://host:8786. "
                                                   "None: workers on this computer.")] = None,
-    workers: Annotated[int, typer.Option(min=1, metavar="NUMBER", help="On this computer.")] = max(1, os.cpu_count() or 1),
+    workers: Annotated[int, typer.Option(min=1, metavar="NUMBER",
+                                         help="On this computer.")] = max(1, os.cpu_count() or 1),
     machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one, for logs that name "
                                          "none.")] = "huanghai",
     about: Annotated[Path | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (file "
                                                "name or path), and unit, product, operator, field, time.")] = None,
-    price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts money.")] = None,
+    price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts "
+                                                "money.")] = None,
     currency: Annotated[str, typer.Option(help="Its name.")] = "CNY",
     force: Force = False,
 ) -> None:
