@@ -129,8 +129,8 @@ def promises(found: Sequence[Found]) -> dict[str, object]:
 
 
 # Rate error, %, by manoeuvre, strategy and what is told. Where a figure of the issue is not reached the promise is what
-# is: opening first cannot know a wander of the throttle that shows itself within the lag; at 1 m/s2 the shaft's limit binds;
-# in the middle of a field the first metre passes while the first granules fall.
+# is: opening first cannot know a wander of the throttle that shows itself within the lag; at 1 m/s2 the shaft's limit
+# binds; in the middle of a field the first metre passes while the first granules fall.
 PROMISED: dict[tuple[str, str, str], float] = {
     ("steady 4.5 km/h", "balanced", "none"): 1.1, ("steady 4.5 km/h", "balanced", "drive"): 1.0,
     ("steady 4.5 km/h", "opening_first", "none"): 1.6, ("steady 4.5 km/h", "opening_first", "drive"): 1.0,
