@@ -188,7 +188,7 @@ def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
     assert seen[0][1] == pytest.approx(15.0) and seen[3][1] == pytest.approx(7.0)
     assert work.at(9.0, 0.3)[0] >= seen[3][0], "never back"
     slow = Expected(5.0)
-    assert slow.at(6.0, 0.0) == (0.9, None), "longer than expected, and it says so"
+    assert slow.at(6.0, 0.0) == (0.3, None), "longer than expected, and it says so"
     slow = Expected(5.0)
     assert slow.at(10.0, 0.25) == (0.25, pytest.approx(30.0)), "its own pace"
     assert slow.at(40.0, 1.0) == (1.0, None)

@@ -268,7 +268,7 @@ async def test_help_is_one_key_away(app, shown):
         await pilot.press("f1")
         await pilot.pause()
         text = "\n".join(shown(app))
-        assert "Keys of this screen" in text and "Flow to zero at once" in text
+        assert "Keys of this screen" in text and "Stops the flow at once" in text
         await pilot.press("f1")
         await pilot.pause()
         assert len(app.screen_stack) == 1

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 START_S = 3.0               # imports and reading, whatever the size
 S_PER_MB = 0.6              # of a run log, on two cores
-MOST_BY_TIME = 0.9          # of the bar, that time alone may fill
+MOST_BY_TIME = 0.3          # of the bar, that time alone may fill: it must not stand at its end for minutes
 ENOUGH = 0.2                # of the work, to tell its pace
 
 
