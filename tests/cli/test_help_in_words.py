@@ -89,16 +89,17 @@ def test_a_fault_of_ours_is_one_line_with_the_place_of_its_trace(capsys, tmp_pat
 
 def drawn(text: str, columns: int, complains: bool, monkeypatch, **environment: str) -> str:
     """What stands on a terminal of so many columns."""
-    monkeypatch.setattr(plain_output.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
     held = io.BytesIO()
-    screen = plain_output.PlainOutput(held, encoding="utf-8", line_buffering=True)
-    screen.complains = complains
-    screen.write(text)
-    screen.flush()
+    with monkeypatch.context() as here:             # only here: pytest asks for the terminal's size as well
+        here.setattr(plain_output.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
+        here.delenv("NO_COLOR", raising=False)
+        here.setenv("TERM", "xterm")
+        for name, value in environment.items():
+            here.setenv(name, value)
+        screen = plain_output.PlainOutput(held, encoding="utf-8", line_buffering=True)
+        screen.complains = complains
+        screen.write(text)
+        screen.flush()
     return held.getvalue().decode()
 
 
