@@ -28,7 +28,7 @@ def fleet(
                                          help="On this computer.")] = max(1, os.cpu_count() or 1),
     machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one, for logs that name "
                                          "none.")] = "huanghai",
-    about: Annotated[Path | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (file "
+    about: Annotated[str | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (file "
                                                "name or path), and unit, product, operator, field, time.")] = None,
     price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts "
                                                 "money.")] = None,
@@ -48,9 +48,12 @@ def fleet(
     logs = logs_at(paths)
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
-    reads = [*(Path(log) for log in logs if "://" not in log), named(machine, MACHINE.folder)]
-    refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode())], force)
-    known = {} if about is None else _about(about, logs)
+    table = None if about is None else Path(about)
+    reads = [*(Path(log) for log in logs if "://" not in log), named(machine, MACHINE.folder),
+             *([] if table is None else [table])]
+    tables = [out / f"{name}.parquet" for name in DATA]
+    refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
+    known = {} if table is None else _about(table, logs)
     out.mkdir(parents=True, exist_ok=True)
     salt = f"{software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()

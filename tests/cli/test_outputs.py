@@ -52,7 +52,8 @@ WRITES = {           # every option that names an output
     ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
     ("history", "--out"), ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
     ("import", "--out"), ("import --guess", "--mapping")}
-ELSEWHERE = {("run", "--log"), ("serve", "--token-file")}       # the worker takes a free name; never written over
+# The worker takes a free name; never written over; a folder of several files, below.
+ELSEWHERE = {("run", "--log"), ("serve", "--token-file"), ("fleet", "--out")}
 LOGS = {"simulate", "replay", "import"}                         # their --out is a run log, whose name ends in .csv
 FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
 
@@ -113,16 +114,32 @@ def refused(result: Result) -> str:
 def test_every_option_that_names_an_output_is_tried_here() -> None:
     """Inputs are arguments, or options of texts (a shipped name or a path): an option of a path is an output."""
     built = typer.main.get_command(app).commands          # type: ignore[attr-defined]
+    commands = [(one.name, one, built[one.name]) for one in app.registered_commands]
+    for group in app.registered_groups:                     # calibrate, and each of its kinds
+        commands += [(group.name, one, built[group.name].commands[one.name])
+                     for one in group.typer_instance.registered_commands]
     found = set()
-    for command in app.registered_commands:
+    for said, command, parsed in commands:
         assert command.callback is not None
         function = inspect.unwrap(command.callback)
         hints = typing.get_type_hints(function, vars(inspect.getmodule(function)), include_extras=True)
         for name, hint in hints.items():
             option = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, OptionInfo)), None)
             if option is not None and Path in (hint.__origin__, *typing.get_args(hint.__origin__)):
-                found.add((command.name, next(one.opts[0] for one in built[command.name].params if one.name == name)))
+                found.add((said, next(one.opts[0] for one in parsed.params if one.name == name)))
     assert found | {("run", "--log")} == {(command.split()[0], option) for command, option in WRITES} | ELSEWHERE
+
+
+@pytest.mark.parametrize("theirs", ["report.html", "logs.parquet", "machines.parquet"])
+def test_a_fleet_leaves_files_alone_that_it_did_not_make(place: Path, theirs: str) -> None:
+    (place / "season").mkdir()
+    (place / "season" / theirs).write_bytes(b"somebody's")
+    done = CliRunner().invoke(app, ["fleet", "run.csv", "--out", "season"])
+    assert "exists already" in refused(done)
+    assert (place / "season" / theirs).read_bytes() == b"somebody's"
+    (place / "season" / "logs.parquet").write_bytes((place / "run.csv").read_bytes())
+    done = CliRunner().invoke(app, ["fleet", "season/logs.parquet", "--out", "season", "--force"])
+    assert "is read" in refused(done)
 
 
 def itself(file: Path) -> str:
