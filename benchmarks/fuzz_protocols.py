@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from verdict import exit_code
 
-from control.readings import DriveCommand, GnssFix
+from control.readings import DriveCommand, GnssFix, SpeedTold
 from drivers.board.framing import Receiver
 from drivers.devices import agopengps, board_frames, gpsd, lag_rig, point_dose, rate_module_frames
 from drivers.devices.board_frames import CommandFrame, StatusFrame, encode_command, encode_status
@@ -29,6 +29,7 @@ from drivers.devices.nmea import Ignored, Rejected, parse
 from drivers.devices.rate_module_frames import Relays, Status, Target, encode_relays, encode_target
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
+from drivers.devices.tractor_speed import TractorSpeedDecoder, sentence
 from drivers.ports import memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import gnss_sentences, head_line
@@ -137,6 +138,15 @@ def module_told(chance: random.Random) -> bytes:
                                 chance.random() < 0.5))
 
 
+def tractor_line(chance: random.Random) -> bytes:
+    return sentence(SpeedTold(0.0, ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
+                              chance.uniform(0.1, 2.0)))
+
+
+def tractor_said(data: bytes) -> list[Said]:
+    return list(TractorSpeedDecoder().feed(data, 0.0))
+
+
 def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
     def said(data: bytes) -> list[Said]:
         try:
@@ -201,6 +211,7 @@ def _module() -> Callable[[bytes], object]:
 
 SUBJECTS: dict[str, Subject] = {
     "gnss (NMEA 0183)": Subject(nmea_frame, nmea_said, lambda: _fed(GnssDecoder()), XOR),
+    "tractor": Subject(tractor_line, tractor_said, lambda: _fed(TractorSpeedDecoder()), XOR),
     "gpsd": Subject(gpsd_frame, gpsd_said, lambda: _fed(gpsd.GpsdDecoder()), NO_SUM_TCP),
     "agopengps": Subject(aog_frame, aog_said, lambda: _fed(agopengps.AgOpenGpsDecoder()), SUM),
     "greenseeker": heads("greenseeker", False),
