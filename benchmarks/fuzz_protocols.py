@@ -29,7 +29,8 @@ from drivers.devices.nmea import Ignored, Rejected, parse
 from drivers.devices.rate_module_frames import Relays, Status, Target, encode_relays, encode_target
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
-from drivers.devices.tractor_speed import TractorSpeedDecoder, sentence
+from drivers.devices.tractor_speed import TractorSpeedDecoder
+from drivers.devices.tractor_speed import sentence as told_sentence
 from drivers.ports import memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import gnss_sentences, head_line
@@ -139,7 +140,7 @@ def module_told(chance: random.Random) -> bytes:
 
 
 def tractor_line(chance: random.Random) -> bytes:
-    return sentence(SpeedTold(0.0, ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
+    return told_sentence(SpeedTold(0.0, ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
                               chance.uniform(0.1, 2.0)))
 
 
