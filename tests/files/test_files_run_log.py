@@ -279,10 +279,12 @@ def test_a_log_whose_folder_comes_back_is_written_on(tmp_path: Path, full_row: M
     log.append(full_row(0.15))
     time.sleep(0.05)
     assert not folder.exists(), "nothing is written where the card should be"
-    folder.mkdir()
+    card = tmp_path / "put in again"
+    card.mkdir()
     for name in ("run.csv", "run.yaml"):
         data = (away / name).read_bytes()
-        (folder / name).write_bytes(data[:len(data) - lost_bytes] if name == "run.csv" else data)
+        (card / name).write_bytes(data[:len(data) - lost_bytes] if name == "run.csv" else data)
+    card.rename(folder)                 # all its files at once, as a mount brings them
     log.append(full_row(0.2))
     assert until(lambda: log.ok)
     assert log.close()
