@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from console.locale import N_, _
 from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
-from console.reports.html import GENERATOR, escape, figure, items, paragraph, section, table
+from console.reports.html import escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
@@ -41,10 +41,8 @@ def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], low:
     ]
     about = _("{machines} machines, {logs} logs").format(machines=len(machines), logs=logs)
     body = "\n".join(part for part in parts if part)
-    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{GENERATOR}\n'
-            f'<meta name="viewport" content="width=device-width"><title>{escape(about)}</title>\n'
-            f"<style>{STYLE}</style></head>\n<body><h1>{escape(about)}</h1>\n"
-            f'<p class="verdict">{escape(said)}</p>\n{body}\n{paragraph(software, "dim")}</body></html>\n')
+    return page(about, STYLE, f'<h1>{escape(about)}</h1>\n<p class="verdict">{escape(said)}</p>\n{body}\n'
+                              f'{paragraph(software, "dim")}')
 
 
 def titled(name: str) -> str:

@@ -13,6 +13,13 @@ def escape(text: object) -> str:
     return _escape(str(text), quote=True)
 
 
+def page(title: str, style: str, body: str) -> str:
+    """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML."""
+    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+            f'content="width=device-width">{GENERATOR}<title>{escape(title)}</title>'
+            f"<style>{style}</style></head>\n<body>{body}</body></html>\n")
+
+
 def paragraph(text: str, kind: str = "") -> str:
     """Plain text in a paragraph."""
     return f"<p{_class(kind)}>{escape(text)}</p>"

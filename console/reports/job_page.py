@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
-from console.reports.html import GENERATOR, escape, facts, figure, section
+from console.reports.html import escape, facts, figure, page, section
 from console.reports.job_about import NOBODY, About, named, simulated_band, time_line
 from console.reports.numbers import fixed, number, span_of
 from console.reports.page_style import STYLE
@@ -44,16 +44,14 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
         ("machine", escape(f"{applied.machine.title or applied.machine.id}, {applied.width_m:g} m"))])
     begun = applied.utc(float(applied.stretches.time_s[0]))
     when = "" if begun is None else f", {begun:%Y-%m-%d %H:%M} UTC"
-    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-            f'content="width=device-width">{GENERATOR}<title>{escape(applied.title)}</title>'
-            f'<style>{STYLE}</style></head>\n'
-            f'<body><h1>{escape(applied.title + when)}</h1>{simulated_band(about)}'
+    return page(applied.title, STYLE, (
+            f'<h1>{escape(applied.title + when)}</h1>{simulated_band(about)}'
             f'<p class="verdict">{escape(said)}</p>\n{named(about, about.product or applied.product.name)}\n'
             f'{section("Sums", sums)}\n{section("Wanted and applied", figure(applied_map(applied)))}\n'
             f'{section("What happened", figure(time_line(about)))}\n'
             f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'
             f'<p class="signed"><span>handed over by</span><span>received by</span></p>\n'
-            f'<p class="dim">{escape(software)}</p></body></html>\n')
+            f'<p class="dim">{escape(software)}</p>'))
 
 
 def evenness_against_plan(applied: AsApplied) -> list[tuple[str, str]]:

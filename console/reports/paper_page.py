@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
-from console.reports.html import GENERATOR, escape, figure, paragraph, table
+from console.reports.html import escape, figure, page, paragraph, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture as Drawn
@@ -23,11 +23,8 @@ def paper_page(sections: Sequence[Section], software: str) -> str:
     """A whole HTML page, nothing fetched from elsewhere; the first section stands above the contents."""
     parts = [_section(part, k) for k, part in enumerate(sections)]
     body = "\n".join([*parts[:1], _contents(sections), *parts[1:]])
-    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-            f'content="width=device-width">{GENERATOR}<title>Papers, published beside obtained</title>'
-            f'<style>{STYLE}{PAPERS_STYLE}</style>'
-            f"</head>\n<body><h1>{escape(software)}</h1>"
-            f"<p class=\"verdict\">The papers, published beside obtained</p>\n{body}\n</body></html>\n")
+    return page("Papers, published beside obtained", STYLE + PAPERS_STYLE,
+                f"<h1>{escape(software)}</h1><p class=\"verdict\">The papers, published beside obtained</p>\n{body}\n")
 
 
 def _section(part: Section, number: int) -> str:
