@@ -70,22 +70,19 @@ class Cab:
             board = SlaveBoard(
                 DriveLimits(config.board.max_shaft_rpm, config.board.max_opening_mm),
                 WheelGeometry(config.board.wheel_circumference_m, config.board.wheel_pulses_per_turn))
-            port = opener(config.board.port, config.board.baud, clock)
-            self._drives = DeviceLine("board", "slave-board/1", port, board.counts,
-                                      serial_baud(config.board.port, config.board.baud)), board
+            self._drives = _opened("board", "slave-board/1", config.board.port, config.board.baud, board, clock,
+                                   opener), board
         self._rig: tuple[DeviceLine, LagRig] | None = None
         if config.lag_rig is not None:
             rig = LagRig()
-            port = opener(config.lag_rig.port, config.lag_rig.baud, clock)
-            self._rig = DeviceLine("lag_rig", "lag-rig/1", port, rig.counts,
-                                   serial_baud(config.lag_rig.port, config.lag_rig.baud)), rig
+            self._rig = _opened("lag_rig", "lag-rig/1", config.lag_rig.port, config.lag_rig.baud, rig, clock,
+                                opener), rig
         self._speed_told: SpeedTold | None = None
         self._tractor: tuple[DeviceLine, TractorSpeedDecoder] | None = None
         if config.tractor is not None:
             decoder = TractorSpeedDecoder()
-            port = opener(config.tractor.port, config.tractor.baud, clock)
-            self._tractor = DeviceLine("tractor", "tractor-speed/1", port, decoder.counts,
-                                       serial_baud(config.tractor.port, config.tractor.baud)), decoder
+            self._tractor = _opened("tractor", "tractor-speed/1", config.tractor.port, config.tractor.baud, decoder,
+                                    clock, opener), decoder
         self._listening = self._listeners()
 
     def measure(self, now_s: float) -> Measurements:
@@ -286,8 +283,7 @@ class _Gnss:
         makers: dict[str, Callable[[], FixDecoder]] = {
             "nmea0183": GnssDecoder, "gpsd": GpsdDecoder, "agopengps": AgOpenGpsDecoder}
         self._decoder = makers[config.protocol]()
-        self.line = DeviceLine("gnss", config.protocol, opener(config.port, config.baud, clock), self._decoder.counts,
-                               serial_baud(config.port, config.baud))
+        self.line = _opened("gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener)
         self._hello = WATCH if config.protocol == "gpsd" else b""
         self._greeted = 0
 
@@ -339,9 +335,21 @@ def _open_heads(config: HeadsConfig, place: int, clock: Clock, opener: Opener) -
     head = None if config.multiplexed else place + 1
     decoder = HeadDecoder(config.field_map, head=head, heads=config.count)
     baud = config.baud or config.field_map.baud
-    port = opener(config.ports[place], baud, clock)
     name = "heads" if config.multiplexed else f"head_{place + 1}"
-    return DeviceLine(name, config.protocol, port, decoder.counts, serial_baud(config.ports[place], baud)), decoder
+    return _opened(name, config.protocol, config.ports[place], baud, decoder, clock, opener), decoder
+
+
+class _Counting(Protocol):
+    """A driver or decoder that counts what it takes."""
+
+    @property
+    def counts(self) -> Counts: ...
+
+
+def _opened(name: str, protocol: str, url: str, baud: int, driver: _Counting, clock: Clock,
+            opener: Opener) -> DeviceLine:
+    """The line of one device, with the rate that it has."""
+    return DeviceLine(name, protocol, opener(url, baud, clock), driver.counts, serial_baud(url, baud))
 
 
 def serial_baud(url: str, baud: int) -> int | None:
