@@ -506,3 +506,18 @@ def test_evidence_of_one_block_falls_with_it():
     score = np.zeros((64, 1))
     score[10] = 32.0
     assert even > 15.0 and evidence.without_best_block(evidence.Scores(score, energy), 0) == 0.0
+
+
+def test_pulses_that_stay_away_for_a_second_are_missing_though_tails_rise_as_often() -> None:
+    """Spells of many rows count beside single outliers, which both sides have."""
+    rng, count = np.random.default_rng(2), 12_000
+    time_s = 0.05 * np.arange(count)
+    speed = 1.4 + 0.1 * np.sin(time_s / 20.0)
+    wheel = speed + 0.02 * rng.standard_normal(count)
+    odd = rng.choice(count, 120, replace=False)
+    wheel[odd] += np.where(np.arange(120) < 60, 0.4, -0.4)
+    for begin in range(500, count, 1100):
+        wheel[begin:begin + 20] *= 0.75
+    found = diagnose_run({"time_s": time_s, "speed_mps": speed + 0.02 * rng.standard_normal(count),
+                          "wheel_speed_mps": wheel}, Machine())
+    assert [cause.id for cause in found.causes] == ["speed.missed_pulses"]

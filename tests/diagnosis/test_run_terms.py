@@ -13,6 +13,7 @@ from console.reports.term_words import compensation, sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.extend import adoptable_terms, term_not_adoptable
 from control.diagnosis.result import Diagnosis, TermFound
+from control.diagnosis.runs import term_forms
 from control.machine.compiled import shaft_run, term_run
 from control.machine.machine import Machine
 from control.machine.over_log import input_rows, no_switch
@@ -132,3 +133,16 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     assert len(found.terms[0].seen) > 5
     _, seen, told = np.array(found.terms[0].seen).T
     assert np.max(np.abs(seen - told)) < 0.4
+
+
+def test_an_angle_driven_up_and_down_has_one_amplitude_along_its_axis() -> None:
+    """Sine and cosine are not told apart there, and across the axis nothing is said; all round there are two."""
+    rng, work = np.random.default_rng(1), np.ones(2000, bool)
+    time_s = np.arange(2000.0)
+    field = np.where(time_s % 200 < 100, 30.0, 210.0) + rng.normal(0.0, 1.0, 2000)
+    [along] = term_forms.over_one(term_forms.scaled("heading_deg", field, work), time_s, work).forms
+    assert along.mix.shape[1] == 1
+    sine, cosine = along.mix[:2, 0]
+    assert abs(sine * np.sin(np.radians(30.0)) + cosine * np.cos(np.radians(30.0))) > 0.999
+    round_it = term_forms.over_one(term_forms.scaled("heading_deg", rng.uniform(0.0, 360.0, 2000), work), time_s, work)
+    assert {form.mix.shape[1] for form in round_it.forms} == {2}
