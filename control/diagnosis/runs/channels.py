@@ -93,12 +93,12 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
     count = len(h.time_s) - 1
     over_full_kg = of_nominal(machine, HOPPER) * OVER_FULL_KG
     levels = _hopper_levels(h, over_full_kg)
-    middle = 0.5 * (h.time_s[:-1] + h.time_s[1:])
+    read_s = h.time_s[:-1] + h.read_at * np.diff(h.time_s)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         scales, rows = switches(plan, "scale", h.time_s)
         at = np.searchsorted(rows, np.arange(count), side="right")
-        seen = input_rows(ScaleInput, count, hopper_kg=levels(plan), time_s=middle, pitch_deg=h.pitch_deg[:-1],
+        seen = input_rows(ScaleInput, count, hopper_kg=levels(plan), time_s=read_s, pitch_deg=h.pitch_deg[:-1],
                           more_kg=h.more_kg)
         reads = np.empty(count)
         for k in sorted(set(at.tolist())):
@@ -113,7 +113,7 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
 
 
 def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array]:
-    """Level of the hopper in the middle of each bin, kg (m,), as the flow leaves it.
+    """Level of the hopper when it was read in each bin, kg (m,), as the flow leaves it.
 
     The flow follows the true opening: what the opening's reading is off by is taken off first.
     """
@@ -138,7 +138,8 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
             first = FlowOutput(0.0, start_kg - over_kg)
             out = flow_run(flow_sets, rows - begin, flow_start(start_kg - over_kg, float(h.time_s[begin])), first,
                            inputs[begin:end + 1], h.time_s[begin:end + 1], 1e9)
-            hopper[begin:end] = 0.5 * (out[:-1, 1] + out[1:, 1]) + over_kg
+            read_at = h.read_at[begin:end]
+            hopper[begin:end] = (1.0 - read_at) * out[:-1, 1] + read_at * out[1:, 1] + over_kg
         return hopper
     return levels
 

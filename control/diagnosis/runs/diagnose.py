@@ -18,6 +18,7 @@ from .model import GROUPS
 from .quantised import without_steps
 from .rates import rates, sentence
 from .report import report
+from .row_order import in_order
 from .search import Search
 from .selection import Judged, judged
 from .stages import RunData, run_data
@@ -142,7 +143,7 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
 def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine
                   ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
-    log, in_steps = without_steps(gate(columns), machine)
+    log, in_steps = without_steps(in_order(gate(columns), machine), machine)
     data = run_data(log, machine)
     if in_steps is not None and data.shaft is not None:
         data = data._replace(shaft=data.shaft._replace(step=in_steps.part.size))

@@ -95,6 +95,7 @@ class Hopper(NamedTuple):
     opening_mm: Array           # (m+1,), weighted with shaft speed
     pitch_deg: Array
     reading_kg: Array           # (m,), mean over the bin
+    read_at: Array              # (m,), mean time of those readings, as a share of the bin
     refill_kg: Array            # (m+1,)
     start_kg: float
     jumps: tuple[int, ...]      # bins from which a refill counts
@@ -390,6 +391,8 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], ma
     seen = np.bincount(bins, minlength=count)
     sums = np.bincount(bins, weights=reading[known], minlength=count)
     kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
+    within = np.bincount(bins, weights=(time[known] - edges[bins]) / width, minlength=count)
+    read_at = np.where(seen > 0, within / np.maximum(1, seen), 0.5)
     rise_kg = max(of_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
     refill, jumps, hidden = _refills(kg, rise_kg)
     told = []
@@ -399,8 +402,8 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], ma
         if close:
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
-    return Hopper(edges, turned, wide, level, kg, np.append(refill, 0.0), float(np.median(kg[good][:10])), jumps,
-                  tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
+    return Hopper(edges, turned, wide, level, kg, read_at, np.append(refill, 0.0), float(np.median(kg[good][:10])),
+                  jumps, tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
                   *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
                   *_of_terms(every, edges))
 
