@@ -2,22 +2,23 @@
 
 A run log of ours holds in row k what was read at its time, and the command given then. Others write a command with what
 answered it in one row, or the command under which a row was read, or the readings a row late. Seen as ours, such a log
-has two drives that answer a row too early or too late, both by the same row: no fault of one drive does that. Where only
-one drive moves, nothing is moved, as a dead time may look the same: unless rows are further apart than a dead time can
-be.
+has two drives that answer a row too early or too late, both by the same row: no fault of one drive does that. Where one
+drive moves alone, nothing is moved, as a dead time may look the same: unless rows are further apart than any dead time.
 """
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.effects import GATE_SLOW
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import channels
-from .hypothesis import schedule, stages_of
+from .hypothesis import Part, Parts, schedule, stages_of
 from .log import Clean
 from .stages import run_data
 
@@ -55,17 +56,31 @@ def in_order(log: Clean, machine: Machine) -> Clean:
     """The log with commands and answers in the rows that ours have them in, and what was moved among its findings."""
     some = _beginning(log)
     as_it_is = _residuals(some, machine)
-    by_drive = [_gains(as_it_is, _residuals(_moved(some, ways[0]), machine)) for ways in WAYS]
-    telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_drive) > LEAST_EVIDENCE]
-    together = sum if log.step_s >= ALONE_S else min
-    if len(telling) < (1 if log.step_s >= ALONE_S else 2):
+    moved = [_moved(some, ways[0]) for ways in WAYS]
+    left = [_residuals(one, machine) for one in moved]
+    by_way = [_gains(as_it_is, one) for one in left]
+    telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE]
+    alone = log.step_s >= ALONE_S
+    if len(telling) < (1 if alone else 2):
         return log
-    gains = [together([one.get(drive, 0.0) for drive in telling]) for one in by_drive]
-    best = int(np.argmax(gains))
-    if gains[best] < max(LEAST_EVIDENCE, -NEARER * min(gains)):
+    best = int(np.argmax([sum(gains.values()) for gains in by_way]))
+    further = _gains(left[best], _residuals(_moved(moved[best], WAYS[best][0]), machine))
+    if not _so_far(by_way[best], by_way[1 - best], further, (telling,) if alone else [[drive] for drive in telling]):
+        return log
+    if not alone and _slow_gate_gain(as_it_is, some, machine) > by_way[best]["gate"]:
         return log
     rough = [_roughness(_residuals(_moved(some, way), machine).get("scale", np.zeros(2))) for way in WAYS[best]]
     return _moved(log, WAYS[best][int(np.argmin(rough))])
+
+
+def _so_far(gains: dict[str, float], opposite: dict[str, float], further: dict[str, float],
+            each: Iterable[Sequence[str]]) -> bool:
+    """Whether drives are a row off: beyond a tolerance of theirs, and no further off, as by a fault of their own."""
+    for drives in each:
+        gain, against, more = (sum(one.get(drive, 0.0) for drive in drives) for one in (gains, opposite, further))
+        if gain < max(LEAST_EVIDENCE, -NEARER * against) or more > 0.0:
+            return False
+    return True
 
 
 def _beginning(log: Clean) -> Clean:
@@ -82,12 +97,18 @@ def _moved(log: Clean, move: Move) -> Clean:
     return log._replace(columns=columns, findings=(*log.findings, move.said))
 
 
-def _residuals(log: Clean, machine: Machine) -> dict[str, Array]:
-    """What the nominal machine leaves of drives and scale, by channel."""
-    plan = schedule(stages_of(machine), ())
+def _residuals(log: Clean, machine: Machine, parts: Parts = ()) -> dict[str, Array]:
+    """What the nominal machine with these effects leaves of drives and scale, by channel."""
+    plan = schedule(stages_of(machine), parts)
     seen = channels(run_data(log, machine), machine)
     return {word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S)
             for word in (*DRIVES, "scale") if word in seen}
+
+
+def _slow_gate_gain(as_it_is: dict[str, Array], log: Clean, machine: Machine) -> float:
+    """What a gate that slews too slowly gains at most: with a shaft that is late by itself it looks like rows."""
+    slow = [_residuals(log, machine, (Part(GATE_SLOW.id, size),)) for size in GATE_SLOW.ladder]
+    return max(_gains(as_it_is, one).get("gate", 0.0) for one in slow)
 
 
 def _gains(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
