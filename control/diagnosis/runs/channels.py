@@ -148,14 +148,19 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
     """(first bin, last bin + 1, level at its begin in kg) of the stretches that are predicted in one go.
 
     A few refills are filled into the model. Over many, a flow error adds up until the model's hopper runs empty or
-    over: it is then set to the level that was read after each.
+    over: it is then set to the level that was read after each, as it is after a long gap in which nobody knows what
+    was metered.
     """
     count = len(h.time_s) - 1
-    if len(h.jumps) <= MAX_CHAINED:
-        return [(0, count, h.start_kg)]
-    begins = [0, *(j for j in h.jumps if 0 < j < count)]
-    levels = [h.start_kg, *(float(np.nanmedian(h.reading_kg[j:j + 6])) for j in begins[1:])]
+    fills = h.jumps if len(h.jumps) > MAX_CHAINED else ()
+    begins = [0, *sorted({j for j in (*fills, *(end for end, _ in h.gaps)) if 0 < j < count})]
+    levels = [h.start_kg, *(_level(h.reading_kg[j:j + 6], h.start_kg) for j in begins[1:])]
     return list(zip(begins, [*begins[1:], count], levels, strict=True))
+
+
+def _level(reading_kg: Array, unknown_kg: float) -> float:
+    known = reading_kg[np.isfinite(reading_kg)]
+    return float(np.median(known)) if len(known) else unknown_kg
 
 
 def speed_rows(s: Speed) -> Rows:
