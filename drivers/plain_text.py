@@ -14,3 +14,15 @@ _WITHOUT = dict.fromkeys(_STEERING)
 def plain(text: str) -> str:
     """The text without what steers a terminal. Any character that is left is shown as itself."""
     return text if text.isprintable() else text.translate(_WITHOUT)
+
+
+def one_line(text: str) -> str:
+    """The same in one line: a message that quotes a file, in which anything may stand."""
+    return " ".join(part for part in map(str.strip, plain(text.replace("\r", "\n")).splitlines()) if part)
+
+
+class OneLine(ValueError):
+    """A refusal in one line, whatever the file holds that it quotes."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(one_line(text))

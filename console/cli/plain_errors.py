@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import typer
 
 from drivers.files.config import ConfigError
+from drivers.plain_text import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -36,7 +37,7 @@ def guarded(command: F) -> F:
                 typer.echo(line, err=True)
             raise typer.Exit(WRONG) from None
         except (CommandError, ValueError) as error:
-            typer.echo((str(error).splitlines() or [type(error).__name__])[0], err=True)
+            typer.echo(one_line(str(error)) or type(error).__name__, err=True)
             raise typer.Exit(WRONG) from None
         except BrokenPipeError:             # `topdress decode ... | head` is no error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -51,13 +52,10 @@ def guarded(command: F) -> F:
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
         except Exception as error:          # nobody foresaw it: the trace is for us, the line for the user
-            typer.echo(f"a fault of topdress: {type(error).__name__}: {_one_line(error)}; {_kept_trace()}", err=True)
+            said = one_line(str(error))[:200]
+            typer.echo(f"a fault of topdress: {type(error).__name__}: {said}; {_kept_trace()}", err=True)
             raise typer.Exit(OUR_FAULT) from None
     return run  # type: ignore[return-value]
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def _kept_trace() -> str:

@@ -8,12 +8,13 @@ from pathlib import Path, PurePosixPath
 from typing import Protocol
 
 from drivers.files.limits import SHAPES
+from drivers.plain_text import OneLine
 
 DEEPEST = 4                     # folders in one another that are looked into
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
 
-class ArchiveError(ValueError):
+class ArchiveError(OneLine):
     """What lies there cannot be read; one line."""
 
 
@@ -61,8 +62,8 @@ class Zip:
     def names(self) -> list[str]:
         try:
             with zipfile.ZipFile(self.path) as archive:
-                found = [info.filename for info in archive.infolist() if not info.is_dir()]
-        except zipfile.BadZipFile as error:
+                found = [info.filename for info in archive.infolist() if info.filename and not info.is_dir()]
+        except (zipfile.BadZipFile, NotImplementedError) as error:
             raise ArchiveError(f"{self.path}: {error}") from None
         return sorted(name for name in found if _counts(name))
 

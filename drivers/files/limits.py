@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from drivers.plain_text import OneLine
+
 MB = 1 << 20
 
 
@@ -52,7 +54,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 0x1
 
 
-class BeyondLimits(ValueError):
+class BeyondLimits(OneLine):
     """The file is larger, or holds more, than is read; one line, naming it."""
 
 

@@ -20,6 +20,7 @@ from drivers.files.findings import Finding
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
 from drivers.files.table import Columns
+from drivers.plain_text import OneLine
 
 if TYPE_CHECKING:
     import polars as pl
@@ -30,7 +31,7 @@ _KEY, _MAGIC = "topdress", b"PAR1"
 _MOST_FOOTER = 64 << 20         # bytes
 
 
-class StoreError(ValueError):
+class StoreError(OneLine):
     """The file cannot be used as a store of a run log; one line, naming it."""
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.files.findings import Finding, many
 from drivers.files.table import Columns
+from drivers.plain_text import OneLine
 
 Times = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _MIXED_SHARE = 0.05          # more uneven steps than this are a mixed sample ti
 _MOST = 0.5                  # where more rows than this share would go, the log is refused
 
 
-class UnusableLog(ValueError):
+class UnusableLog(OneLine):
     """One line, without the file's name."""
 
 

@@ -18,11 +18,12 @@ from drivers.files.log_store import StoreError, is_store, read_store, stored_abo
 from drivers.files.log_text import HEADER
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, TableError, read_table
+from drivers.plain_text import OneLine
 
 _NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}        # times may be dates
 
 
-class LogError(ValueError):
+class LogError(OneLine):
     """The log cannot be used; one line, naming the file."""
 
 

@@ -11,11 +11,12 @@ from typing import Any
 
 from drivers.files.limits import BeyondLimits
 from drivers.files.sheet_limits import cells_of, check_sheets
+from drivers.plain_text import OneLine
 
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
-class SheetError(ValueError):
+class SheetError(OneLine):
     """One line, without the file's name."""
 
 

@@ -22,6 +22,7 @@ from drivers.files.limits import BeyondLimits, check_file, check_text
 from drivers.files.quotes import unclosed_quote
 from drivers.files.sheet_text import SUFFIXES, SheetError, sheet_text
 from drivers.files.unknown import NOTHING
+from drivers.plain_text import OneLine
 
 if TYPE_CHECKING:
     import polars as pl
@@ -35,7 +36,7 @@ _CHUNK_ROWS = 50_000
 HEAD = 1 << 20              # bytes in which a header is looked for
 
 
-class TableError(ValueError):
+class TableError(OneLine):
     """The table cannot be used; one line, naming the file."""
 
 

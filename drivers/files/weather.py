@@ -17,11 +17,12 @@ import numpy.typing as npt
 from control.agronomy.crop import Crop
 from control.agronomy.days import days_above_base
 from drivers.files.limits import CONFIG
+from drivers.plain_text import OneLine
 
 COLDEST_C, HOTTEST_C = -90.0, 60.0
 
 
-class WeatherError(ValueError):
+class WeatherError(OneLine):
     """One line: file, row, value, what is allowed."""
 
 

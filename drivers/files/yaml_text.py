@@ -9,6 +9,8 @@ from typing import Any
 
 import yaml
 
+from drivers.plain_text import OneLine
+
 KeyPath = tuple[str | int, ...]
 
 MAX_NODES = 100_000      # aliases counted each time they are used
@@ -20,7 +22,7 @@ _KEY_TAGS = frozenset(_PLAIN + name for name in ("str", "int", "float", "bool", 
 _TAGS = _KEY_TAGS | {_PLAIN + name for name in ("null", "seq", "map")}
 
 
-class YamlProblem(ValueError):
+class YamlProblem(OneLine):
     """One line, naming the line of the file."""
 
 

@@ -17,6 +17,7 @@ from control.machine.landing import carried_s
 from control.machine.machine import Machine
 from control.orders import State, TargetSource
 from drivers.files.read_log import RunLog
+from drivers.plain_text import OneLine
 
 Floats = npt.NDArray[np.float64]
 
@@ -30,7 +31,7 @@ NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
 SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")     # the first that a log has
 
 
-class ExportError(ValueError):
+class ExportError(OneLine):
     """The log cannot be exported; one line that names file, column and what is allowed."""
 
 

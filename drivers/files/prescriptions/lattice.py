@@ -29,6 +29,7 @@ from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.words import MASS_UNITS, Choice, Imported, PrescriptionError
 from drivers.files.shape_sets import Unit
 from drivers.files.table import TableError, header_of
+from drivers.plain_text import OneLine
 
 LEAST_POINTS = 4
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
@@ -54,7 +55,7 @@ class Lattice(NamedTuple):
         return float(np.hypot(*self.along)), float(np.hypot(*self.aside))
 
 
-class NoLattice(ValueError):
+class NoLattice(OneLine):
     """Why the points are none; part of a line."""
 
 

@@ -35,7 +35,7 @@ def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) ->
         raise
     except ArchiveError as error:
         raise PrescriptionError(str(error)) from None
-    except (shapefile.ShapefileException, UnicodeDecodeError, zipfile.BadZipFile) as error:
+    except (shapefile.ShapefileException, UnicodeDecodeError, zipfile.BadZipFile, NotImplementedError) as error:
         raise PrescriptionError(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
     except KeyError as error:
         raise PrescriptionError(f"{path}: not a shapefile: type of shapes {error}: allowed POLYGON") from None

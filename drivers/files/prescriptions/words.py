@@ -9,6 +9,7 @@ from typing import Literal
 
 from control.targets.prescription import Fallbacks, MapData
 from drivers.files.findings import Finding
+from drivers.plain_text import OneLine
 
 HIGHEST_KG_HA = 20_000.0
 LB_AC_KG_HA = 0.45359237 / 0.40468564224        # kg/ha
@@ -21,7 +22,7 @@ NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
 
-class PrescriptionError(ValueError):
+class PrescriptionError(OneLine):
     """The file cannot be used; one line that names file, place, value and what is allowed."""
 
 
