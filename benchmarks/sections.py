@@ -8,8 +8,9 @@ Three runs at one rate: `sections` (three, with valves), `whole` (the same machi
 switch it as one), `none` (no field and no memory of done ground; the driver lifts the work switch in the turns).
 
 Truth is the plant's: what each section released, and where the machine was when that came down, on cells of 0.2 m; the
-loop's own map of done ground is not asked. Inside the field a cell with less than half of what was wanted is a gap, with
-more than one and a half overlap; outside, more than half of it is spread outside. Nothing here is averaged over seeds.
+loop's own map of done ground is not asked. Inside the field a cell that the machine passed over and that got less than
+half of what was wanted is a gap, one with more than one and a half overlap; outside, more than half of it is spread
+outside. (Corners that the arcs of the turns leave out are nobody's gap.) One seed.
 
 The exit code is 1 unless sections leave less overlap, less gap and less outside than both others. `--no-valves` takes
 the valves out of the run `sections`: then it must fail.
@@ -161,8 +162,17 @@ def _driver_works(path: Path, truth: Truth) -> bool:
     return -0.5 <= truth.north_m <= LENGTH_M + 0.5 and truth.east_m > -0.5
 
 
-def landed_kg_m2(truths: Sequence[Truth], machine: Machine) -> tuple[np.ndarray, float, float]:
-    """Mass by cell (rows from the south, columns from the west), kg/m2, and the raster's west and south."""
+class Landed(NamedTuple):
+    """By cell, rows from the south, columns from the west."""
+
+    kg_m2: np.ndarray
+    passed: np.ndarray          # the machine was over it, whatever flowed
+    west_m: float
+    south_m: float
+
+
+def landed(truths: Sequence[Truth], machine: Machine) -> Landed:
+    """What came to lie where."""
     time_s, east, north, settled, drop = (np.array([getattr(t, name) for t in truths]) for name in (
         "time_s", "east_m", "north_m", "settled_drop_s", "drop_s"))
     heading = np.unwrap(np.radians([t.heading_deg for t in truths]))
@@ -173,6 +183,13 @@ def landed_kg_m2(truths: Sequence[Truth], machine: Machine) -> tuple[np.ndarray,
     kg = np.array([t.section_kg or (t.flow_kg_s * DT_S,) for t in truths])
     west, south = -20.0, -30.0
     grid = np.zeros((round((LENGTH_M + 60.0) / CELL_M), round((SOUTH_M + 40.0) / CELL_M)))
+    passed = np.zeros(grid.shape, dtype=np.bool_)
+    across = np.arange(-0.5 * WIDTH_M + 0.5 * POINT_M, 0.5 * WIDTH_M, POINT_M)
+    for shift_m in (0.0, 0.5 * CELL_M):
+        ahead_e, ahead_n = (place + shift_m * np.column_stack((np.sin(course), np.cos(course)))).T
+        at_e = ahead_e[:, None] + across * np.cos(course)[:, None]
+        at_n = ahead_n[:, None] - across * np.sin(course)[:, None]
+        passed[np.floor((at_n - south) / CELL_M).astype(int), np.floor((at_e - west) / CELL_M).astype(int)] = True
     for k, strip in enumerate(sections):
         aside = np.arange(strip.left_m + 0.5 * POINT_M, strip.right_m, POINT_M)
         for row in np.flatnonzero(kg[:-1, k] > 0.0).tolist():
@@ -185,11 +202,11 @@ def landed_kg_m2(truths: Sequence[Truth], machine: Machine) -> tuple[np.ndarray,
             columns = np.floor((at_e - west) / CELL_M).astype(int)
             rows = np.floor((at_n - south) / CELL_M).astype(int)
             np.add.at(grid, (rows, columns), kg[row, k] / (steps * len(aside)))
-    return grid / CELL_M ** 2, west, south
+    return Landed(grid / CELL_M ** 2, passed, west, south)
 
 
 def judged(truths: Sequence[Truth], moves: int, machine: Machine, took_s: float) -> Figures:
-    grid, west, south = landed_kg_m2(truths, machine)
+    grid, passed, west, south = landed(truths, machine)
     centres_e = west + (np.arange(grid.shape[1]) + 0.5) * CELL_M
     centres_n = south + (np.arange(grid.shape[0]) + 0.5) * CELL_M
     field = shapely.Polygon(WEDGE)
@@ -198,7 +215,7 @@ def judged(truths: Sequence[Truth], moves: int, machine: Machine, took_s: float)
     wanted = RATE_KG_HA / 10_000.0
     cell_m2 = CELL_M ** 2
     return Figures(float((inside & (grid > 1.5 * wanted)).sum() * cell_m2),
-                   float((inside & (grid < 0.5 * wanted)).sum() * cell_m2),
+                   float((inside & passed & (grid < 0.5 * wanted)).sum() * cell_m2),
                    float((~inside & (grid > 0.5 * wanted)).sum() * cell_m2),
                    sum(t.flow_kg_s for t in truths) * DT_S, field.area * wanted, moves, took_s)
 

@@ -50,8 +50,9 @@ class LogRow(NamedTuple):
     sections_cmd: str | None = None  # of machines with valves: what each is told, left to right, separated by ;
 
 
-COLUMNS: tuple[str, ...] = LogRow._fields
-SECTION_COLUMNS = ("sections_cmd",)      # only in logs of machines whose sections have valves; the last ones
+ALL_COLUMNS: tuple[str, ...] = LogRow._fields
+SECTION_COLUMNS = ("sections_cmd",)      # the last ones; only in logs of machines whose sections have valves
+COLUMNS: tuple[str, ...] = ALL_COLUMNS[:-len(SECTION_COLUMNS)]
 HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 # How long a row goes on holding a value that no longer comes, s; then the cell is empty.
 HOLDS_S = MappingProxyType({

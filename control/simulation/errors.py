@@ -184,7 +184,8 @@ def _half_way(rate: Array, before: float, after: float) -> int | None:
     return None if at == len(rate) else at
 
 
-def _rates(columns: dict[str, Array], ground: Ground, width_m: float, lever_arm_m: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _rates(columns: dict[str, Array], ground: Ground, width_m: float,
+           lever_arm_m: float) -> tuple[Array, npt.NDArray[np.bool_]]:
     """kg/ha by bin of the ground under what was open, and whether anything was. Where all is open all the time, over
     the whole width and everywhere."""
     time, driven, share = columns["time_s"], columns["driven_m"], columns.get("open_share")

@@ -13,8 +13,8 @@ from control.machine.sections import Strip
 from control.targets.fence import Fence
 from control.targets.profile import Target
 
-APART_M = 0.1               # of the points at which a section's strip is judged
-FEWEST, MOST = 4, 16        # points of one section
+APART_M = 0.05              # of the points at which a section's strip is judged
+FEWEST, MOST = 9, 25        # points of one section; an odd number, so that half of it is its middle
 MOST_OUTSIDE = 0.5          # of a section's width: beyond, it is outside the field whatever the overlap setting says
 FULL = 1.0 - 1e-9
 
@@ -58,7 +58,7 @@ class SectionGround:
         aside = []
         for left, right, _ in strips:
             edge = min(edge_m, 0.25 * (right - left))
-            count = min(MOST, max(FEWEST, round((right - left - 2.0 * edge) / APART_M)))
+            count = min(MOST, max(FEWEST, 2 * round(0.5 * (right - left - 2.0 * edge) / APART_M) + 1))
             aside.append(np.linspace(left + edge, right - edge, count))
         self._counts = [len(points) for points in aside]
         self._begins = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
