@@ -25,7 +25,8 @@ from control.sensing import Sensed
 from control.simulation.assembly import control_loop, with_simulated_field
 from control.simulation.closed_loop import Step, simulated_run
 from control.simulation.plant import Plant, Truth
-from control.simulation.tractor import Leg, Path as Way
+from control.simulation.tractor import Leg
+from control.simulation.tractor import Path as Way
 from control.targets.fence import Fence
 from control.targets.section_ground import DONE, OUTSIDE, Ground, SectionGround
 from drivers.files.config import ConfigError, load
@@ -67,7 +68,7 @@ def test_a_bad_block_gets_one_line(tmp_path: Path, changes: str, said: str) -> N
     path.write_text(f"format: topdress-machine/1\nid: m\n{changes}\n", encoding="utf-8")
     with pytest.raises(ConfigError) as error:
         load(path, MACHINE)
-    assert len(error.value.problems) == 1 and said in error.value.problems[0]
+    assert len(str(error.value).splitlines()) == 1 and said in str(error.value)
 
 
 def test_strips_lie_side_by_side_over_the_width() -> None:
@@ -114,14 +115,15 @@ def test_done_ground_closes_at_a_hundred_only_where_all_is_done() -> None:
         coverage.lay((50.0, north), 0.0, False)
     ground = NOTHING._replace(coverage=coverage)
     three = strips([Section(outlets=2)] * 3, 2.4)
+
     def wanted(overlap: float) -> list[bool]:
-        """Heading north, half a section to the west: of the middle one half is done, of the right one nothing is."""
-        return [one.wanted for one in SectionGround(three, overlap, 0.0).look((-1.6, 10.0), 0.0, ground)]
+        """Heading north, half the machine to the west: of the middle one half is done, of the right one all."""
+        return [one.wanted for one in SectionGround(three, overlap, 0.2).look((-1.2, 10.0), 0.0, ground)]
     assert wanted(100.0) == [True, True, False]
-    assert wanted(40.0) == [True, False, False] or wanted(40.0) == [True, True, False]
-    judged = SectionGround(three, 50.0, 0.0).look((0.0, 10.0), 0.0, ground)
+    assert wanted(0.0) == [True, False, False]
+    judged = SectionGround(three, 50.0, 0.2).look((0.0, 10.0), 0.0, ground)
     assert [one.why for one in judged] == [DONE] * 3
-    again = SectionGround(three, 50.0, 0.0).look((0.0, 10.0), 0.0, ground._replace(started=(True, False, False)))
+    again = SectionGround(three, 50.0, 0.2).look((0.0, 10.0), 0.0, ground._replace(started=(True, False, False)))
     assert [one.wanted for one in again] == [True, False, False]
 
 
@@ -161,7 +163,7 @@ def test_each_valve_is_told_so_long_before_the_moment_as_it_takes(setup: Setup) 
 def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Strategy) -> None:
     """A pass along x = 1.2 that enters and leaves a field askew: judged by the plant."""
     job = manual(setup.job, strategy=strategy, field=setup.job.field.model_copy(update={"boundary_m": SLANTED}))
-    steps = run(setup, setup.machine, job, 60.0, Way([Leg(1.2, -25.0, 0.0, 400.0, 0.0)]))
+    steps = run(setup, setup.machine, job, 80.0, Way([Leg(1.2, -25.0, 0.0, 400.0, 0.0)]))
     truths = [step.truth for step in steps]
     open_at_once = {step.tick.command.valves for step in steps}
     assert {(False,) * 3, (True, False, False), (True, True, False), (True,) * 3} <= open_at_once
