@@ -162,7 +162,7 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
 
 
 @pytest.mark.parametrize("part", [
-    "safe_stop", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits", "shaft_step",
+    "safe_stop", "valves", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits", "shaft_step",
     "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves", "gate_moves_homed",
     "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
 def test_micropython_does_the_same(part, scenarios, under_micropython):
