@@ -74,6 +74,16 @@ class Answer(NamedTuple):
     why: str = ""
 
 
+class SectionState(NamedTuple):
+    """One section of a machine with valves. `why` it is told to be closed: `WHY_CLOSED`, empty where it is open."""
+
+    open: bool
+    why: str = ""
+
+
+WHY_CLOSED = ("outside", "headland", "done", "map", "hand", "no_flow")
+
+
 class Alarm(NamedTuple):
     """A live alarm. Text and what to do are found under the id in `control.safety.ALARMS`."""
 

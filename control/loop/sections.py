@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 from control.geodesy import Place, offset
 from control.machine.machine import Machine
+from control.orders import SectionState
 from control.sensing import Sensed
 from control.targets.section_ground import OUTSIDE, Ground, Judged, Rates, SectionGround
 
 BY_HAND, NO_FLOW = "hand", "no_flow"        # why a section is closed, beside those of `targets.section_ground`
-WHY_CLOSED = (OUTSIDE, "headland", "done", "map", BY_HAND, NO_FLOW)
 SHORTEST_M = 0.5            # of way between two switches of one section: shorter stretches are cut corners
 BEND_DEG_M = 2.0            # turning more sharply, the place ahead lies on the arc
 TIE_S = 1e-6
@@ -28,13 +28,6 @@ class Leads(NamedTuple):
     running_m: float
     start_m: float              # the first section opens: the shaft begins to turn
     stop_m: float               # the last one closes
-
-
-class SectionState(NamedTuple):
-    """One section as it is told. `why`: one of `WHY_CLOSED`, empty where it is open."""
-
-    open: bool
-    why: str = ""
 
 
 class _Turn(NamedTuple):

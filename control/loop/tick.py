@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from control.log_row import LogRow
 from control.loop.moment import Choices
-from control.loop.sections import SectionState
-from control.orders import Alarm, State
+from control.orders import Alarm, SectionState, State
 from control.readings import DriveCommand
 from control.safety import Allowances, BenchRun, Verdict
 from control.sensing import Sensed

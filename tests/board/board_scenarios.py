@@ -462,7 +462,8 @@ def tilt():
 
 
 SCENARIOS = {
-    "safe_stop": safe_stop, "valves": valves, "power_on": power_on, "stop_at_once": stop_at_once, "driver_fault": driver_fault,
+    "safe_stop": safe_stop, "valves": valves, "power_on": power_on, "stop_at_once": stop_at_once,
+    "driver_fault": driver_fault,
     "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
     "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
     "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,
