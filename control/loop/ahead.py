@@ -141,10 +141,10 @@ class Ahead:
         sensed = moment.sensed
         if self.fence is None:
             return None
-        if self.sections is not None and self._by_section(choices) and not may_outside:
-            return self.sections.inside(sensed.time_s)
         if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
             return False
+        if self.sections is not None and self._by_section(choices) and not may_outside:
+            return self.sections.inside(sensed.time_s)
         if not sensed.backwards and not may_outside:
             return holding != OUTSIDE
         ahead_m = moment.ahead.way_m(stop.total_s)

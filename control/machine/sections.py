@@ -53,6 +53,34 @@ def strips(sections: Sequence[Section], width_m: float) -> tuple[Strip, ...]:
     return tuple(found)
 
 
+class LoggedValves:
+    """Valves as a log's column `sections_cmd` tells of them, row by row; all open where it tells nothing."""
+
+    def __init__(self, sections: Sequence[Section]) -> None:
+        self._valves = [section.valve or Valve() for section in sections]
+        self._shares = [strip.share for strip in strips(sections, 1.0)]
+        self._told: list[bool] = [False] * len(self._valves)
+        self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)      # from when, to what
+
+    def open_at(self, time_s: float, told: str | None) -> tuple[bool, ...]:
+        """How they stand at a row that tells this; times rise."""
+        cells = (told or "").split(";")
+        if len(cells) != len(self._valves):
+            return (True,) * len(self._valves)
+        found = []
+        for k, (valve, cell) in enumerate(zip(self._valves, cells, strict=True)):
+            on = cell == "1"
+            if on is not self._told[k]:
+                self._told[k], self._turns[k] = on, (time_s + (valve.open_s if on else valve.close_s), on)
+            from_s, to = self._turns[k]
+            found.append(to if time_s >= from_s - 1e-6 else not to)
+        return tuple(found)
+
+    def share(self, opened: Sequence[bool]) -> float:
+        """Of the working width."""
+        return sum(share for share, on in zip(self._shares, opened, strict=True) if on)
+
+
 def trouble_of(sections: Sequence[Section], outlets: int) -> str:
     """What is wrong with the sections of a machine with so many outlets, as what is allowed; empty: nothing."""
     if not sections:

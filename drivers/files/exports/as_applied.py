@@ -16,7 +16,7 @@ from control.geodesy import Place, TangentPlane
 from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
-from control.machine.sections import Strip, Valve
+from control.machine.sections import LoggedValves, Strip
 from control.orders import State, TargetSource
 from drivers.files.read_log import RunLog
 
@@ -170,19 +170,11 @@ def strips_of(log: RunLog, machine: Machine) -> tuple[Strip, ...]:
 
 def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
     """Which of `strips_of` were open in each row, (n, strips): as told, so long after as the valve takes."""
-    strips, time = strips_of(log, machine), log.time_s
-    if len(strips) == 1 and not machine.switched:
+    if not (machine.switched and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
-    cells = [text.split(";") for text in log.texts("sections_cmd").tolist()]
-    found = np.zeros((len(log), len(strips)), dtype=np.bool_)
-    for k, section in enumerate(machine.sections):
-        told = np.array([len(cell) == len(strips) and cell[k] == "1" for cell in cells])
-        valve = section.valve or Valve()
-        turns = np.flatnonzero(np.diff(told, prepend=False))
-        from_s = time[turns] + np.where(told[turns], valve.open_s, valve.close_s)
-        newest = np.searchsorted(from_s, time + 1e-6, side="right") - 1
-        found[:, k] = np.where(newest >= 0, told[turns][newest] if len(turns) else False, False)
-    return found
+    valves = LoggedValves(machine.sections)
+    return np.array([valves.open_at(time_s, told) for time_s, told in zip(
+        log.time_s.tolist(), log.texts("sections_cmd").tolist(), strict=True)])
 
 
 def _speed_mps(log: RunLog) -> Floats:
