@@ -4,8 +4,8 @@ A machine drives to and fro on a field and works, by any strategy, at times with
 tractor tells speeds to come. A share of its readings, of the times of its ticks and of its orders is wild: no number,
 infinite, from the future, from the past, elsewhere on earth. The interlocks are written here a second time, from
 docs/safety.md, and with a memory of their own; every command that turns the shaft is held against them, every command
-against the limits of the drives, every row against the log's text and the console's frame. Every other run is of a machine whose sections have valves: none
-may be open without flow, or where a hand has closed it.
+against the limits of the drives, every row against the log's text and the console's frame. Every other run is of a
+machine whose sections have valves: none may be open without flow, or where a hand has closed it.
 
 Printed, and the exit code is 1 unless the first two are 0 and material flowed: interlocks broken, exceptions, the
 slowest tick (of the thread's own time), the memory that the process took at most, ticks with flow. With `--state FILE`

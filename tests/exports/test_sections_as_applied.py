@@ -54,9 +54,9 @@ def test_every_section_has_stretches_of_its_own(applied):
     assert s.applied_kg.sum() == pytest.approx(found.totals.applied_kg, rel=1e-3)
     late = s.time_s > 27.0
     plane = TangentPlane(float(s.lat_deg[0]), float(s.lon_deg[0]))
-    middles = zip(s.lat_deg[late].tolist(), s.lon_deg[late].tolist(), strict=True)
-    sides = {round(plane.to_m(lat, lon)[0] / 0.8) for lat, lon in middles}
-    assert len(sides) == 2, "left and right alone"
+    east_m = [plane.to_m(lat, lon)[0] for lat, lon in zip(s.lat_deg[late], s.lon_deg[late], strict=True)]
+    apart_m = [right - left for left, right in zip(east_m[::2], east_m[1::2], strict=True)]
+    assert apart_m == pytest.approx([1.6] * len(apart_m), abs=0.02), "left and right alone"
     places = [Polygon(plane.many_to_m(corners[:, 0], corners[:, 1])) for corners in s.corners_deg[late][:6]]
     assert all(one.intersection(other).area < 0.02 for k, one in enumerate(places) for other in places[:k])
     widths = {column.name: column for column in COLUMNS}["swath_width_m"].of(found)
@@ -67,5 +67,5 @@ def test_it_goes_out_by_section(applied, tmp_path: Path):
     from drivers.files.exports.write import write_as_applied
     found, _totals, _steps = applied
     for name in ("out.geojson", "out.shp", "task"):
-        write_as_applied(found, tmp_path / name)
+        write_as_applied(found, tmp_path / name, polygons=True)
     assert (tmp_path / "out.geojson").read_text(encoding="utf-8").count("Polygon") == len(found.stretches.time_s)

@@ -10,9 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
+from control.agronomy.crop import Crop
+from control.agronomy.noa import prepare
+from control.field.across import Across, across
 from control.field.coverage import Coverage, Covered
 from control.field.totals import Totaliser, Totals
 from control.geodesy import Place, TangentPlane
+from control.log_row import HEAD_COLUMNS
 from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
@@ -86,6 +90,7 @@ class AsApplied:
     begin_utc: dt.datetime | None       # of time_s = 0
     field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
     cut: Cut | None                     # None: nothing was, or the limit is not known
+    one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
 
     @property
     def width_m(self) -> float:
@@ -121,7 +126,7 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
                                                      doses=doses, doses_missed=missed)
     return AsApplied(log.path.stem, machine, product, _gathered(rows, strips, every_s), totals, _begin_utc(log),
-                     _field(log), _cut(log, rows, strips))
+                     _field(log), _cut(log, rows, strips), _one_rate(log, machine))
 
 
 class _Rows(NamedTuple):
@@ -332,6 +337,23 @@ def _cut(log: RunLog, rows: _Rows, strips: Sequence[Strip]) -> Cut | None:
     ha = (rows.speed_mps * rows.step_s * width_m)[above] / 10_000.0
     wanted = rows.target_kg_ha[above]
     return Cut(float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum()))
+
+
+def _one_rate(log: RunLog, machine: Machine) -> Across | None:
+    """From what the heads read while canopy was the source and something flowed."""
+    by_canopy = np.asarray(log.texts("target_source") == TargetSource.CANOPY.value) & is_worked(log)
+    by_canopy &= np.nan_to_num(log.numbers("applied_rate_kg_ha")) > 0.0
+    heads = np.column_stack([log.numbers(name) for name in HEAD_COLUMNS[:machine.geometry.heads]])[by_canopy]
+    about = log.meta
+    if len(heads) < 2 or about is None or about.crop is None:
+        return None
+    new = np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1) & np.isfinite(heads[1:]).any(axis=1)))
+    job = about.job or {}
+    try:
+        rule = prepare(Crop.model_validate(about.crop), job.get("days"), job.get("ndvi_nrich"))
+    except ValueError:                  # days to be counted from a weather file, or a sidecar of another program
+        return None
+    return across(rule, machine, heads[new])
 
 
 def _covered(rows: _Rows, width_m: float, strips: Sequence[Strip]) -> Covered:
