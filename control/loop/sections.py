@@ -100,9 +100,11 @@ class Sections:
         self._started = [True] * len(self.strips)
 
     def moved(self) -> None:
-        """The position has jumped: a switch need not wait for way."""
+        """The position has jumped, or the direction has turned: what was decided held for other ground. All are off
+        until they are decided anew."""
         for one in self._switches:
-            one.switched_m = -inf
+            one.planned = deque([_Turn(-inf, False)])
+            one.inside, one.switched_m = False, -inf
 
     @property
     def any_decided(self) -> bool:

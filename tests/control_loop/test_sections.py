@@ -159,6 +159,18 @@ def test_each_valve_is_told_so_long_before_the_moment_as_it_takes(setup: Setup) 
     assert share["whole"] == pytest.approx(decided + 0.6, abs=0.011)
 
 
+def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> None:
+    sections = Sections(setup.machine, 50.0, 0.2)
+    ground = NOTHING._replace(fence=Fence(HALF_FIELD))
+    for k in range(40):
+        sections.decide(sensed(0.05 * k, 50.0 + 0.05 * k, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ())
+    assert sections.share_at(2.0) == pytest.approx(1.0) and sections.inside(2.0)
+    sections.moved()
+    sections.decide(sensed(2.0, 5e6, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ())
+    assert sections.share_at(2.0) == 0.0 and not sections.inside(2.0)
+    assert not any(sections.valves(2.0, 0.05, ()))
+
+
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Strategy) -> None:
     """A pass along x = 1.2 that enters and leaves a field askew: judged by the plant."""
