@@ -155,8 +155,11 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
         if now[0] < 35.0:
             tick = loop.tick(cab.measure(now[0]))
             cab.command(now[0], tick.command, tick.enabled)
-    before, after, silent = ([sum(t.section_kg[section] for t in truths if low < t.time_s < high) for section in range(3)]
-                             for low, high in ((18.0, 24.9), (26.0, 34.9), (36.5, 40.0)))
+
+    def passed(low_s, high_s):
+        return [sum(t.section_kg[section] for t in truths if low_s < t.time_s < high_s) for section in range(3)]
+
+    before, after, silent = passed(18.0, 24.9), passed(26.0, 34.9), passed(36.5, 40.0)
     assert before == pytest.approx([before[0]] * 3) and before[0] > 0.1
     assert after[1] == 0.0 and after[0] == pytest.approx(after[2]) and after[0] > 0.1
     assert silent == [0.0] * 3, "the board closes them a second after the last word"

@@ -58,7 +58,9 @@ def test_every_section_has_stretches_of_its_own(applied):
     apart_m = [right - left for left, right in zip(east_m[::2], east_m[1::2], strict=True)]
     assert apart_m == pytest.approx([1.6] * len(apart_m), abs=0.02), "left and right alone"
     places = [Polygon(plane.many_to_m(corners[:, 0], corners[:, 1])) for corners in s.corners_deg[late][:6]]
-    assert all(one.intersection(other).area < 0.02 for k, one in enumerate(places) for other in places[:k])
+    left, right = places[::2], places[1::2]
+    assert all(one.intersection(other).area < 1e-6 for one in left for other in right)
+    assert [one.area for one in places] == pytest.approx(s.area_m2[late][:6].tolist(), rel=0.1)
     widths = {column.name: column for column in COLUMNS}["swath_width_m"].of(found)
     assert widths.tolist() == s.width_m.tolist()
 
