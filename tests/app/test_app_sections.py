@@ -26,10 +26,10 @@ def text_of(parts):
 
 
 def test_neighbours_that_are_alike_stand_together():
-    assert text_of(section_parts(STATES)) == "sections   1-2 open   3 outside   4 BY HAND"
+    assert text_of(section_parts(STATES)) == " sections   1-2 open   3 outside   4 BY HAND"
     assert set(SECTIONS) == set(WHY_CLOSED)
     use("zh")
-    assert text_of(section_parts(STATES)) == "分段   1-2 打开   3 田外   4 手动关闭"
+    assert text_of(section_parts(STATES)) == " 分段   1-2 打开   3 田外   4 手动关闭"
 
 
 def test_sections_come_through_the_wire():

@@ -163,3 +163,19 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
     assert before == pytest.approx([before[0]] * 3) and before[0] > 0.1
     assert after[1] == 0.0 and after[0] == pytest.approx(after[2]) and after[0] > 0.1
     assert silent == [0.0] * 3, "the board closes them a second after the last word"
+
+
+def test_valves_that_no_device_drives_are_said(tmp_path):
+    from typer.testing import CliRunner
+
+    from console.cli import app
+    from drivers.files.config import shipped
+    machine = str(shipped("machines")["huanghai_sections"])
+    module = "rate_module: {pulses_per_turn: 360.0, fixed_opening_mm: 25.0, address: 127.0.0.1"
+    for devices, wrong in ((module + "}", True), (module + ", valves: true}", False),
+                           ("board: {port: 'socket://127.0.0.1:9'}", False)):
+        cab = tmp_path / "cab.yaml"
+        cab.write_text(f"format: topdress-cab/1\n{devices}\n")
+        result = CliRunner().invoke(app, ["check", str(cab), machine])
+        assert (result.exit_code != 0) == wrong, result.output
+        assert ("key board: missing: allowed a board, or a rate module with valves" in result.output) == wrong

@@ -29,7 +29,7 @@ class SectionBar(Panel[tuple[SectionState, ...]]):
 
 def section_parts(sections: tuple[SectionState, ...]) -> list[Part]:
     """Neighbours that are alike together."""
-    found: list[Part] = [(_("sections"), "$text-muted")]
+    found: list[Part] = [(" " + _("sections"), "$text-muted")]
     first = 1
     for state, group in groupby(sections):
         last = first + len(list(group)) - 1
