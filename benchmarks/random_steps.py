@@ -4,7 +4,8 @@ A machine drives to and fro on a field and works, by any strategy, at times with
 tractor tells speeds to come. A share of its readings, of the times of its ticks and of its orders is wild: no number,
 infinite, from the future, from the past, elsewhere on earth. The interlocks are written here a second time, from
 docs/safety.md, and with a memory of their own; every command that turns the shaft is held against them, every command
-against the limits of the drives, every row against the log's text and the console's frame.
+against the limits of the drives, every row against the log's text and the console's frame. Every other run is of a
+machine whose sections have valves: none may be open without flow, or where a hand has closed it.
 
 Printed, and the exit code is 1 unless the first two are 0 and material flowed: interlocks broken, exceptions, the
 slowest tick (of the thread's own time), the memory that the process took at most, ticks with flow. With `--state FILE`
@@ -33,6 +34,7 @@ from console.worker.parts import TOLD
 from console.worker.wire import framed
 from control.field.job import Job, Wanted
 from control.geodesy import TangentPlane
+from control.log_row import ALL_COLUMNS, COLUMNS
 from control.loop import ControlLoop
 from control.loop.tick import Tick
 from control.orders import Do, Order, State, Strategy, TargetSource
@@ -50,6 +52,7 @@ AWAY_M = (0.5, 5.0, 30.0, 1e3, 5e4, 5e6)
 SETTLING = (Order(Do.ACKNOWLEDGE, ""), Order(Do.READY), Order(Do.START))
 VALUES = (None, True, False, "", "map", "manual", "balanced", 0.3, -30.0, 250.0, nan, inf, 1e308, "x" * 999)
 ORDERS = [Order(do, value) for do in Do for value in VALUES]
+SECTION_ORDERS = [Order(Do.SECTION, value) for value in ("1 off", "2 off", "3 off", "2 auto", "all auto", "9 off")]
 LIVELY = [order for order in ORDERS if order.do is not Do.STOP]
 
 
@@ -77,8 +80,14 @@ class Rules:
                 fix.time_s, now_s, inf):
             self._speed_s = max(self._speed_s, fix.time_s)
         command, allow, state = tick.command, tick.allow, tick.verdict.state
+        opened = [k for k, on in enumerate(command.valves, start=1) if on is not False]
+        closed = [name for name, bad in (
+            ("valve_without_flow", bool(opened and tick.verdict.why_no_flow)),
+            ("valve_not_working", bool(opened) and state not in (State.WORKING, State.CALIBRATING)),
+            ("valve_by_hand", state is State.WORKING and bool(set(opened) & set(tick.choices.sections_off))),
+        ) if bad]
         turns_well = command.shaft_rpm == 0.0 or 10.0 <= command.shaft_rpm <= 100.0
-        found = [] if turns_well and 0.0 <= command.opening_mm <= 60.0 else ["limits"]
+        found = closed + ([] if turns_well and 0.0 <= command.opening_mm <= 60.0 else ["limits"])
         if command.shaft_rpm == 0.0 and command.dose is None:
             return found
         found += [name for name, bad in (
@@ -226,7 +235,8 @@ class Done(dict[str, Any]):
     """What was done so far, as it is kept."""
 
     def __init__(self, path: Path | None) -> None:
-        super().__init__(steps=0, runs=0, broken={}, exceptions={}, slowest_ms=0.0, peak_mb=0.0, flowing=0, seconds=0.0)
+        super().__init__(steps=0, runs=0, broken={}, exceptions={}, slowest_ms=0.0, peak_mb=0.0, flowing=0, opened=0,
+                         seconds=0.0)
         self._path = path
         if path is not None and path.exists():
             self.update(json.loads(path.read_text(encoding="utf-8")))
@@ -246,8 +256,11 @@ def run(number: int, seed: int, setup: Any, done: Done) -> None:
     if chance.random() < 0.8:
         job = with_simulated_field(job, setup.machine)
     has_switch = chance.random() < 0.3
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, has_switch)
-    machine, rules, text = Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))), Rules(job, has_switch), RowText()
+    valved = number % 2 == 1
+    applicator = setup.machine if valved else setup.machine.model_copy(update={"sections": ()})
+    loop = control_loop(applicator, setup.crop, setup.rule, job, has_switch)
+    machine, rules = Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))), Rules(job, has_switch)
+    text = RowText(ALL_COLUMNS if valved else COLUMNS)
     broken, exceptions = Counter(done["broken"]), Counter(done["exceptions"])
     for step in range(STEPS_A_RUN):
         m = machine.measure()
@@ -260,6 +273,7 @@ def run(number: int, seed: int, setup: Any, done: Done) -> None:
             done["slowest_ms"] = max(done["slowest_ms"], 1e3 * (time.thread_time() - began_s))
             broken.update(rules.broken(m, console_s, log_ok, tick))
             done["flowing"] += tick.command.shaft_rpm > 0.0
+            done["opened"] += any(tick.command.valves)
             text.line(tick.row)
             if step % 5 == 0:
                 told: dict[str, Any] = {name: getattr(tick, name) for name in TOLD}
@@ -277,6 +291,8 @@ def _order(loop: ControlLoop, chance: random.Random) -> None:
     if chance.random() < 0.05:
         for order in SETTLING:
             loop.order(order)
+    if chance.random() < 0.01:
+        loop.order(chance.choice(SECTION_ORDERS))
     if chance.random() < 0.005:
         loop.order(chance.choice(LIVELY if chance.random() < 0.98 else ORDERS))
 
@@ -287,7 +303,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--state", type=Path, help="keeps what was done: a further call goes on there")
     given = parser.parse_args()
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    setup = load_setup("huanghai_sections", "demo", dt.date(2014, 3, 7))
     done = Done(given.state)
     while done["steps"] < given.steps:
         began_s = time.perf_counter()
@@ -300,6 +316,7 @@ def main() -> None:
         print(f"{name}: {said}")
     sys.exit(exit_code({"no interlock was broken": not done["broken"], "nothing was raised": not done["exceptions"],
                         f"{done['flowing']} steps with flow: above 0": done["flowing"] > 0,
+                        f"{done['opened']} steps with a valve open: above 0": done["opened"] > 0,
                         f"{done['steps']} steps: {given.steps}": done["steps"] >= given.steps > 0}))
 
 

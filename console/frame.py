@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from control.field.totals import Totals
 from control.log_row import LogRow
-from control.orders import Alarm, Severity
+from control.orders import Alarm, SectionState, Severity
 from control.safety import Allowances, BenchRun
 from drivers.device_status import DeviceStatus
 
@@ -106,6 +106,7 @@ class Frame:
     bench: BenchRun | None = None                 # while calibrating: set-points as sent, seconds gone and left
     no_double: bool = True                        # ground that has its material gets no more
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
+    sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
 
 
 _NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun,
@@ -141,6 +142,7 @@ def from_json(message: dict[str, Any]) -> Frame:
         known["tally"] = known["tally"]._replace(refills=refills)
     for name in ("dropped_heads", "notes", "why_no_flow", "head_ndvi"):
         known[name] = tuple(message.get(name, ()))
+    known["sections"] = tuple(SectionState(*one) for one in message.get("sections", ()))
     if known.get("place_m") is not None:
         known["place_m"] = tuple(known["place_m"])
     return Frame(**known)

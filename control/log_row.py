@@ -47,9 +47,12 @@ class LogRow(NamedTuple):
     work_switch: int | None = None
     alarms: str | None = None        # ids separated by ;
     events: str | None = None        # separated by ;
+    sections_cmd: str | None = None  # of machines with valves: what each is told, left to right, separated by ;
 
 
-COLUMNS: tuple[str, ...] = LogRow._fields
+ALL_COLUMNS: tuple[str, ...] = LogRow._fields
+SECTION_COLUMNS = ("sections_cmd",)      # the last ones; only in logs of machines whose sections have valves
+COLUMNS: tuple[str, ...] = ALL_COLUMNS[:-len(SECTION_COLUMNS)]
 HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 # How long a row goes on holding a value that no longer comes, s; then the cell is empty.
 HOLDS_S = MappingProxyType({
@@ -58,5 +61,5 @@ HOLDS_S = MappingProxyType({
 GNSS_HOLDS_S = 1.0                      # all that an epoch told
 COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
 
-TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events"})
+TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "sections_cmd"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})

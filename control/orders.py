@@ -58,6 +58,7 @@ class Do(StrEnum):
     FLOW_TRIM = "flow_trim"          # value: True / False: the scale may correct the flow model
     LOOK_AHEAD = "look_ahead"        # value: True / False
     NO_DOUBLE = "no_double"          # value: True / False: ground that has its material gets no more
+    SECTION = "section"              # value: "2 off", "2 auto" or "all auto"; sections count from 1, left to right
     DOSE_ERROR = "dose_error"        # value: m, measured behind the machine on the newest doses; late is positive
 
 
@@ -71,6 +72,16 @@ class Answer(NamedTuple):
 
     accepted: bool
     why: str = ""
+
+
+class SectionState(NamedTuple):
+    """One section of a machine with valves. `why` it is told to be closed: `WHY_CLOSED`, empty where it is open."""
+
+    open: bool
+    why: str = ""
+
+
+WHY_CLOSED = ("outside", "headland", "done", "map", "hand", "no_flow")
 
 
 class Alarm(NamedTuple):

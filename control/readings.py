@@ -85,6 +85,7 @@ class DriveCommand(NamedTuple):
     shaft_rpm: float
     opening_mm: float
     dose: DoseOrder | None = None       # begins in this tick
+    valves: tuple[bool, ...] = ()       # of the sections, left to right: open; none: the machine has no valves
 
 
 def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:

@@ -175,8 +175,11 @@ class Cab:
         """Both drives' bytes are made before any is sent: a number that one refuses reaches neither."""
         datagrams: list[bytes] = []
         if self._module is not None:
-            datagrams = self._module.driver.command(None if command is None else command.shaft_rpm, enabled, now_s)
-            command = None if command is None else command._replace(shaft_rpm=0.0)
+            valves = command.valves if command is not None and self._module.has_valves else ()
+            datagrams = self._module.driver.command(None if command is None else command.shaft_rpm, enabled, now_s,
+                                                    valves)
+            command = None if command is None else command._replace(
+                shaft_rpm=0.0, valves=() if self._module.has_valves else command.valves)
         if self._drives is not None:
             line, board = self._drives
             line.write(now_s, board.command(command, enabled))
@@ -311,6 +314,7 @@ class _Module:
                                  opener(config.url, clock), self.driver.counts)
         self._fixed_opening_mm = config.fixed_opening_mm
         self._has_switch = config.work_switch
+        self.has_valves = config.valves
 
     @property
     def work_switch(self) -> tuple[bool, float] | None:

@@ -107,6 +107,7 @@ class RateModuleConfig(_Config):
     `listen`: this computer's own address on the module's network, or 0.0.0.0 where the module answers to the whole
     subnet. `subnet`: from where answers are believed, as 192.168.1.0/24; None: from `address` alone.
     `fixed_opening_mm`: where the gate is set by hand, on a machine whose board does not move it.
+    `valves`: the sections' valves hang on its relays, from the second on; else on the slave board.
     """
 
     address: str | None = None
@@ -121,6 +122,7 @@ class RateModuleConfig(_Config):
     max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
     fixed_opening_mm: Annotated[float, Field(gt=0, le=100)] | None = None
     work_switch: bool = False
+    valves: bool = False
 
     @property
     def url(self) -> str:

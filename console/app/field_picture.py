@@ -61,13 +61,15 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FieldPicture:
-    """title: of the field. rings_m: outlines and holes, east and north. width_m: that the outlets cover."""
+    """title: of the field. rings_m: outlines and holes, east and north. width_m: that the outlets cover. sections: the
+    right ends of those that have valves, as shares of the width; none: it is one whole."""
 
     title: str = ""
     rings_m: tuple[Ring, ...] = ()
     area_ha: float | None = None
     width_m: float = 2.4
     planned: Planned | None = None
+    sections: tuple[float, ...] = ()
 
     @property
     def box(self) -> Box | None:

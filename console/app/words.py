@@ -56,8 +56,19 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "nudge_out_of_range": N_("The nudge is out of its range."),
     "rate_out_of_range": N_("The rate is out of its range."),
     "dose_error_out_of_range": N_("A dose error is at most 2 m."),
+    "section_off_or_auto": N_("A section is closed by hand or given back."),
+    "no_such_section": N_("The machine has no such section, or none with a valve."),
     "no_dose_landed": N_("No dose has landed yet, or the job has no plants."),
 }
+
+
+SECTIONS = {"outside": N_("outside"), "headland": N_("headland"), "done": N_("done"), "map": N_("map: nothing"),
+            "hand": N_("BY HAND"), "no_flow": N_("closed")}
+
+
+def section_word(why: str) -> str:
+    """Why a section is closed."""
+    return _(SECTIONS.get(why, why))
 
 
 def state_word(state: str | None) -> str:

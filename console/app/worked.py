@@ -26,6 +26,8 @@ NOTHING_KG_HA = 1.0                    # less than this is passage, not applicat
 JUMP_M = 12.0                          # places further apart are not joined
 MOST_TILES = 2_000                     # of one size of cell: 57 MB
 _TILE = 32                             # cells on a side
+ALL_OPEN = -1.0
+MOST_BITS = 52                         # that a float holds exactly
 
 
 class Spot(NamedTuple):
@@ -37,6 +39,7 @@ class Spot(NamedTuple):
     applied_kg_ha: float
     target_kg_ha: float
     ndvi: float
+    open_bits: float = ALL_OPEN         # of the sections, bit 0 the leftmost
 
 
 def spot_of(frame: Frame) -> Spot | None:
@@ -51,7 +54,14 @@ def spot_of(frame: Frame) -> Spot | None:
 
     return Spot(frame.place_m[0], frame.place_m[1], known(row.heading_deg),
                 known(row.applied_rate_kg_ha) if at_work else float("nan"),
-                known(row.target_rate_kg_ha) if at_work else float("nan"), known(row.ndvi))
+                known(row.target_rate_kg_ha) if at_work else float("nan"), known(row.ndvi), open_bits(row.sections_cmd))
+
+
+def open_bits(sections_cmd: str | None) -> float:
+    """The log's column of the valves as a number; all open where it tells nothing."""
+    if not sections_cmd:
+        return ALL_OPEN
+    return float(sum(1 << k for k, told in enumerate(sections_cmd.split(";")[:MOST_BITS]) if told == "1"))
 
 
 class Box(NamedTuple):
@@ -70,6 +80,7 @@ class Worked:
 
     def __init__(self, width_m: float = 2.4, most_tiles: int = MOST_TILES) -> None:
         self.width_m, self.most_tiles = width_m, most_tiles
+        self.sections: tuple[float, ...] = ()       # right ends of the sections, as shares of the width
         self.clear()
 
     def clear(self) -> None:
@@ -164,7 +175,11 @@ class Worked:
         right_north = np.where(np.isfinite(heading), -np.sin(heading), 0.0)
         east = laid[:, 0, None] + right_east[:, None] * aside
         north = laid[:, 1, None] + right_north[:, None] * aside
-        values = np.repeat(laid[:, 3:], count, axis=0)
+        values = np.repeat(laid[:, 3:3 + KINDS], count, axis=0)
+        if self.sections:
+            of = np.searchsorted(self.sections, aside / self.width_m + 0.5).clip(max=len(self.sections) - 1)
+            bits = laid[:, 3 + KINDS].astype(np.int64)
+            values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan     # nothing from a closed section
         return np.concatenate((east.reshape(-1, 1), north.reshape(-1, 1), values), axis=1)
 
     def _enter(self, rows: Floats, passage: bool) -> None:

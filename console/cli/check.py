@@ -69,7 +69,7 @@ def write_all(folder: Path) -> None:
 def _check(files: list[str]) -> None:
     from drivers.files.config import ConfigError, load_any
     from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-    from drivers.files.setup import wheel_disagreements
+    from drivers.files.setup import disagreements
     wrong: list[str] = []
     read: list[tuple[Any, Any]] = []
     for file in files:
@@ -91,7 +91,7 @@ def _check(files: list[str]) -> None:
     for kind, machine in read:
         if kind is MACHINE:
             wrong += [line for other, cab in read if other is CAB
-                      for line in wheel_disagreements(cab, machine.model, str(machine.path))]
+                      for line in disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
 

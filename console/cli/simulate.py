@@ -102,6 +102,7 @@ def simulate(
 
 class _Ran(NamedTuple):
     record: Record
+    heads: list[tuple[float, ...]]  # what they read, each sample once, while something flowed
     alarms: dict[str, int]          # ticks of each
     doses: DoseWatch | None         # of point mode
     threshold: Threshold | None     # of point mode, as learned
@@ -121,16 +122,20 @@ def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], terms: list[
         doses = DoseWatch(plant.plants_m, seed + 3, job.simulated.dose_measured_sd_m)
     record = Record()
     alarms: dict[str, int] = {}
+    heads: list[tuple[float, ...]] = []
     begun = time.perf_counter()
     steps = simulated_run(plant, loop, seconds, doses=doses)
     for step in progress(steps, round(seconds / DT_S), "simulating"):
         record.add(step)
+        told = step.tick.head_ndvi
+        if step.tick.row.applied_rate_kg_ha and told and None not in told and (not heads or heads[-1] != told):
+            heads.append(tuple(value for value in told if value is not None))
         for name in (step.tick.row.alarms or "").split(";"):
             if name:
                 alarms[name] = alarms.get(name, 0) + 1
         if log is not None:
             log.append(step.tick.row)
-    return _Ran(record, alarms, doses, loop.threshold, time.perf_counter() - begun)
+    return _Ran(record, heads, alarms, doses, loop.threshold, time.perf_counter() - begun)
 
 
 def _switch(option: str, text: str) -> bool:
@@ -168,15 +173,18 @@ def _truth_text(record: Record, width_m: float) -> str:
 
 
 def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool) -> None:
+    from control.field.across import across, across_words
     from control.orders import TargetSource
     from control.simulation.errors import errors
     record, alarms, took_s = run.record, run.alarms, run.took_s
     by_canopy = job.target.source is TargetSource.CANOPY
     found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m,
                    rule=setup.rule if by_canopy else None)
+    one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
     if as_json:
         told = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
                 "flow_trim": job.flow_trim, "effects": list(effects), **found._asdict(),
+                "one_rate": None if one_rate is None else one_rate._asdict(),
                 "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)}
         sys.stdout.write(json.dumps(told) + "\n")
         return
@@ -190,6 +198,8 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
         if miss is not None and percent is not None:
             typer.echo(f"             against the {name} need of the canopy {miss:.1f} kg/ha ({percent:.2f} % of the "
                        f"mean need)")
+    if one_rate is not None:
+        typer.echo(f"one rate     {across_words(one_rate)}")
     typer.echo(f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m (late is positive), "
                f"p50 {found.place_p50_m:.3f} m, p95 {found.place_p95_m:.3f} m, {found.steps} steps, "
                f"{found.steps_lost} lost")

@@ -11,6 +11,7 @@ from console.reports.job_about import NOBODY, About, named, simulated_band, time
 from console.reports.numbers import fixed, number, span_of
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
+from control.field.across import across_words
 from control.geodesy import TangentPlane
 from drivers.files.exports.as_applied import AsApplied
 
@@ -40,6 +41,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
                      "product)"),
         ("evenness", f"CV {number(t.cv_percent)} %, Christiansen's uniformity {number(t.cuc_percent)} %"),
         *evenness_against_plan(applied),
+        *(() if applied.one_rate is None else (("one rate across the width", escape(across_words(applied.one_rate))),)),
         ("working time", escape(span_of(t.worked_s))),
         ("machine", escape(f"{applied.machine.title or applied.machine.id}, {applied.width_m:g} m"))])
     begun = applied.utc(float(applied.stretches.time_s[0]))

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,8 +42,12 @@ def field_picture(frame: Frame) -> FieldPicture | None:
         return None
     try:
         job = JOB.model.model_validate(dict(meta.job))
-        width_m = MACHINE.model.model_validate(dict(meta.machine)).geometry.working_width_m if meta.machine else 2.4
-        return picture_of(job, _folder(meta, job, described.parent), width_m)
+        machine = MACHINE.model.model_validate(dict(meta.machine)) if meta.machine else None
+        picture = picture_of(job, _folder(meta, job, described.parent),
+                             2.4 if machine is None else machine.geometry.working_width_m)
+        if machine is None or not machine.switched:
+            return picture
+        return replace(picture, sections=tuple(accumulate(strip.share for strip in machine.switched)))
     except (ValueError, OSError) as error:
         raise ValueError(" ".join(str(error).split())) from None
 

@@ -26,7 +26,7 @@ from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import by_kind, setup_of, wheel_disagreements
+from drivers.files.setup import by_kind, disagreements, setup_of
 from drivers.virtual.machine import virtual_cab
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
@@ -43,7 +43,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         setup = setup_of(found, dt.date.today())
         if cab is not None:
             named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
-            if lines := wheel_disagreements(cab, setup.machine, str(named)):
+            if lines := disagreements(cab, setup.machine, str(named)):
                 raise ConfigError(lines)
     except ConfigError as error:
         raise ValueError(str(error)) from error

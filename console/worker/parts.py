@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 from console.frame import Frame, Tally
 from control.field.totals import Totals
 from control.log_row import LogRow
-from control.orders import Alarm, Answer, Order
+from control.orders import Alarm, Answer, Order, SectionState
 from control.readings import DriveCommand, Measurements
 from control.safety import Allowances, BenchRun
 from drivers.cab_line import DeviceLine
@@ -75,6 +75,8 @@ class Tick(Protocol):
     def no_double(self) -> bool: ...
     @property
     def threshold_m(self) -> float | None: ...
+    @property
+    def sections(self) -> tuple[SectionState, ...]: ...
 
 
 TOLD = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over

@@ -12,6 +12,7 @@ import numpy as np
 from control.field.coverage import MOST_CELLS, Coverage, Raster
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
+from control.machine.sections import LoggedValves
 
 CELL_M = 0.25               # at most a sixth of the width
 TRACK_STEP_M = 1.0          # places kept for the map: at least this far apart ...
@@ -29,30 +30,35 @@ class Done:
         cell_m = before.cell_m if before.done.any() else min(CELL_M, width_m / 6.0)
         self._fall, self._turning_rpm = machine.fall, 0.5 * machine.limits.shaft_low_rpm
         self._before = before
-        self._coverage = Coverage(width_m, cell_m)
-        self._falling: deque[tuple[float, bool]] = deque()      # when it lands, whether there is any
+        strips = [(strip.left_m, strip.right_m) for strip in machine.switched]
+        self._coverage = Coverage(width_m, cell_m, strips=strips)
+        self._valves = LoggedValves(machine.sections if strips else ())
+        self._falling: deque[tuple[float, tuple[bool, ...]]] = deque()      # when it lands, by which strips
         self._drop_s = 0.0
-        self._flowing = False
+        self._flowing = (False,) * max(1, len(strips))
         self.track: list[Spot] = list(track)
         self._track_step_m = TRACK_STEP_M
 
     def pass_over(self, time_s: float, place_m: tuple[float, float], heading_deg: float, shaft_rpm: float | None,
-                  applied_kg_ha: float) -> bool:
-        """The outlets are here; true where something lands. What is released lands a drop time later."""
+                  applied_kg_ha: float, sections_cmd: str | None = None) -> bool:
+        """The outlets are here; true where something lands. What is released lands a drop time later. sections_cmd: as
+        the row has it."""
         released = shaft_rpm is not None and shaft_rpm >= self._turning_rpm
         if shaft_rpm is not None and released:
             self._drop_s = drop_s(self._fall, shaft_rpm)
-        self._falling.append((time_s + self._drop_s, released))
+        opened = self._valves.open_at(time_s, sections_cmd) or (True,)
+        self._falling.append((time_s + self._drop_s, tuple([released and on for on in opened])))
         while self._falling and self._falling[0][0] <= time_s:
             self._flowing = self._falling.popleft()[1]
         self._coverage.lay(place_m, heading_deg, self._flowing)
-        if self._flowing:
+        lands = any(self._flowing)
+        if lands:
             self._note_track((round(place_m[0], 1), round(place_m[1], 1), round(heading_deg), round(applied_kg_ha)))
-        return self._flowing
+        return lands
 
     def lost(self) -> None:
         """No place is known: the stretch ends."""
-        self._coverage.lay((float("nan"), float("nan")), 0.0, False)
+        self._coverage.lay((float("nan"), float("nan")), 0.0, self._coverage.nothing)
 
     def raster(self) -> Raster:
         """All that is done, the earlier part too."""

@@ -13,6 +13,7 @@ from console.worker.resume_run_on import STEP_S, run_on
 from control.field.totals import Totaliser
 from control.geodesy import TangentPlane, offset
 from control.machine.machine import Machine
+from control.machine.sections import LoggedValves
 from control.orders import State
 
 TAIL_BYTES = 200_000        # more than half a minute at 20 Hz
@@ -34,6 +35,8 @@ class _Row(NamedTuple):
     hopper_kg: float | None
     state: str
     refill_kg: float
+    sections_cmd: str = ""
+    open_share: float = 1.0         # of the working width
 
 
 def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None) -> Snapshot:
@@ -43,7 +46,7 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
     stops_s: the drive stops after so long without its host; None: it ended with the worker, as a simulated one does.
     """
     try:
-        rows = list(_rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)))
+        rows = list(_with_shares(_rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)), machine))
     except OSError:
         return snapshot
     if not rows or snapshot.origin_deg is None:
@@ -62,12 +65,13 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
         place = offset(antenna, row.heading_deg, -antenna_m)
         flowing = row.state in (State.WORKING, State.HELD)
         applied = row.applied_rate_kg_ha * row.flow_trim
-        done.pass_over(row.time_s, place, row.heading_deg, row.shaft_rpm if flowing else 0.0, applied)
+        done.pass_over(row.time_s, place, row.heading_deg, row.shaft_rpm if flowing else 0.0, applied,
+                       row.sections_cmd)
         if row.time_s > snapshot.time_s and row.state == State.HELD:
             held_s += min(step_s, MOST_STEP_S)
         worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or applied > 0.0)
         if row.time_s > snapshot.sums_s and worked and step_s <= MOST_STEP_S:
-            sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha)
+            sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha, row.open_share)
     width_m, last, after_cut_kg = machine.geometry.working_width_m, rows[-1], 0.0
     cut_hopper_kg = _hopper_kg(rows, width_m)
     flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
@@ -75,15 +79,26 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
     for after in run_on(machine, last.shaft_rpm, stops_s) if stops_s is not None and flowed else ():
         landing = offset(landing, last.heading_deg, last.speed_used_mps * STEP_S)
         applied = last.applied_rate_kg_ha * last.flow_trim * after.share
-        done.pass_over(last.time_s + after.after_s, landing, last.heading_deg, last.shaft_rpm * after.share, applied)
+        done.pass_over(last.time_s + after.after_s, landing, last.heading_deg, last.shaft_rpm * after.share, applied,
+                       last.sections_cmd)
         if after.share > 0.0:
-            sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha)
-            after_cut_kg += applied * width_m * last.speed_used_mps * STEP_S / 10_000.0
+            sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share)
+            after_cut_kg += applied * last.open_share * width_m * last.speed_used_mps * STEP_S / 10_000.0
     refills = tuple((snapshot.saved_utc, row.refill_kg) for row in rows
                     if row.refill_kg > 0.0 and row.time_s > snapshot.time_s)
     return replace(snapshot, sums=sums.sums, ground=done.raster(), track=tuple(done.track), place_m=place,
                    heading_deg=rows[-1].heading_deg, held_s=held_s, time_s=before_s, sums_s=before_s,
                    refills=(*snapshot.refills, *refills), after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
+
+
+def _with_shares(rows: Iterator[_Row], machine: Machine) -> Iterator[_Row]:
+    """The rows with what was open, where the machine has valves."""
+    if not machine.switched:
+        yield from rows
+        return
+    valves = LoggedValves(machine.sections)
+    for row in rows:
+        yield row._replace(open_share=valves.share(valves.open_at(row.time_s, row.sections_cmd)))
 
 
 def _hopper_kg(rows: list[_Row], width_m: float) -> float | None:
@@ -94,7 +109,8 @@ def _hopper_kg(rows: list[_Row], width_m: float) -> float | None:
             break
         if row.hopper_kg is not None:
             told.append(row.hopper_kg - released_kg)
-        released_kg += row.applied_rate_kg_ha * row.flow_trim * width_m * row.speed_used_mps * step_s / 10_000.0
+        wide_m = row.open_share * width_m
+        released_kg += row.applied_rate_kg_ha * row.flow_trim * wide_m * row.speed_used_mps * step_s / 10_000.0
     return sum(told) / len(told) if told else None
 
 
@@ -132,6 +148,6 @@ def _row(cells: dict[str, str]) -> _Row | None:
             applied_rate_kg_ha=known("applied_rate_kg_ha"), flow_trim=known("flow_trim", 1.0),
             target_rate_kg_ha=known("target_rate_kg_ha"),
             hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None, state=cells.get("state", ""),
-            refill_kg=sum(map(float, refills)))
+            refill_kg=sum(map(float, refills)), sections_cmd=cells.get("sections_cmd") or "")
     except (KeyError, ValueError):
         return None

@@ -10,7 +10,7 @@ without business on a field's plane are left out, and a picture has at most `MOS
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,11 +43,25 @@ class Raster(NamedTuple):
 
 
 class _Bar(NamedTuple):
-    """The row of outlets."""
+    """A row of outlets; `middle`: of the whole machine."""
 
     middle: Place
     left: Place
     right: Place
+
+
+class _Strip:
+    """Outlets that flow together, and where their last stretch ended. Edges: m to the right of the middle."""
+
+    def __init__(self, left_m: float, right_m: float) -> None:
+        self.left_m, self.right_m = left_m, right_m
+        self.bar: _Bar | None = None               # where the last stretch ended
+        self.saved: _Bar | None = None             # worked up to here since, less than half a cell on
+
+    def bar_at(self, place: Place, east: float, north: float) -> _Bar:
+        """Here, on a course of this direction."""
+        return _Bar(place, (place[0] + self.left_m * north, place[1] - self.left_m * east),
+                    (place[0] + self.right_m * north, place[1] - self.right_m * east))
 
 
 class Coverage:
@@ -56,11 +70,13 @@ class Coverage:
     A cell passed over again counts as overlap when the machine has travelled more than `revisit_m` since (three
     widths unless told otherwise), so that a tight turn is not its own overlap.
     Two calls farther apart than `longest_m` are a jump of the position: no ground is passed over between them.
+    strips: outlets that flow together, by their edges, m to the right of the middle; the whole width unless told
+    otherwise.
     Raises ValueError for a width or a cell that is not above 0, or a cell larger than half the width.
     """
 
     def __init__(self, width_m: float, cell_m: float = 0.2, revisit_m: float | None = None,
-                 longest_m: float = 30.0) -> None:
+                 longest_m: float = 30.0, strips: Sequence[tuple[float, float]] = ()) -> None:
         if not 0.0 < 2.0 * cell_m <= width_m:
             raise ValueError(f"width {width_m:g} m, cell {cell_m:g} m: allowed is a cell above 0, at most half the "
                              "width")
@@ -73,8 +89,7 @@ class Coverage:
         self._cells = self._again = 0
         self._travelled_m = 0.0
         self._last: Place | None = None
-        self._bar: _Bar | None = None              # where the last stretch ended
-        self._saved: _Bar | None = None            # worked up to here since, less than half a cell on
+        self._strips = [_Strip(left, right) for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)]
 
     def seed(self, ground: Raster) -> None:
         """Ground that an earlier run has done, with cells of any size: covered, and never just passed over.
@@ -94,34 +109,40 @@ class Coverage:
             for column in range(west // _TILE, east // _TILE + 1):
                 self._mark(row, column, south, west, done, _EARLIER)
 
-    def lay(self, place: Place, heading_deg: float, flowing: bool) -> None:
-        """The middle of the outlets is here; `flowing`: material has been landing since the last call.
+    def lay(self, place: Place, heading_deg: float, flowing: bool | Sequence[bool]) -> None:
+        """The middle of the outlets is here; `flowing`: material has been landing since the last call, where the
+        coverage has strips of each of them.
 
         Stretches shorter than half a cell are saved up. A place that is not finite, or too far away to be one of the
         field, is left out, and breaks the stretch; so does a jump, after which it begins anew.
         """
         if not (abs(place[0]) <= FARTHEST_M and abs(place[1]) <= FARTHEST_M and math.isfinite(heading_deg)):
-            self._end_stretch(None)
+            self._end_stretches()
             self._last = None
             return
         if self._last is not None:
             step_m = apart_m(self._last, place)
             if step_m > self.longest_m:
-                self._end_stretch(None)
+                self._end_stretches()
             else:
                 self._travelled_m += step_m
         self._last = place
-        half = 0.5 * self.width_m
         east, north = direction(heading_deg)
-        bar = _Bar(place, (place[0] - half * north, place[1] + half * east),
-                   (place[0] + half * north, place[1] - half * east))
-        if not flowing or self._bar is None:
-            self._end_stretch(bar)
-        elif apart_m(self._bar.middle, place) >= 0.5 * self.cell_m:
-            self._sweep(self._bar, bar)
-            self._bar, self._saved = bar, None
-        else:
-            self._saved = bar
+        flows = (flowing,) * len(self._strips) if isinstance(flowing, bool) else flowing
+        for strip, flowed in zip(self._strips, flows, strict=True):
+            bar = strip.bar_at(place, east, north)
+            if not flowed or strip.bar is None:
+                self._end(strip, bar)
+            elif apart_m(strip.bar.middle, place) >= 0.5 * self.cell_m:
+                self._sweep(strip.bar, bar)
+                strip.bar, strip.saved = bar, None
+            else:
+                strip.saved = bar
+
+    @property
+    def nothing(self) -> bool | Sequence[bool]:
+        """What `lay` is told where nothing flows."""
+        return False if len(self._strips) == 1 else (False,) * len(self._strips)
 
     @property
     def covered(self) -> Covered:
@@ -178,10 +199,14 @@ class Coverage:
             done[r:r + _TILE, c:c + _TILE] = ~np.isnan(self._tiles[row, column])
         return Raster(west * _TILE * self.cell_m, south * _TILE * self.cell_m, self.cell_m, done)
 
-    def _end_stretch(self, bar: _Bar | None) -> None:
-        if self._bar is not None and self._saved is not None:
-            self._sweep(self._bar, self._saved)
-        self._bar, self._saved = bar, None
+    def _end_stretches(self) -> None:
+        for strip in self._strips:
+            self._end(strip, None)
+
+    def _end(self, strip: _Strip, bar: _Bar | None) -> None:
+        if strip.bar is not None and strip.saved is not None:
+            self._sweep(strip.bar, strip.saved)
+        strip.bar, strip.saved = bar, None
 
     def _sweep(self, before: _Bar, now: _Bar) -> None:
         corners = (before.left, before.right, now.left, now.right)

@@ -128,6 +128,8 @@ class Job(Part):
     flow_trim: bool = True
     no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
     planned_speed_kmh: Annotated[float, Field(gt=0, le=30)] | None = None   # of the passes; None: nobody has planned it
+    # share of a section's width that is done, or outside, at which it closes: 0: as soon as any is, 100: once all is
+    section_overlap_percent: Annotated[float, Field(ge=0, le=100)] = 50.0
     target: Wanted = Wanted()
     field: Ground = Ground()
     simulated: Simulated = Simulated()

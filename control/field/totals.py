@@ -10,7 +10,7 @@ _BIN_KG_HA = 0.25       # of the rate histogram behind C_uc; its error is below 
 class Totals(NamedTuple):
     """Frozen. Rates are means over worked area; None before any was worked."""
 
-    area_ha: float                       # worked: width x way, overlaps included
+    area_ha: float                       # worked: open width x way, overlaps included
     applied_kg: float
     applied_n_kg: float
     target_kg: float                     # of the area whose target was known
@@ -64,14 +64,15 @@ class Totaliser:
                     tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()))
 
     def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
-            target_rate_kg_ha: float | None = None) -> None:
+            target_rate_kg_ha: float | None = None, open_share: float = 1.0) -> None:
         """One tick of work. Call it only where work is done (working, speed above the lowest, flow wanted or not).
 
-        step_s: time since the last tick, s. What is not known, not finite or negative adds nothing.
+        step_s: time since the last tick, s. open_share: of the working width; the rates are those under it. What is not
+        known, not finite or negative adds nothing.
         """
         if speed_mps is None or applied_rate_kg_ha is None:
             return
-        area_ha = self._width_m * speed_mps * step_s / 10_000.0
+        area_ha = open_share * self._width_m * speed_mps * step_s / 10_000.0
         if not (0.0 < area_ha < math.inf and 0.0 <= applied_rate_kg_ha < math.inf):
             return
         kg = applied_rate_kg_ha * area_ha

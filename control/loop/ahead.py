@@ -9,6 +9,7 @@ from control.field.coverage import Coverage
 from control.field.job import Job
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Moment
+from control.loop.sections import Sections
 from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
@@ -20,6 +21,7 @@ from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target
+from control.targets.section_ground import Ground
 from control.targets.unspread import Unspread
 
 CELL_M = 0.2                    # of the bitmap of ground that is done
@@ -38,7 +40,10 @@ class Ahead:
         rate = job.field.headland_rate_kg_ha
         self._headland = None if rate is None else headland
         self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
-        self.overlap = Overlap(Coverage(width_m, min(CELL_M, width_m / 6.0), longest_m=LONGEST_M), geometry.outlets)
+        cell_m = min(CELL_M, width_m / 6.0)
+        self.overlap = Overlap(Coverage(width_m, cell_m, longest_m=LONGEST_M, strips=[
+            (strip.left_m, strip.right_m) for strip in machine.switched]), geometry.outlets)
+        self.sections = Sections(machine, job.section_overlap_percent, cell_m) if machine.switched else None
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
             rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha)))
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
@@ -53,6 +58,8 @@ class Ahead:
     def jumped(self) -> None:
         """The position has jumped: what was seen ahead lay elsewhere."""
         self.overlap.moved()
+        if self.sections is not None:
+            self.sections.moved()
         if self.map is not None:
             self.map.lost()
 
@@ -72,9 +79,13 @@ class Ahead:
             place = (sensed.east_m, sensed.north_m)
         rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
         turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm
-        self.overlap.note(sensed.time_s, place, sensed.heading_deg, turns,
+        released: bool | tuple[bool, ...] = turns
+        if self.sections is not None:
+            opened = self.sections.open_now(sensed.time_s)
+            released = tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
+        self.overlap.note(sensed.time_s, place, sensed.heading_deg, released,
                           drop_s(self._machine.fall, rpm) if turns else 0.0)
-        if no_double:
+        if no_double and self.sections is None:
             self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
     def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
@@ -90,13 +101,27 @@ class Ahead:
         """Targets along the track: chosen, not where something lies already, not outside. spread_to_m: where the
         machine has backed up, nothing more before this place."""
         wanted = self._chosen(choices)
-        if self._headland is not None:
+        by_section = self._by_section(choices)
+        if self._headland is not None and not (by_section and self._headland_target.rate_kg_ha <= 0.0):
             wanted = Fenced(wanted, self._headland, self._headland_target)
-        if choices.no_double:
+        if choices.no_double and not by_section:
             wanted = Fenced(wanted, self.overlap, Target(0.0, choices.source))
         if spread_to_m > -inf:
             wanted = Unspread(wanted, spread_to_m, choices.source)
-        return wanted if self.fence is None or may_outside else Fenced(wanted, self.fence)
+        return wanted if self.fence is None or may_outside or by_section else Fenced(wanted, self.fence)
+
+    def _by_section(self, choices: Choices) -> bool:
+        """Whether every section is switched by its own strip: then the whole machine is not. Doses are the whole
+        machine's."""
+        return self.sections is not None and choices.source is not TargetSource.POINT
+
+    def ground(self, choices: Choices, may_outside: bool) -> Ground:
+        """What says which sections are to be on."""
+        nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
+        by_map = self.map is not None and choices.source is TargetSource.MAP
+        return Ground(None if may_outside else self.fence, self._headland if nothing else None,
+                      self.overlap.coverage if choices.no_double else None,
+                      self.map.prescription if by_map and self.map is not None else None, ())
 
     def _chosen(self, choices: Choices) -> Profile:
         if choices.source is TargetSource.CANOPY:
@@ -109,13 +134,17 @@ class Ahead:
             return Everywhere(Target(choices.manual_rate_kg_ha, TargetSource.MANUAL))
         return self._fallback
 
-    def landing_inside(self, moment: Moment, holding: Target, stop: Lag, may_outside: bool) -> bool | None:
-        """Whether what is released now lands inside the field; None where no field is known."""
+    def landing_inside(self, moment: Moment, holding: Target, stop: Lag, choices: Choices,
+                       may_outside: bool) -> bool | None:
+        """Whether what is released now lands inside the field, of some section at least; None where no field is
+        known."""
         sensed = moment.sensed
         if self.fence is None:
             return None
         if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
             return False
+        if self.sections is not None and self._by_section(choices) and not may_outside:
+            return self.sections.inside(sensed.time_s)
         if not sensed.backwards and not may_outside:
             return holding != OUTSIDE
         ahead_m = moment.ahead.way_m(stop.total_s)

@@ -16,10 +16,11 @@ from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
-from control.loop.moment import Decision, Metered, Moment
+from control.loop.moment import Choices, Decision, Metered, Moment
 from control.loop.ordered import Operator
 from control.loop.reach import Reach
 from control.loop.row import head_ndvi, log_row
+from control.loop.sections import Leads
 from control.loop.situation import situation
 from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
@@ -31,7 +32,7 @@ from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import Answer, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible
-from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
+from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
 from control.targets.lag_correction import ChangeQueue
@@ -73,7 +74,7 @@ class ControlLoop:
         self._expected = ExpectedDrives(machine)
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
-                                  prescription is not None, self._started)
+                                  prescription is not None, self._started, len(machine.switched))
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events: list[str] = []                    # of the next row
@@ -148,6 +149,8 @@ class ControlLoop:
         """The operator wants flow from here on, also where some lies already."""
         self._backing.forget()
         self._ahead.overlap.started()
+        if self._ahead.sections is not None:
+            self._ahead.sections.started()
 
     # -- one tick --------------------------------------------------------------------------------------------------
 
@@ -157,7 +160,7 @@ class ControlLoop:
         decision = self._decide(moment)
         metered = self._meter(moment, decision)
         choices, allow = self._operator.choices, self.safety.memory.allow
-        inside = self._ahead.landing_inside(moment, decision.holding, decision.stop, allow.outside)
+        inside = self._ahead.landing_inside(moment, decision.holding, decision.stop, choices, allow.outside)
         between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(
             moment, decision, metered, choices, self._ahead.heads, inside, between, console_age_s, log_ok))
@@ -209,8 +212,7 @@ class ControlLoop:
         """The target that what is released now must meet, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
-        reach = Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
-                      self._planner.falls_s(now))
+        reach = self._reach(moment, choices)
         if self._backing.look(sensed, allow.reverse):
             self._queue.restart(Target(0.0, choices.source), sensed.track_m)
         profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
@@ -219,23 +221,60 @@ class ControlLoop:
         holding = self._queue.holding
         if by_point and self._doses is not None:
             holding = self._doses.target(sensed, allow.outside)
+        stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
+        share = self._open_share(moment, holding, stop, reach, by_point)
+        holding = self._under_sections(holding)
         planned = holding.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        pair = self._planner.pair(Wanted(now, moment.dt_s, rate, self._rate_at(profile, holding, moment), moment.ahead),
-                                  self._expected.pair, moment.conditions)
-        stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
-        return Decision(holding, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point)
+        pair = self._planner.pair(
+            Wanted(now, moment.dt_s, share * rate, self._rate_at(profile, holding, moment, share), moment.ahead),
+            self._expected.pair, moment.conditions)
+        return Decision(holding, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point, share)
 
-    def _rate_at(self, profile: Profile, holding: Target, moment: Moment) -> Callable[[float], float]:
+    def _reach(self, moment: Moment, choices: Choices) -> Reach:
+        now, sections = moment.m.time_s, self._ahead.sections
+        share = 1.0 if sections is None else sections.share_at(now) or 1.0
+        return Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
+                     self._planner.falls_s(now), share)
+
+    def _open_share(self, moment: Moment, holding: Target, stop: Lag, reach: Reach, by_point: bool) -> float:
+        """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
+        sections, choices = self._ahead.sections, self._operator.choices
+        if sections is None:
+            return 1.0
+        now, prepare_s, shaft_s = moment.m.time_s, sections.prepare_s, sections.shaft_answers_s
+        rate = Target(holding.rate_kg_ha or self.crop.fallback_rate_kg_ha, holding.source)
+        start = reach.lag(Target(0.0, holding.source), Change(moment.sensed.track_m, rate))
+        small = reach.small_change_lag(holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
+        leads = Leads(
+            reach.switch_m(prepare_s, small._replace(drop_s=self._planner.falls_s(now) + self.machine.fall.latency_s),
+                           small.response_s + small.transition_s),
+            reach.switch_m(prepare_s, start, shaft_s), reach.switch_m(prepare_s, stop, shaft_s))
+        sections.decide(moment.sensed, moment.dt_s, leads,
+                        self._ahead.ground(choices, self.safety.memory.allow.outside), choices.sections_off, by_point)
+        standing = self._expected.pair.shaft_rpm < 0.5 * self.machine.limits.shaft_low_rpm
+        answers_s = sections.metering_s(self._setting.by_shaft, standing, self._expected.pair.opening_mm)
+        return sections.share_at(now + answers_s)
+
+    def _under_sections(self, holding: Target) -> Target:
+        """Where a map wants nothing under the machine's middle, but something under the sections that are on: that."""
+        sections, field_map = self._ahead.sections, self._ahead.map
+        if (sections is None or field_map is None or holding.source is not TargetSource.MAP
+                or holding.rate_kg_ha > 0.0 or not sections.any_decided):
+            return holding
+        return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
+
+    def _rate_at(self, profile: Profile, holding: Target, moment: Moment,
+                 open_share: float) -> Callable[[float], float]:
         """What is to lie so many metres ahead of the outlets, where it comes from the same source as what is held and
-        is not nothing: starts and stops are made by the queue alone."""
+        is not nothing: starts and stops are made by the queue alone. Of the whole width: times what is open of it."""
         choices, here = self._operator.choices, moment.sensed.track_m
 
         def rate(ahead_m: float) -> float:
             there = profile.at(here + ahead_m) if choices.look_ahead else holding
             target = there if there.rate_kg_ha > 0.0 and there.source is holding.source else holding
-            return min(self.crop.max_rate_kg_ha, target.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0))
+            return open_share * min(self.crop.max_rate_kg_ha, target.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0))
         return rate
 
     def _meter(self, moment: Moment, decision: Decision) -> Metered:
@@ -250,8 +289,9 @@ class ControlLoop:
         if decision.by_point and self._doses is not None:
             rate = self._doses.rate_kg_ha(c)
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
-        return Metered(flow, self._over_ground(flow, moment.speed_mps), c.flow_trim,
-                       self._over_ground(should, moment.speed_mps), self._metres_left_m)
+        share = 1.0 if self._ahead.sections is None else self._ahead.sections.open_share(m.time_s)
+        return Metered(flow if share > 0.0 or flow is None else 0.0, self._over_ground(flow, moment.speed_mps, share),
+                       c.flow_trim, self._over_ground(should, moment.speed_mps, share), self._metres_left_m, share)
 
     def _command_of(self, moment: Moment, decision: Decision, verdict: Verdict) -> DriveCommand:
         """What the drives are told, through the last gate."""
@@ -263,11 +303,27 @@ class ControlLoop:
             asked = self._setting.command(decision.pair, moment.conditions, self._drive_trim, self._command)
         command = limited(asked, self._drive_limits, verdict.flow_allowed,
                           None if self._command is None else self._command.opening_mm)
+        if self._ahead.sections is not None:
+            command = command._replace(valves=self._valves(moment, decision, verdict, command))
         if decision.by_point and self._doses is not None:
             dose, events = self._doses.due(moment, self._operator.choices, verdict)
             self._events += events
             command = command._replace(dose=dose)
         return command
+
+    def _valves(self, moment: Moment, decision: Decision, verdict: Verdict, command: DriveCommand) -> tuple[bool, ...]:
+        """What the valves are told, through the last gate. Nothing is opened while nothing is to flow; calibrating is
+        done with all of them open."""
+        sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s
+        assert sections is not None
+        turns = max(command.shaft_rpm, self._expected.pair.shaft_rpm) >= 0.5 * self.machine.limits.shaft_low_rpm
+        flows = decision.rate_kg_ha > 0.0 or decision.by_point or turns
+        wanted = tuple([flows and on for on in sections.valves(now, moment.dt_s, off)])
+        if verdict.state is State.CALIBRATING:
+            wanted = (True,) * len(wanted)
+        valves = limited_valves(wanted, verdict.flow_allowed)
+        sections.told(now, valves)
+        return valves
 
     def _follow(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
                 command: DriveCommand) -> None:
@@ -287,7 +343,7 @@ class ControlLoop:
         applied = metered.rate_kg_ha
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
             self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
-                             None if decision.by_point else decision.planned_kg_ha)
+                             None if decision.by_point else decision.planned_kg_ha, metered.open_share)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 
@@ -307,7 +363,9 @@ class ControlLoop:
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
             area_ha=self._totals.area_ha, applied_kg=self._totals.applied_kg,
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
-            threshold_m=None if threshold is None else threshold.at(moment.speed_mps))
+            threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
+            sections=() if self._ahead.sections is None else self._ahead.sections.states(
+                command.valves, choices.sections_off))
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 
@@ -330,13 +388,13 @@ class ControlLoop:
         read = m.opening_mm
         return None if read is None else read._replace(value=read.value - self.machine.gate.offset_mm)
 
-    def _over_ground(self, flow_kg_s: float | None, speed_mps: float) -> float | None:
-        """kg/ha from flow and ground speed; None where nobody can tell, unless nothing flows."""
+    def _over_ground(self, flow_kg_s: float | None, speed_mps: float, open_share: float) -> float | None:
+        """kg/ha under what is open from flow and ground speed; None where nobody can tell, unless nothing flows."""
         if flow_kg_s is None:
             return None
-        if speed_mps < SLOWEST_MPS:
-            return 0.0 if flow_kg_s <= 0.0 else None
-        return flow_kg_s * 10_000.0 / (self.machine.geometry.working_width_m * speed_mps)
+        if speed_mps < SLOWEST_MPS or open_share <= 0.0:
+            return 0.0 if flow_kg_s <= 0.0 or open_share <= 0.0 else None
+        return flow_kg_s * 10_000.0 / (open_share * self.machine.geometry.working_width_m * speed_mps)
 
     def _metres_left(self, hopper: Reading | None, rate_kg_ha: float) -> float | None:
         if hopper is None or rate_kg_ha <= 0.0:

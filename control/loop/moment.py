@@ -22,6 +22,7 @@ class Choices(NamedTuple):
     flow_trim_on: bool
     no_double: bool                 # ground that has its material gets no more
     nudge_percent: float = 0.0
+    sections_off: tuple[int, ...] = ()      # by hand, counted from 1, left to right
 
 
 class Moment(NamedTuple):
@@ -47,13 +48,15 @@ class Decision(NamedTuple):
     usable_mps: float               # highest speed at which changes are still made in time; infinite: any
     fired: tuple[Fired, ...]
     by_point: bool
+    open_share: float               # of the working width that is to be open where the pair will show
 
 
 class Metered(NamedTuple):
     """What leaves the outlets, by measured shaft and opening through the model; None: not known."""
 
     flow_kg_s: float | None         # without the scale's correction
-    rate_kg_ha: float | None        # the same over the ground
+    rate_kg_ha: float | None        # the same over the ground under what is open
     trim: float                     # the scale's correction
     expected_rate_kg_ha: float | None   # from the shaft and the opening that the set-points should give by now
     metres_left_m: float | None     # until the hopper is empty
+    open_share: float               # of the working width, as the valves should stand by now

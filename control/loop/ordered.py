@@ -1,6 +1,7 @@
 """The operator's orders to the loop: what each changes, and what it is refused for. Those of safety go on to it."""
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import Any
@@ -14,6 +15,7 @@ from control.orders import Answer, Do, Order, State, Strategy, TargetSource
 from control.safety import BenchSetting, Safety, after_setting
 from control.targets.point_source import PointSource
 
+_SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 NUDGE_PERCENT = 30.0
 FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
 YES = Answer(True)
@@ -23,7 +25,7 @@ class Operator:
     """What the operator has chosen. `started`: called when safety has accepted START."""
 
     def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, flow_trim: FlowTrim,
-                 points: PointSource | None, has_map: bool, started: Callable[[], None]) -> None:
+                 points: PointSource | None, has_map: bool, started: Callable[[], None], sections: int = 0) -> None:
         self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
                                job.flow_trim, job.no_double)
         self.bench = BenchSetting()
@@ -34,6 +36,7 @@ class Operator:
         self._flow_trim = flow_trim
         self._points = points
         self._started = started
+        self._sections = sections
         placed = ((TargetSource.MAP, has_map), (TargetSource.POINT, points is not None))
         self._sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
                          *(source for source, there in placed if there))
@@ -83,6 +86,22 @@ class Operator:
         self.choices = self.choices._replace(**chosen)
         return YES
 
+    def _section(self, order: Order, now_s: float) -> Answer:
+        """Closed by hand, or left to what the ground wants."""
+        found = _SECTION.fullmatch(order.value) if isinstance(order.value, str) else None
+        if found is None:
+            return Answer(False, "section_off_or_auto")
+        if found["number"] is None:
+            self.choices = self.choices._replace(sections_off=())
+            return YES if self._sections else Answer(False, "no_such_section")
+        number = int(found["number"])
+        if not 1 <= number <= self._sections:
+            return Answer(False, "no_such_section")
+        others = {other for other in self.choices.sections_off if other != number}
+        off = others | {number} if found["to"] == "off" else others
+        self.choices = self.choices._replace(sections_off=tuple(sorted(off)))
+        return YES
+
     def _dose_error(self, order: Order, now_s: float) -> Answer:
         error_m = _number(order)
         if error_m is None or abs(error_m) > FARTHEST_DOSE_M:
@@ -124,5 +143,5 @@ _HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
     Do.STRATEGY: Operator._strategy, Do.SOURCE: Operator._source, Do.NUDGE: Operator._nudge,
     Do.MANUAL_RATE: Operator._manual_rate, **dict.fromkeys(_SWITCHES, Operator._switch),
     Do.DOSE_ERROR: Operator._dose_error, Do.CALIBRATE_SHAFT: Operator._bench_setting,
-    Do.CALIBRATE_OPENING: Operator._bench_setting, Do.MARK: Operator._mark,
+    Do.CALIBRATE_OPENING: Operator._bench_setting, Do.SECTION: Operator._section, Do.MARK: Operator._mark,
 }

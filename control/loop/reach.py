@@ -12,12 +12,12 @@ FARTHEST_S = 4.0                # changes are looked for this far ahead
 
 class Reach:
     """At one tick. opening_mm: expected now; falls_s: of what is released now, as the plan has it; `look_ahead` False:
-    changes are made where they belong."""
+    changes are made where they belong; open_share: of the working width."""
 
     def __init__(self, setting: Setting, lags: ChangeLags, opening_mm: float, moment: Moment, look_ahead: bool,
-                 falls_s: float) -> None:
+                 falls_s: float, open_share: float = 1.0) -> None:
         self._setting = setting
-        self._width_m = setting.machine.geometry.working_width_m
+        self._width_m = open_share * setting.machine.geometry.working_width_m
         self._lags = lags
         self._opening_mm = opening_mm
         self._speed = moment.speed_mps
@@ -47,6 +47,13 @@ class Reach:
         if not self._look_ahead:
             return 0.0
         return self._ahead.way_m(lag.total_s + self._half_tick_s)
+
+    def switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
+        """Where what is to be released from `in_s` on lands, m ahead: `lag` of the change that the flow makes then,
+        of which `answers_s` pass before what it releases is half-way."""
+        if not self._look_ahead:
+            return 0.0
+        return self._ahead.way_m(in_s + max(0.0, lag.total_s - answers_s) + self._half_tick_s)
 
     def small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
         """Lag of a small change from a rate; where that rate is nothing, from another one."""

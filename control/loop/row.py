@@ -39,7 +39,8 @@ def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered
         lag_m=None if sensed.speed_mps is None else sensed.speed_mps * total_s,
         state=verdict.state.value, strategy=strategy.value, target_source=holding.source.value,
         work_switch=None if m.work_switch is None else int(m.work_switch),
-        alarms=";".join([alarm.id for alarm in verdict.alarms]) or None, events=";".join(events) or None)
+        alarms=";".join([alarm.id for alarm in verdict.alarms]) or None, events=";".join(events) or None,
+        sections_cmd=";".join([str(int(on)) for on in command.valves]) or None)
 
 
 def head_ndvi(m: Measurements) -> tuple[float | None, ...]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from control.log_row import LogRow
 from control.loop.moment import Choices
-from control.orders import Alarm, State
+from control.orders import Alarm, SectionState, State
 from control.readings import DriveCommand
 from control.safety import Allowances, BenchRun, Verdict
 from control.sensing import Sensed
@@ -31,6 +31,7 @@ class Tick(NamedTuple):
     applied_kg: float
     bench: BenchRun | None                  # while calibrating
     threshold_m: float | None               # of point mode, as learned, at this speed
+    sections: tuple[SectionState, ...]      # left to right; empty where the machine has no valves
 
     @property
     def enabled(self) -> bool:

@@ -12,6 +12,7 @@ from .flow import Flow
 from .gate import Gate
 from .heads import Heads
 from .scale import Scale
+from .sections import MOST_SECTIONS, Section, Strip, strips, trouble_of
 from .shaft import Shaft
 from .speed import Speed
 from .terms import OLD_NOTE, Term
@@ -139,6 +140,7 @@ class Machine(Part):
     set_points: SetPoints = SetPoints()
     noise: Noise = Noise()
     tolerance: Tolerance = Tolerance()
+    sections: Annotated[tuple[Section, ...], Field(max_length=MOST_SECTIONS)] = ()      # left to right; none: one whole
     terms: tuple[Term, ...] = ()
     adopted: tuple[Adopted, ...] = ()
     history: tuple[Change, ...] = ()
@@ -149,6 +151,9 @@ class Machine(Part):
             raise ValueError("limits.shaft_low_rpm must be below limits.shaft_high_rpm")
         if self.limits.opening_low_mm >= self.limits.opening_high_mm:
             raise ValueError("limits.opening_low_mm must be below limits.opening_high_mm")
+        trouble = trouble_of(self.sections, self.geometry.outlets)
+        if trouble:
+            raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": ("sections",), "allowed": trouble})
         for effect_id, entry in CATALOGUE.items():
             low, high = bounds(effect_id, self)
             value = getattr(getattr(self, entry.stage), entry.field)
@@ -161,6 +166,13 @@ class Machine(Part):
                 raise PydanticCustomError("size_of_effect", "allowed an id that no other term has", {
                     "wrong_key": ("terms", k, "id")})
         return self
+
+    @property
+    def switched(self) -> tuple[Strip, ...]:
+        """Strips of the sections that have valves, left to right; empty where the machine is one whole."""
+        if not self.sections or self.sections[0].valve is None:
+            return ()
+        return strips(self.sections, self.geometry.working_width_m)
 
     @property
     def warnings(self) -> tuple[str, ...]:

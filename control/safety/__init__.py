@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from control.safety.alarms import ALARMS, AlarmKind
 from control.safety.bench_run import SETTINGS, BenchRun, BenchSetting, after_setting
-from control.safety.drive_gate import limited, limited_dose
+from control.safety.drive_gate import limited, limited_dose, limited_valves
 from control.safety.interlocks import INTERLOCKS
 from control.safety.limits import DriveLimits, SafetyLimits
 from control.safety.memory import Allowances
@@ -13,5 +13,5 @@ from control.safety.words import REFUSALS, STATE_REASONS, Situation, Verdict, re
 __all__ = [
     "ALARMS", "INTERLOCKS", "REFUSALS", "SETTINGS", "STATE_REASONS", "AlarmKind", "Allowances", "BenchRun",
     "BenchSetting", "DriveLimits", "Safety", "SafetyLimits", "Situation", "Verdict", "after_setting", "limited",
-    "limited_dose", "read_refusal",
+    "limited_dose", "limited_valves", "read_refusal",
 ]

@@ -38,6 +38,11 @@ def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> Do
     return DoseOrder(min(angle_deg, LARGEST_DOSE_DEG), min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm))
 
 
+def limited_valves(valves: tuple[bool, ...], flow_allowed: bool) -> tuple[bool, ...]:
+    """The valves that may be opened. Closed is the safe state: without flow all are, and whatever is not True is."""
+    return tuple([flow_allowed is True and wanted is True for wanted in valves])
+
+
 def _clamped(opening_mm: float, limits: DriveLimits) -> float | None:
     if not isfinite(opening_mm):
         return None

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from control.agronomy.noa import Rule
 from control.machine.elements import Array
@@ -25,6 +26,7 @@ BIN_M = 0.25                # rates are judged on stretches of this length
 FINE_BIN_M = 0.05           # half-way points are found on these
 FARTHEST_M = 12.0           # the landed step is looked for this far on
 EARLY_M = 0.25              # a drive may answer sooner than control believes: the step is looked for from so far before
+LEAST_OPEN = 0.1            # of a bin's area: less was passed by a closing valve's last grains
 LEAST_STEP = 0.03           # smaller steps of the target, as a share of it, have no findable half-way point
 
 
@@ -76,12 +78,12 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     mass = columns["flow_kg_s"] * _row_s(time)
     ground, place = landed(time, driven, mass, falls_s(columns), BIN_M, lever_arm_m)
     centres = ground.centres_m()
-    rate = ground.mass_kg / (BIN_M * width_m) * 10_000.0
+    rate, passed = _rates(columns, ground, width_m, lever_arm_m)
     at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))     # backed up: the first time
     row = np.clip(np.round(at).astype(np.int64), 0, len(driven) - 1)
     target = columns["target_kg_ha"][row]
     inside = (columns["working"][row] > 0.0) & (columns["in_pass"][row] > 0.0) & (target > 0.0)
-    inside &= (centres >= driven[0]) & (centres <= driven[-1])
+    inside &= (centres >= driven[0]) & (centres <= driven[-1]) & passed
     here = np.clip(np.floor((driven - ground.origin_m) / BIN_M).astype(np.int64), 0, len(rate) - 1)
     return Landing(ground, place, rate[here], target, rate, inside.astype(np.float64),
                    columns["ndvi"][np.maximum(0, row - 1)])      # rows tell targets of their step's begin
@@ -138,10 +140,11 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
     touches the middle early is no landing.
     """
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
+    share = columns.get("open_share")
     falls = falls_s(columns)
     fine, _ = landed(time, driven, columns["flow_kg_s"] * _row_s(time), falls, FINE_BIN_M,
                      float(np.median(land.place_m - np.interp(time + falls, time, driven))))
-    rate = fine.mass_kg / (FINE_BIN_M * width_m) * 10_000.0
+    rate, _ = _rates(columns, fine, width_m, float(np.median(land.place_m - np.interp(time + falls, time, driven))))
     found: list[float] = []
     lost = 0
     for k, change in enumerate(fired):
@@ -153,6 +156,8 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
             continue
         wanted = float(np.interp(change.place_m, np.maximum.accumulate(track), np.maximum.accumulate(driven)))
         answers = min(len(time) - 1, int(np.searchsorted(time, change.time_s + change.lag.response_s)))
+        if share is not None and min(share[row], share[answers]) <= 0.0:
+            continue
         begin_m = float(land.place_m[answers]) - EARLY_M
         end_m = begin_m + FARTHEST_M
         if k + 1 < len(fired):
@@ -177,6 +182,20 @@ def _half_way(rate: Array, before: float, after: float) -> int | None:
     fit = np.concatenate(([0.0], np.cumsum(over)))
     at = int(np.argmin(fit))
     return None if at == len(rate) else at
+
+
+def _rates(columns: dict[str, Array], ground: Ground, width_m: float,
+           lever_arm_m: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """kg/ha by bin of the ground under what was open, and whether anything was. Where all is open all the time, over
+    the whole width and everywhere."""
+    time, driven, share = columns["time_s"], columns["driven_m"], columns.get("open_share")
+    whole_m2 = ground.bin_m * width_m
+    if share is None or bool(np.all(share >= 1.0)):
+        return ground.mass_kg / whole_m2 * 10_000.0, np.ones(len(ground.mass_kg), dtype=np.bool_)
+    way_m2 = width_m * share * np.abs(np.diff(driven, prepend=driven[0]))
+    area, _ = landed(time, driven, way_m2, falls_s(columns), ground.bin_m, lever_arm_m)
+    passed = area.mass_kg > LEAST_OPEN * whole_m2
+    return np.where(passed, ground.mass_kg / np.where(passed, area.mass_kg, 1.0) * 10_000.0, 0.0), passed
 
 
 def _row_s(time_s: Array) -> Array:

@@ -27,6 +27,7 @@ from .canopy import CanopyField
 from .noise import Normals, Slow
 from .plant_rows import along_way, simulated_plants
 from .tractor import Driver, Path, Pose, field_boundary, field_path
+from .valves import Valves
 from .vision import Vision
 
 LEAVES_S = 6.0                  # after a refill: the lid is closed first
@@ -74,6 +75,9 @@ class Truth(NamedTuple):
     refill_kg: float
     doses: int = 0              # of point mode that the shaft has begun
     ndvi: float = 0.0           # of the canopy at the outlets, mean over the working width
+    heading_deg: float = 0.0
+    section_kg: tuple[float, ...] = ()      # released in the step by each section; none: no valves
+    open_share: float = 1.0     # of the working width, mean over the step
 
 
 class Plant:
@@ -92,6 +96,7 @@ class Plant:
         self._keep = keep
         self._stages = schedule(machine, planted)
         self._true = self._stages[0][1]
+        self.valves = Valves(machine) if machine.switched else None
         self._terms = TermSums((*machine.terms, *terms))
         self._told = Told(machine, 0.0, machine.set_points.opening_mm)
         self._more, self._ran_away_kg, self._angle_deg = NOTHING, 0.0, 0.0
@@ -155,6 +160,8 @@ class Plant:
         refill = self._refill(speed, dt)
         rpm = command.shaft_rpm if enabled else 0.0
         self._take_dose(command.dose, enabled)
+        if self.valves is not None:
+            self.valves.tell(begin, command.valves if enabled else ())
         if self._terms:
             self._more = self._terms_now(rpm, command.opening_mm, supply, pitch, speed, pose)
         flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
@@ -163,7 +170,9 @@ class Plant:
         self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
                            drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
                            pose.east_m, pose.north_m, pose.in_pass, refill,
-                           self._doses, self._width_ndvi(pose, 0.0))
+                           self._doses, self._width_ndvi(pose, 0.0), pose.heading_deg)
+        if self.valves is not None:
+            self.truth = self.truth._replace(section_kg=self.valves.take_kg(), open_share=self.valves.take_share())
         if self._keep is not None:
             self._keep(self.truth)
         return self._read(speed, pose, pitch, supply, flow)
@@ -227,11 +236,15 @@ class Plant:
                 max(rpm, self._dose_rpm(step)), self._gate_out[0], supply, more.shaft_percent,
                 more.shaft_rpm), step)
             self._gate, gate = gate_step(true.gate, self._gate, GateInput(opening_mm, more.gate_mm), step)
+            opened = True if self.valves is None else self.valves.any_open(self.time_s + (k + 0.5) * step)
             self._flow, flow = flow_step(true.flow, self._flow, FlowInput(
-                shaft.rpm, gate.opening_mm, pitch, refill if k == 0 else 0.0, more.flow_percent, more_kg_s), step)
+                shaft.rpm if opened else 0.0, gate.opening_mm, pitch, refill if k == 0 else 0.0, more.flow_percent,
+                more_kg_s), step)
             self._shaft_out = (shaft.rpm, shaft.measured_rpm)
             self._gate_out = (gate.opening_mm, gate.measured_mm)
             total += flow.flow_kg_s
+            if self.valves is not None:
+                self.valves.pass_on(flow.flow_kg_s * step)
         return total / MODEL_STEPS
 
     def _drop(self, flow: float) -> float:

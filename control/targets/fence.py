@@ -3,6 +3,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from control.orders import TargetSource
 
 from .profile import Change, Profile, Target
@@ -16,6 +19,10 @@ class Edge(Protocol):
     """A boundary on the plane."""
 
     def contains(self, east_m: float, north_m: float) -> bool: ...
+
+    def many_inside(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """`contains` for places (n, 2) -> (n,)."""
+        ...
 
     def crossings_m(self, east_m: float, north_m: float, heading_deg: float, farthest_m: float) -> list[float]:
         """Distances along the heading at which the boundary is crossed, rising."""
@@ -45,6 +52,10 @@ class Fence:
 
     def contains(self, east_m: float, north_m: float) -> bool:
         return self._edge.contains(east_m, north_m)
+
+    def many_inside(self, places: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """`contains` for places (n, 2) -> (n,)."""
+        return self._edge.many_inside(places)
 
     def inside(self, place_m: float) -> bool:
         crossed = sum(1 for place in self.places_m if place <= place_m)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -26,36 +26,38 @@ class Overlap:
 
     def __init__(self, coverage: Coverage, outlets: int) -> None:
         self.places_m: list[float] = []         # along the track, where done begins or ends
-        self._coverage = coverage
+        self.coverage = coverage
         self._aside = (np.arange(outlets) + 0.5) / outlets * coverage.width_m - 0.5 * coverage.width_m
         self._ahead = np.arange(0.0, LOOK_M, STEP_M)
         self._done_here = False                 # where it was looked from
         self._wanted_here = False               # since START, until ground without material is reached
         self._looked: tuple[float, float] | None = None         # track and heading of that place
-        self._falling: deque[tuple[float, bool]] = deque()      # when it lands, whether there is any
-        self._lands = False
+        self._falling: deque[tuple[float, bool | Sequence[bool]]] = deque()     # when it lands, whether there is any
+        self._lands: bool | Sequence[bool] = coverage.nothing
 
     @property
     def covered(self) -> Covered:
-        return self._coverage.covered
+        return self.coverage.covered
 
-    def note(self, now_s: float, place: Place | None, heading_deg: float | None, released: bool, drop_s: float) -> None:
-        """The outlets are here; what is released now lands a drop time later, under where they are then."""
+    def note(self, now_s: float, place: Place | None, heading_deg: float | None, released: bool | Sequence[bool],
+             drop_s: float) -> None:
+        """The outlets are here; what is released now, by each strip of the coverage where it has several, lands a drop
+        time later, under where they are then."""
         self._falling.append((now_s + drop_s, released))
         while self._falling and self._falling[0][0] <= now_s:
             self._lands = self._falling.popleft()[1]
         known = place is not None and heading_deg is not None
-        self._coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
+        self.coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
                            heading_deg if heading_deg is not None and known else 0.0, self._lands)
 
     def seed(self, ground: Raster) -> None:
         """What an earlier part of the job has done. START does not lift this: only the job's `no_double` does."""
-        self._coverage.seed(ground)
+        self.coverage.seed(ground)
         self._looked = None
 
     def earlier(self, place: Place) -> bool:
         """Whether an earlier part of the job has spread here."""
-        return bool(self._coverage.applied_earlier([place])[0])
+        return bool(self.coverage.applied_earlier([place])[0])
 
     def moved(self) -> None:
         """The position has jumped: what was seen ahead lay elsewhere."""
@@ -75,12 +77,12 @@ class Overlap:
                 (heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG:
             return
         self._looked = track_m, heading_deg
-        over = self._over(place, heading_deg, self._coverage.applied)
+        over = self._over(place, heading_deg, self.coverage.applied)
         if self._wanted_here:
             ends = np.flatnonzero(~over)
             self._wanted_here = bool(over[0])
             meant = slice(int(ends[0]) if len(ends) else len(over))
-            over[meant] = self._over(place, heading_deg, self._coverage.applied_earlier)[meant]
+            over[meant] = self._over(place, heading_deg, self.coverage.applied_earlier)[meant]
         self._done_here = bool(over[0])
         seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
         made = [known for known in self.places_m if known <= fired_to_m]

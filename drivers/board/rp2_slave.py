@@ -14,6 +14,7 @@ ROUND_US = 1000
 MM_PER_COUNT = 65.0 / 65535.0           # displacement sensor, 0 to 65 mm over the converter's range
 KG_PER_COUNT, ZERO_KG = 5.0e-5, 0.0     # of the hopper's load cells: calibrate with two known masses
 SCALE_FITTED = TILT_FITTED = True
+VALVE_PINS: "tuple[int, ...]" = ()      # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
 TILT_US = 50000
 VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
 
@@ -32,6 +33,7 @@ class Rp2Pins(Board, Pins):
         self._dose_step = machine.Pin(11, machine.Pin.OUT, value=0)
         self._hall = machine.Pin(14, machine.Pin.IN, machine.Pin.PULL_UP)
         self._switch = machine.Pin(15, machine.Pin.IN, machine.Pin.PULL_UP)
+        self._valve_pins = [machine.Pin(pin, machine.Pin.OUT, value=0) for pin in VALVE_PINS]
         self._opening = machine.ADC(26)
         self._supply = machine.ADC(27)
         self._counts = self._pulses = self._pulse_us = 0
@@ -106,6 +108,10 @@ class Rp2Pins(Board, Pins):
     def work_switch(self) -> "bool | None":
         return not self._switch.value()
 
+    def valves(self, mask: int) -> None:
+        for k, pin in enumerate(self._valve_pins):
+            pin.value(mask >> k & 1)
+
     def _pulse(self, pin: "machine.Pin", count: int) -> None:
         for _ in range(count):
             pin.on()
@@ -118,6 +124,7 @@ def main() -> None:
     pins = Rp2Pins()
     settings = Settings()
     settings.counts_per_turn = 1200.0   # both edges of one channel
+    settings.valves = len(VALVE_PINS)
     slave = Slave(pins, settings)
     watchdog = machine.WDT(timeout=500)     # a program that hangs restarts; the enable line is off meanwhile
     while True:

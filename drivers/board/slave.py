@@ -15,6 +15,7 @@
     wheel() -> (pulses, us)         count, and the board's clock at the newest pulse
     hopper_kg(), supply_v(), pitch_deg(), roll_deg() -> float or None
     work_switch() -> bool or None
+    valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it changes
 """
 from drivers.board.framing import Receiver, decimal, number, seal, whole
 from drivers.board.motion import Doser, Gate, ShaftControl, SpeedMeter
@@ -53,6 +54,7 @@ class Settings:
     lost_after_s = 0.5
     dose_steps_per_turn = 400.0         # point dose: microstep mode 2
     dose_acceleration_rpm_s = 2000.0
+    valves = 0                          # of sections; 0: a board without, which does not obey T2
 
 
 class Pins:
@@ -106,6 +108,9 @@ class Pins:
     def work_switch(self) -> "bool | None":
         return None
 
+    def valves(self, mask: int) -> None:
+        pass
+
 
 class Slave:
     """The program's state. `tick` does one round; it neither waits nor reads a clock."""
@@ -139,8 +144,10 @@ class Slave:
         self._next_control_us = 0
         self._next_status_us = 0
         self._control_us: int | None = None
+        self._wanted_valves = self._valves = 0          # without power, and unless enabled, all are closed
         pins.enable(False)
         pins.duty(0.0)
+        pins.valves(0)
 
     def tick(self, now_us: int) -> None:
         """One round at `now_us` of a clock that never runs over."""
@@ -160,6 +167,10 @@ class Slave:
             pins.enable(enabled)
         if not enabled:
             self._stop_shaft(now_us)
+        valves = self._wanted_valves if enabled else 0
+        if valves != self._valves:
+            self._valves = valves
+            pins.valves(valves)
         self._move_gate(enabled, dt_s)
         self._turn_dose(now_us, dt_s)
         if now_us >= self._next_control_us:
@@ -173,7 +184,7 @@ class Slave:
     def _obey(self, fields: "list[bytes]", now_us: int) -> None:
         """Raises ValueError with the kind of what is wrong; nothing has changed then."""
         name = fields[0]
-        if name == b"T1":
+        if name == b"T1" or (name == b"T2" and self._settings.valves > 0):
             self._target(fields, now_us)
         elif name == b"D1":
             self._start_dose(fields, now_us)
@@ -181,9 +192,11 @@ class Slave:
             raise ValueError("unknown_frame")
 
     def _target(self, fields: "list[bytes]", now_us: int) -> None:
-        if len(fields) != 5:
+        valved = fields[0] == b"T2"
+        if len(fields) != (6 if valved else 5):
             raise ValueError("wrong_length")
         seq, enable = whole(fields[1], SEQUENCES - 1), whole(fields[4], 1)
+        valves = whole(fields[5], (1 << self._settings.valves) - 1) if valved else 0
         rpm, opening_mm = number(fields[2], 0.0, 300.0), number(fields[3], 0.0, 100.0)
         silent = self._heard_us is None or now_us - self._heard_us >= SILENT_HOST_US
         if not silent and self._is_repeat(seq):
@@ -194,6 +207,7 @@ class Slave:
             self._armed, self._heartbeat_lost = True, False
             self._gate.forgive()
         self._last_seq, self._heard_us, self._enable = seq, now_us, bool(enable)
+        self._wanted_valves = valves
         self._wanted_rpm = min(rpm, self._settings.max_shaft_rpm)
         self._commanded_mm = min(opening_mm, self._settings.max_opening_mm)
 

@@ -7,10 +7,12 @@ from __future__ import annotations
 import binascii
 import math
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
+COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
 SEQUENCES = 1 << 16
 COUNTERS = 1 << 32              # micros and pulses run over here
 REPEAT_WINDOW = 16              # a sequence number this little behind the last one is an old frame
@@ -23,6 +25,7 @@ FLAG_DRIVER_FAULT = 4           # a motor driver reports a fault; stopped
 FLAG_STEPS_LOST = 8             # the gate had lost steps; made good
 FLAG_HOMING = 16                # the gate is looking for its switch; the shaft waits
 
+MOST_VALVES = 16
 COMMAND_SHAFT_RPM = (0.0, 300.0)
 COMMAND_OPENING_MM = (0.0, 100.0)
 STATUS_RANGES: dict[str, tuple[float, float]] = {
@@ -45,12 +48,14 @@ class BadFrame(Exception):
 
 
 class CommandFrame(NamedTuple):
-    """Host to board: set-points. Every frame is also the heartbeat."""
+    """Host to board: set-points. Every frame is also the heartbeat. `valves`: bit 0 the leftmost section, 1 open; None:
+    the machine has none."""
 
     seq: int
     shaft_rpm: float
     opening_mm: float
     enable: bool
+    valves: int | None = None
 
 
 class StatusFrame(NamedTuple):
@@ -81,6 +86,11 @@ def is_repeat(seq: int, last: int | None) -> bool:
     return last is not None and (last - seq) % SEQUENCES < REPEAT_WINDOW
 
 
+def valves_mask(valves: Sequence[bool]) -> int:
+    """Bit 0 is the leftmost section; 1: open."""
+    return sum(1 << k for k, on in enumerate(valves) if on is True)
+
+
 def encode_command(frame: CommandFrame) -> bytes:
     """The line with its CRC and line end.
 
@@ -92,7 +102,12 @@ def encode_command(frame: CommandFrame) -> bytes:
                                      ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM)):
         if not low <= value <= high:
             raise ValueError(f"board command: {name} {value}, allowed is {low:g} to {high:g}")
-    return _seal(f"{COMMAND},{frame.seq % SEQUENCES},{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}")
+    said = f"{frame.seq % SEQUENCES},{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
+    if frame.valves is None:
+        return _seal(f"{COMMAND},{said}")
+    if not 0 <= frame.valves < 1 << MOST_VALVES:
+        raise ValueError(f"board command: valves {frame.valves}, allowed is 0 to {(1 << MOST_VALVES) - 1}")
+    return _seal(f"{COMMAND_VALVES},{said},{frame.valves}")
 
 
 def encode_status(frame: StatusFrame) -> bytes:
@@ -106,10 +121,11 @@ def encode_status(frame: StatusFrame) -> bytes:
 
 def decode_command(frame: bytes) -> CommandFrame:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    fields = open_frame(frame, COMMAND, 4)
+    valved = frame.startswith(COMMAND_VALVES.encode())
+    fields = open_frame(frame, COMMAND_VALVES if valved else COMMAND, 5 if valved else 4)
     seq, enable = whole(fields[0], SEQUENCES - 1), whole(fields[3], 1)
     return CommandFrame(seq, plain_number(fields[1], *COMMAND_SHAFT_RPM), plain_number(fields[2], *COMMAND_OPENING_MM),
-                        bool(enable))
+                        bool(enable), whole(fields[4], (1 << MOST_VALVES) - 1) if valved else None)
 
 
 def decode_status(frame: bytes) -> StatusFrame:

@@ -6,12 +6,14 @@ The module stops its own motor only after 4 s without its console (a slave board
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from control.readings import Reading
+from drivers.devices.board_frames import valves_mask
 from drivers.devices.lines import Counts
 from drivers.devices.rate_module_frames import (
+    MOST_RELAYS,
     U24,
     BadDatagram,
     Board,
@@ -113,8 +115,12 @@ class RateModule:
                     self.board, self.board_s = heard, time_s
         return readings
 
-    def command(self, shaft_rpm: float | None, enabled: bool, now_s: float) -> list[bytes]:
+    def command(self, shaft_rpm: float | None, enabled: bool, now_s: float,
+                valves: Sequence[bool] = ()) -> list[bytes]:
         """The datagrams due at `now_s`, to be called every tick; often none.
+
+        valves: of the sections, left to right, on the relays from the second on; closed unless enabled. The first relay
+        is the drive's own: without one that is set the module neither controls nor counts.
 
         A changed set-point is sent at once (at most every 0.1 s), a stop at once without that limit, an unchanged one
         every 0.5 s; relays every second and on change. Not enabled, or no set-point: 0 with the master off.
@@ -132,6 +138,8 @@ class RateModule:
         if running:
             self._run_until_s = now_s + RUN_DOWN_S
         relays = int(now_s < self._run_until_s)
+        if running:
+            relays |= valves_mask(valves[:MOST_RELAYS - 1]) << 1
         found = []
         if relays != self._relays or now_s - self._relays_s >= RELAYS_EVERY_S:
             self._relays, self._relays_s = relays, now_s

@@ -38,6 +38,9 @@ class Target(NamedTuple):
     log_pid: bool = False       # the module tells every turn of its control loop (32402)
 
 
+MOST_RELAYS = 16
+
+
 class Relays(NamedTuple):
     """32501. Bit 0 of `relays` is the first; with none set the module neither controls nor counts."""
 

@@ -18,6 +18,7 @@ from drivers.devices.board_frames import (
     decode_status,
     encode_command,
     is_repeat,
+    valves_mask,
 )
 from drivers.devices.lines import Counts, LineCutter
 from drivers.devices.point_dose import REPORT, DoseReport, PointDose, decode_report
@@ -71,6 +72,7 @@ class SlaveBoard:
         self._last_seq: int | None = None
         self._next_command = 0
         self._sent_opening_mm = 0.0
+        self._valves = 0                        # of the newest command
         self.dose = PointDose(self._limits.max_shaft_rpm)
 
     def feed(self, data: bytes, time_s: float) -> list[BoardReadings]:
@@ -84,8 +86,8 @@ class SlaveBoard:
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
         """The next command line, heartbeat included; to be sent 10 times a second or more.
 
-        Set-points are cut to the drive limits. Not enabled, or no command: the shaft's set-point is 0 and the gate's
-        stays where it was.
+        Set-points are cut to the drive limits. Not enabled, or no command: the shaft's set-point is 0, the gate's
+        stays where it was, and every valve of a machine that has some is closed.
 
         Raises
         ------
@@ -99,7 +101,9 @@ class SlaveBoard:
                                  "allowed are finite numbers")
             opening_mm = min(max(command.opening_mm, 0.0), self._limits.max_opening_mm)
             shaft_rpm = min(max(command.shaft_rpm, 0.0), self._limits.max_shaft_rpm) if running else 0.0
-        line = encode_command(CommandFrame(self._next_command, shaft_rpm, opening_mm, running))
+            self._valves = len(command.valves)
+        valves = valves_mask(command.valves if running and command is not None else ()) if self._valves else None
+        line = encode_command(CommandFrame(self._next_command, shaft_rpm, opening_mm, running, valves))
         self._next_command = (self._next_command + 1) % SEQUENCES
         self._sent_opening_mm = opening_mm
         return line

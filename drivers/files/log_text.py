@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
-from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 
 HEADER = ",".join(COLUMNS) + "\n"
 
@@ -28,13 +30,26 @@ def _form(column: str) -> str:
     return "%d" if column in WHOLE_COLUMNS else f"%.{DECIMALS[column]}f"
 
 
-_FORMS = tuple(_form(column) for column in COLUMNS)
+def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
+    """Columns of the logs of a machine, as resolved; the first of `ALL_COLUMNS`."""
+    sections = (machine or {}).get("sections")
+    valved = isinstance(sections, list | tuple) and any(
+        isinstance(section, Mapping) and section.get("valve") is not None for section in sections)
+    return ALL_COLUMNS if valved else COLUMNS
+
+
+def header_of(columns: tuple[str, ...]) -> str:
+    return ",".join(columns) + "\n"
 
 
 class RowText:
-    """Turns rows into lines; remembers the last time written and one template for each set of unknown columns."""
+    """Turns rows into lines; remembers the last time written and one template for each set of unknown columns.
 
-    def __init__(self) -> None:
+    columns: the first of `ALL_COLUMNS`; what a row has beyond is left out.
+    """
+
+    def __init__(self, columns: tuple[str, ...] = COLUMNS) -> None:
+        self._forms = tuple(_form(column) for column in columns)
         self._templates: dict[tuple[bool, ...], str] = {}
         self._last_time = ""
 
@@ -43,14 +58,15 @@ class RowText:
 
         Raises TypeError where a number's column holds a text.
         """
-        unknown = tuple([value is None for value in row])
+        cells = row[:len(self._forms)]
+        unknown = tuple([value is None for value in cells])
         template = self._templates.get(unknown)
         if template is None:
-            template = ",".join(_EMPTY if u else form for u, form in zip(unknown, _FORMS, strict=True)) + "\n"
+            template = ",".join(_EMPTY if u else form for u, form in zip(unknown, self._forms, strict=True)) + "\n"
             self._templates[unknown] = template
-        line = template % row
-        if not _is_plain(line):
-            line = ",".join([_cell(value, form) for value, form in zip(row, _FORMS, strict=True)]) + "\n"
+        line = template % cells
+        if not _is_plain(line, len(self._forms)):
+            line = ",".join([_cell(value, form) for value, form in zip(cells, self._forms, strict=True)]) + "\n"
         time, comma, rest = line.partition(",")
         if time == self._last_time:
             return f"{row.time_s:.{_CLOSE_TIME_DECIMALS}f}{comma}{rest}"
@@ -58,8 +74,8 @@ class RowText:
         return line
 
 
-def _is_plain(line: str) -> bool:
-    return (line.count(",") == len(COLUMNS) - 1 and line.count("\n") == 1 and "nan" not in line and "inf" not in line
+def _is_plain(line: str, columns: int) -> bool:
+    return (line.count(",") == columns - 1 and line.count("\n") == 1 and "nan" not in line and "inf" not in line
             and '"' not in line and "\r" not in line and "\0" not in line)
 
 

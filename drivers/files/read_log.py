@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from drivers.files.atomic import sidecar
 from drivers.files.findings import Finding
 from drivers.files.foreign import UnusableLog, examined, needed, our_names
 from drivers.files.log_store import StoreError, is_store, read_store, stored_about
-from drivers.files.log_text import HEADER
+from drivers.files.log_text import columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, TableError, read_table
 from drivers.plain_text import OneLine
@@ -80,7 +80,9 @@ class RunLog:
 
     def rows(self) -> Iterator[LogRow]:
         """The rows as the control loop wrote them."""
-        return map(LogRow._make, zip(*(self._cells(name) for name in COLUMNS), strict=False)) if len(self) else iter(())
+        if not len(self):
+            return iter(())
+        return map(LogRow._make, zip(*(self._cells(name) for name in ALL_COLUMNS), strict=False))
 
     def _cells(self, name: str) -> Any:
         array = self.columns.get(name)
@@ -108,10 +110,10 @@ def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
     if _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
         columns = {name: np.array([], object if name in TEXT_COLUMNS else np.float64)
-                   for name in COLUMNS if only is None or name in only or name == "time_s"}
+                   for name in _own_columns(meta) if only is None or name in only or name == "time_s"}
         return RunLog(path, columns, meta, (*meta_findings, found))
     try:
-        table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=COLUMNS,
+        table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta),
                            choose=None if only is None else lambda names: needed(names, only))
         columns, findings = examined(table.columns, table.names)
     except TableError as error:
@@ -143,12 +145,18 @@ def meta_of(path: Path) -> RunMeta | None:
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
     """Whether the file is no more than a beginning of our header line (nothing at all: only beside our sidecar)."""
+    header = header_of(_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
-            start = file.read(len(HEADER) + 1).rstrip(b"\0")
+            start = file.read(len(header) + 1).rstrip(b"\0")
     except OSError:
         return False
-    return HEADER.encode().startswith(start) and not start.endswith(b"\n") and (start != b"" or meta is not None)
+    return header.startswith(start) and not start.endswith(b"\n") and (start != b"" or meta is not None)
+
+
+def _own_columns(meta: RunMeta | None) -> tuple[str, ...]:
+    """As this program writes them, with the machine of the sidecar."""
+    return columns_of(None if meta is None else meta.machine)
 
 
 def _meta_beside(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:

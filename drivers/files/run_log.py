@@ -15,7 +15,7 @@ from typing import Self
 
 from control.log_row import LogRow
 from drivers.files.atomic import LogFile, NewFile, create, sidecar, write_atomically
-from drivers.files.log_text import HEADER, RowText
+from drivers.files.log_text import RowText, columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
 FLUSH_S = 0.1             # rows reach the operating system at least this often: what a kill of the worker can cost
@@ -35,7 +35,7 @@ def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create
     file = create(path, overwrite)
     try:
         write_atomically(sidecar(file.path), meta_to_yaml(meta))
-        _write_all(file, bytearray(HEADER.encode()))
+        _write_all(file, bytearray(_header(meta)))
         file.sync()
     except BaseException:
         file.close()
@@ -50,7 +50,7 @@ class PlainLogWriter:
     def __init__(self, path: Path, meta: RunMeta, overwrite: bool = False) -> None:
         """Raises OSError."""
         self._file = begin_log(Path(path), meta, overwrite)
-        self._text = RowText()
+        self._text = RowText(columns_of(meta.machine))
         self._waiting = bytearray()
 
     @property
@@ -107,11 +107,12 @@ class RunLogWriter:
         self._meta, self._overwrite, self._create = meta, overwrite, create
         self._clock, self._flush_s, self._sync_s, self._max_waiting = clock, flush_s, sync_s, max_waiting_rows
         self._rows: SimpleQueue[LogRow] = SimpleQueue()
-        self._text = RowText()
+        self._text = RowText(columns_of(meta.machine))
+        self._header = _header(meta)
         self._formatted = bytearray()       # written by the thread only
         self._formatted_rows = 0
         self._unsynced = bytearray()        # written and perhaps not kept
-        self._synced_bytes = len(HEADER.encode())
+        self._synced_bytes = len(self._header)
         self._file: LogFile | None = None
         self._trouble = ""
         self._lost = 0
@@ -216,14 +217,14 @@ class RunLogWriter:
         path = before.path
         if not path.parent.is_dir():
             raise OSError("its folder is gone")
-        if path.exists() and _begins_as_a_log(path):
+        if path.exists() and _begins_with(path, self._header):
             file: LogFile = NewFile(path, go_on_at=self._synced_bytes)
             self._formatted[:0] = self._unsynced
         else:
-            text = _read_again(before) or HEADER.encode() + self._unsynced
+            text = _read_again(before, self._header) or self._header + self._unsynced
             file = begin_log(path, self._meta, not path.exists(), self._create)
-            self._formatted[:0] = text[len(HEADER.encode()):]
-            self._synced_bytes = len(HEADER.encode())
+            self._formatted[:0] = text[len(self._header):]
+            self._synced_bytes = len(self._header)
         self._unsynced.clear()
         with contextlib.suppress(OSError):
             before.close()
@@ -238,17 +239,21 @@ class RunLogWriter:
             self._good_at_s = self._clock()
 
 
-def _begins_as_a_log(path: Path) -> bool:
+def _header(meta: RunMeta) -> bytes:
+    return header_of(columns_of(meta.machine)).encode()
+
+
+def _begins_with(path: Path, header: bytes) -> bool:
     with open(path, "rb") as file:
-        return file.read(len(HEADER.encode())) == HEADER.encode()
+        return file.read(len(header)) == header
 
 
-def _read_again(file: LogFile) -> bytes:
+def _read_again(file: LogFile, header: bytes) -> bytes:
     try:
         text = file.all()
     except OSError:
         return b""
-    return text[:text.rfind(b"\n") + 1] if text.startswith(HEADER.encode()) else b""
+    return text[:text.rfind(b"\n") + 1] if text.startswith(header) else b""
 
 
 def _write_all(file: LogFile, data: bytearray) -> None:

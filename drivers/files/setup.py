@@ -12,12 +12,13 @@ from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule, prepare
 from control.field.job import Job
 from control.machine.machine import Machine
-from drivers.cab_config import CabConfig
+from drivers.cab_config import BoardConfig, CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
 
+MODULE_VALVES = 15          # relays of a rate module beside the drive's own
 SAME_SHARE = 1e-4           # two figures for one wheel that differ by less are the same
 
 
@@ -81,12 +82,24 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
                  weather)
 
 
-def wheel_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
-    """The wheel stands in the cab file, by which its pulses are counted, and in the machine file, by which all else is
-    judged: one line for each figure that is not the same in both."""
-    board = cab.model.board if isinstance(cab.model, CabConfig) else None
-    if board is None:
+def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
+    """What a cab file and a machine file do not agree on, a line each: the wheel, by which pulses are counted in the
+    one and all else is judged in the other; valves of sections that no device of the cab drives."""
+    config = cab.model if isinstance(cab.model, CabConfig) else None
+    if config is None:
         return []
+    module, board = config.rate_module, config.board
+    lines = []
+    if machine.switched and module is not None and module.valves and len(machine.switched) > MODULE_VALVES:
+        lines.append(f"{cab.path}: key rate_module.valves: value true: allowed for at most {MODULE_VALVES} sections; "
+                     f"{machine_path} has {len(machine.switched)}")
+    elif machine.switched and board is None and not (module is not None and module.valves):
+        lines.append(f"{cab.path}: key board: missing: allowed a board, or a rate module with valves: true, for the "
+                     f"sections' valves of {machine_path}")
+    return lines + ([] if board is None else _wheels(cab, board, machine, machine_path))
+
+
+def _wheels(cab: Loaded[BaseModel], board: BoardConfig, machine: Machine, machine_path: str) -> list[str]:
     pairs = (("wheel_circumference_m", board.wheel_circumference_m, machine.speed.wheel_circumference_m),
              ("wheel_pulses_per_turn", board.wheel_pulses_per_turn, machine.speed.pulses_per_turn))
     return [f"{cab.path}: key board.{key}: value {ours:g}: allowed {theirs:g}, as {machine_path} has it (key "

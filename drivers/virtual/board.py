@@ -6,6 +6,7 @@ from drivers.devices.board_frames import (
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
+    MOST_VALVES,
     SEQUENCES,
     SILENT_HOST_S,
     BadFrame,
@@ -65,7 +66,9 @@ class VirtualBoard:
         enabled = self._armed and self._command.enable and not self.driver_fault
         if enabled:
             self._opening_mm = self._command.opening_mm
-        return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._opening_mm), enabled
+        mask = (self._command.valves or 0) if enabled else 0
+        valves = () if self._command.valves is None else tuple([bool(mask >> k & 1) for k in range(MOST_VALVES)])
+        return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._opening_mm, valves=valves), enabled
 
     def dose(self, now_s: float) -> DoseOrder | None:
         """The dose that the plant begins in this step; to be asked once a step."""

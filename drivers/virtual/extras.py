@@ -8,6 +8,7 @@ from control.readings import DriveCommand, GnssFix
 from drivers.datagrams import Datagrams
 from drivers.devices.agopengps import DRIVE, HEAD, POSITION
 from drivers.devices.rate_module_frames import (
+    MOST_RELAYS,
     BadDatagram,
     Board,
     Label,
@@ -85,6 +86,7 @@ class VirtualRateModule:
         self._target: Target | None = None
         self._target_s = 0.0
         self._relays = 0
+        self._valved = False
         self._quantity = 0.0
         self._last_s = 0.0
         self._next_status_s = self._next_label_s = 0.0
@@ -93,7 +95,16 @@ class VirtualRateModule:
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         for data in self._port.read_each():
             self._hear(data, begin_s)
-        return command._replace(shaft_rpm=self.shaft_rpm(begin_s)), True
+        valves = self.valves(begin_s)
+        return command._replace(shaft_rpm=self.shaft_rpm(begin_s), valves=valves or command.valves), True
+
+    def valves(self, now_s: float) -> tuple[bool, ...]:
+        """What hangs on its relays from the second on; empty where none was ever set."""
+        self._valved = self._valved or self._relays > 1
+        if not self._valved:
+            return ()
+        relays = self._relays >> 1 if self._hears(now_s) else 0
+        return tuple([bool(relays >> k & 1) for k in range(MOST_RELAYS - 1)])
 
     def shaft_rpm(self, now_s: float) -> float:
         """What the motor is driven at."""

@@ -27,6 +27,7 @@ class Machine(Pins):
         self.fault = False
         self.loses_steps = False
         self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
+        self.valve_mask = -1            # as the pins were told
 
     def pass_time(self, us):
         self.now_us += us
@@ -74,6 +75,9 @@ class Machine(Pins):
 
     def supply_v(self):
         return 13.5
+
+    def valves(self, mask):
+        self.valve_mask = mask
 
 
 class Bench:
@@ -156,6 +160,38 @@ def driver_fault():
     bench.machine.fault = True
     bench.run(0.1, 60, 25, 1)
     return [bench.machine.on, bench.machine.value, bench.flags() & 4]
+
+
+def valves():
+    """The pins' mask: at power-on, before enable 0, at work, after a wrong mask, 0.9 and 1.1 s after the host's last
+    word, and after a T1; and what a board without valves counts of T2."""
+    settings = Settings()
+    settings.valves = 3
+    bench = Bench(settings)
+    masks = [bench.machine.valve_mask]
+
+    def say(enable, mask, name="T2"):
+        tail = f",{mask}" if name == "T2" else ""
+        bench.say(f"{name},{bench.seq},50.0,25.0,{enable}{tail}")
+        bench.seq += 1
+        bench.run(0.01)
+        masks.append(bench.machine.valve_mask)
+
+    say(1, 5)
+    say(0, 5)
+    say(1, 5)
+    say(1, 8)
+    bench.run(0.88)
+    masks.append(bench.machine.valve_mask)
+    bench.run(0.2)
+    masks.append(bench.machine.valve_mask)
+    say(0, 0)
+    say(1, 7)
+    say(1, 0, "T1")
+    plain = Bench()
+    plain.say("T2,0,50.0,25.0,0,5")
+    plain.run(0.01)
+    return [masks, plain.board.receiver.rejected.get("unknown_frame", 0)]
 
 
 def bad_frames():
@@ -426,7 +462,8 @@ def tilt():
 
 
 SCENARIOS = {
-    "safe_stop": safe_stop, "power_on": power_on, "stop_at_once": stop_at_once, "driver_fault": driver_fault,
+    "safe_stop": safe_stop, "valves": valves, "power_on": power_on, "stop_at_once": stop_at_once,
+    "driver_fault": driver_fault,
     "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
     "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
     "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,

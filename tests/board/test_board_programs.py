@@ -45,6 +45,12 @@ def test_a_driver_fault_stops_and_is_told(scenarios):
     assert scenarios.driver_fault() == [False, 0.0, 4]
 
 
+def test_valves_open_only_while_the_drives_are_enabled(scenarios):
+    masks, unknown = scenarios.valves()
+    assert masks == [0, 0, 0, 5, 5, 5, 0, 0, 7, 0]
+    assert unknown == 1, "a board without valves obeys no frame that has them"
+
+
 def test_wrong_frames_are_counted_by_kind_and_not_obeyed(scenarios):
     counts, obeyed_rpm = scenarios.bad_frames()
     assert dict(counts) == {"bad_crc": 3, "missing_crc": 3, "wrong_length": 1, "out_of_range": 4, "not_a_number": 3,
@@ -156,7 +162,7 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
 
 
 @pytest.mark.parametrize("part", [
-    "safe_stop", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits", "shaft_step",
+    "safe_stop", "valves", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits", "shaft_step",
     "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves", "gate_moves_homed",
     "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
 def test_micropython_does_the_same(part, scenarios, under_micropython):

@@ -132,3 +132,50 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
     parts = assemble(Options((str(cab), str(machine)), tmp_path / "w.json", log=str(tmp_path / "b.csv")), lambda: 0.0)
     parts.bench.close()
     parts.writer.close()
+
+
+def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
+    """A pass of a machine with sections, the middle one closed by hand from 25 s on; then the host falls silent."""
+    from control.field.job import Wanted
+    from control.orders import Do, Order, TargetSource
+    from drivers.virtual.machine import virtual_cab
+    setup = load_setup("huanghai_sections", "demo", dt.date(2026, 4, 1))
+    target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
+    job = with_simulated_field(setup.job.model_copy(update={"target": target}), setup.machine)
+    truths, now = [], [0.0]
+    plant = simulated_machine(setup.machine, job, 3, 0.05, keep=truths.append)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+    cab, machine = virtual_cab(plant, lambda: now[0])
+    orders = {1.0: Order(Do.READY), 8.0: Order(Do.START), 25.0: Order(Do.SECTION, "2 off")}
+    for k in range(800):
+        now[0] = round(0.05 * k, 3)
+        machine.advance(now[0])
+        if now[0] in orders:
+            loop.order(orders[now[0]])
+        if now[0] < 35.0:
+            tick = loop.tick(cab.measure(now[0]))
+            cab.command(now[0], tick.command, tick.enabled)
+
+    def passed(low_s, high_s):
+        return [sum(t.section_kg[section] for t in truths if low_s < t.time_s < high_s) for section in range(3)]
+
+    before, after, silent = passed(18.0, 24.9), passed(26.0, 34.9), passed(36.5, 40.0)
+    assert before == pytest.approx([before[0]] * 3) and before[0] > 0.1
+    assert after[1] == 0.0 and after[0] == pytest.approx(after[2]) and after[0] > 0.1
+    assert silent == [0.0] * 3, "the board closes them a second after the last word"
+
+
+def test_valves_that_no_device_drives_are_said(tmp_path):
+    from typer.testing import CliRunner
+
+    from console.cli import app
+    from drivers.files.config import shipped
+    machine = str(shipped("machines")["huanghai_sections"])
+    module = "rate_module: {pulses_per_turn: 360.0, fixed_opening_mm: 25.0, address: 127.0.0.1"
+    for devices, wrong in ((module + "}", True), (module + ", valves: true}", False),
+                           ("board: {port: 'socket://127.0.0.1:9'}", False)):
+        cab = tmp_path / "cab.yaml"
+        cab.write_text(f"format: topdress-cab/1\n{devices}\n")
+        result = CliRunner().invoke(app, ["check", str(cab), machine])
+        assert (result.exit_code != 0) == wrong, result.output
+        assert ("key board: missing: allowed a board, or a rate module with valves" in result.output) == wrong

@@ -340,3 +340,24 @@ def test_the_virtual_module_says_who_it_is_and_traces_when_told(clock, fake_plan
     driver.feed(heard, 1.0)
     assert driver.trace is not None and driver.trace.pwm == 0
     assert not driver.counts.rejected
+
+
+def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive():
+    near, far = datagram_pair("m", lambda: 0.0)
+    virtual, driver = VirtualRateModule(far, 360.0), module()
+    for data in driver.command(60.0, True, 0.0, (True, False, True)):
+        near.write(data)
+    assert virtual.before(0.0, DriveCommand(0.0, 25.0), True)[0].valves[:4] == (True, False, True, False)
+    closed = [decode_told(data) for data in driver.command(60.0, True, 0.2, (False, False, True))]
+    assert [told.relays for told in closed if isinstance(told, Relays)] == [0b1001], "at once, on change"
+    stopped = [decode_told(data) for data in driver.command(60.0, False, 0.4, (True, True, True))]
+    assert [told.relays for told in stopped if isinstance(told, Relays)] == [0b0001]
+    for data in driver.command(60.0, True, 0.6, (True, True, True)):
+        near.write(data)
+    assert any(virtual.before(0.6, DriveCommand(0.0, 25.0), True)[0].valves)
+    assert not any(virtual.before(9.0, DriveCommand(0.0, 25.0), True)[0].valves), "the console is silent"
+
+
+def test_relays_without_valves_are_as_they_were():
+    told = [decode_told(data) for data in module().command(60.0, True, 0.0)]
+    assert [one.relays for one in told if isinstance(one, Relays)] == [1]

@@ -10,6 +10,7 @@ import pytest
 from control.readings import DriveCommand
 from drivers.devices.board_frames import CommandFrame, StatusFrame, crc16, encode_command, encode_status
 from drivers.devices.slave_board import DriveLimits, SlaveBoard
+from drivers.virtual.board import VirtualBoard
 
 STATUS = "S1,{seq},41,1000000,8,990000,69.900,24.980,250.050,13.480,1.500,-0.250,1,1"
 
@@ -120,3 +121,26 @@ def test_the_examples_on_the_protocol_page_are_real_frames(board_line):
     for payload, crc in examples:
         assert board_line(payload).endswith(f"*{crc}\r\n".encode())
     assert len(SlaveBoard().feed(board_line(examples[1][0]), 0.0)) == 1
+
+
+def test_valves_of_sections_go_in_a_frame_of_their_own_and_close_with_the_drives() -> None:
+    host, board = SlaveBoard(), VirtualBoard(25.0)
+    board.feed(host.command(None, False), 0.0)
+    line = host.command(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
+    assert line.startswith(b"$T2,1,70.000,25.000,1,5*")
+    board.feed(line, 0.1)
+    command, enabled = board.set_points(0.1)
+    assert enabled and command.valves[:4] == (True, False, True, False)
+    assert not any(board.set_points(1.2)[0].valves), "the host is silent"
+    assert host.command(None, False).startswith(b"$T2,2,0.000,25.000,0,0*")
+    assert SlaveBoard().command(DriveCommand(70.0, 25.0), True).startswith(b"$T1,")
+
+
+@pytest.mark.parametrize(("payload", "kind"), [
+    ("T2,5,70.0,25.0,1", "wrong_length"), ("T2,5,70.0,25.0,1,65536", "out_of_range"),
+    ("T2,5,70.0,25.0,1,x", "not_a_number"), ("T1,5,70.0,25.0,1,3", "wrong_length")])
+def test_a_wrong_command_with_valves_changes_nothing(payload: str, kind: str) -> None:
+    board = VirtualBoard(25.0)
+    data = payload.encode()
+    board.feed(b"$%b*%04X\r\n" % (data, crc16(data)), 0.0)
+    assert board.counts.rejected == {kind: 1} and board.set_points(0.0)[0].valves == ()

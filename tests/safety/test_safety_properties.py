@@ -14,7 +14,17 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_stat
 
 from control.orders import Do, Order, Severity, State, TargetSource
 from control.readings import DriveCommand
-from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, DriveLimits, Safety, limited, read_refusal
+from control.safety import (
+    ALARMS,
+    INTERLOCKS,
+    REFUSALS,
+    STATE_REASONS,
+    DriveLimits,
+    Safety,
+    limited,
+    limited_valves,
+    read_refusal,
+)
 
 ODD = (nan, inf, -inf, -1.0, 1e300)
 AGES = (0.0, 0.1, 0.4, 0.6, 1.9, 2.2, 70.0, nan)
@@ -322,14 +332,17 @@ class Rules(RuleBasedStateMachine):
         assert self.unseen_red <= set(ids), "a red alarm went before anybody saw it"
         self.unseen_red = {a.id for a in self.verdict.alarms if a.severity is Severity.RED and not a.acknowledged}
 
-    @rule(shaft_rpm=st.floats(), opening_mm=st.floats())
-    def send(self, shaft_rpm, opening_mm):
+    @rule(shaft_rpm=st.floats(), opening_mm=st.floats(),
+          valves=st.lists(st.sampled_from([True, False, None, nan, 1, "1"]), max_size=16))
+    def send(self, shaft_rpm, opening_mm, valves):
         assume(self.verdict is not None)
         limits = DriveLimits()
         sent = limited(DriveCommand(shaft_rpm, opening_mm), limits, self.verdict.flow_allowed, opening_now_mm=20.0)
         assert sent.shaft_rpm == 0.0 or limits.shaft_min_rpm <= sent.shaft_rpm <= limits.shaft_max_rpm
         assert limits.opening_min_mm <= sent.opening_mm <= limits.opening_max_mm
-        assert self.verdict.flow_allowed or sent == (0.0, 20.0, None)
+        assert self.verdict.flow_allowed or sent == DriveCommand(0.0, 20.0, None)
+        opened = limited_valves(tuple(valves), self.verdict.flow_allowed)
+        assert opened == tuple(self.verdict.flow_allowed and wanted is True for wanted in valves)
 
     @invariant()
     def state_agrees(self):

@@ -15,7 +15,7 @@ from console.worker.parts import Assembly, Names
 from console.worker.program import Clock, Options, main
 from control.field.totals import Totaliser, Totals
 from control.log_row import LogRow
-from control.orders import Alarm, Answer, Do, Order, Severity
+from control.orders import Alarm, Answer, Do, Order, SectionState, Severity
 from control.readings import DriveCommand, Measurements, Reading
 from control.safety import Allowances, BenchRun
 from drivers.cab_line import DeviceLine
@@ -49,6 +49,7 @@ class FakeTick:
     bench: BenchRun | None = field(default_factory=lambda: BenchRun(50.0, 20.0, 3.0, 117.0))
     no_double: bool = False
     threshold_m: float | None = -0.12
+    sections: tuple[SectionState, ...] = (SectionState(True), SectionState(False, "done"))
 
 
 class FakeBench:

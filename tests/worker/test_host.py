@@ -8,7 +8,7 @@ import pytest
 from console.frame import DeviceDo
 from console.worker import limits
 from console.worker.requests import Ask, DeviceOrder
-from control.orders import Answer, Do, Order
+from control.orders import Answer, Do, Order, SectionState
 
 
 def ask(rig, what):
@@ -30,6 +30,7 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (0.1, 10.0, True, False)
     assert (frame.why_no_flow, frame.why_state, frame.allow) == (("low_speed",), "start", (False, True, False))
     assert (frame.no_double, frame.threshold_m) == (False, -0.12)
+    assert frame.sections == (SectionState(True), SectionState(False, "done"))
     assert (frame.head_ndvi, frame.bench) == ((0.5, None), (50.0, 20.0, 3.0, 117.0))
     assert frame.devices[0].name == "board" and frame.devices[0].rejected == 1 and frame.devices[0].last_raw == "$"
 

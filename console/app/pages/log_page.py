@@ -90,7 +90,7 @@ class LogPage(Page):
         """Worked ground and field, the outlets' width taken over from the field's machine."""
         picture, worked = self.app.fields.of(frame), self.worked()
         if picture is not None:
-            worked.width_m = picture.width_m
+            worked.width_m, worked.sections = picture.width_m, picture.sections
         return worked, picture
 
     def map_view(self, frame: Frame | None, age_s: float, layer: Layer, camera: Camera,

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,12 +10,17 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
+from control.agronomy.crop import Crop
+from control.agronomy.noa import prepare
+from control.field.across import Across, across
 from control.field.coverage import Coverage, Covered
 from control.field.totals import Totaliser, Totals
 from control.geodesy import Place, TangentPlane
+from control.log_row import HEAD_COLUMNS
 from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
+from control.machine.sections import LoggedValves, Strip
 from control.orders import State, TargetSource
 from drivers.files.read_log import RunLog
 from drivers.plain_text import OneLine
@@ -51,7 +57,7 @@ class Stretches(NamedTuple):
     speed_mps: Floats
     duration_s: Floats
     length_m: Floats            # speed x duration
-    area_m2: Floats             # length x working width
+    area_m2: Floats             # length x width
     target_kg_ha: Floats        # NaN: not known
     applied_kg_ha: Floats
     target_kg: Floats           # 0 where not known
@@ -61,6 +67,7 @@ class Stretches(NamedTuple):
     fix_quality: Floats
     satellites: Floats
     hdop: Floats
+    width_m: Floats             # of the whole machine, or of one section where they have valves
 
 
 class Cut(NamedTuple):
@@ -84,6 +91,7 @@ class AsApplied:
     begin_utc: dt.datetime | None       # of time_s = 0
     field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
     cut: Cut | None                     # None: nothing was, or the limit is not known
+    one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
 
     @property
     def width_m(self) -> float:
@@ -113,12 +121,13 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     if not len(rows.time_s):
         raise ExportError(f"{log.path}: no row of work with a place: allowed is a log with some")
     product = product or _product(log)
-    covered = _covered(rows, machine.geometry.working_width_m)
+    strips = strips_of(log, machine)
+    covered = _covered(rows, machine.geometry.working_width_m, strips)
     doses, missed = _doses(log)
     totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
                                                      doses=doses, doses_missed=missed)
-    return AsApplied(log.path.stem, machine, product, _gathered(rows, machine, every_s), totals, _begin_utc(log),
-                     _field(log), _cut(log, rows, machine.geometry.working_width_m))
+    return AsApplied(log.path.stem, machine, product, _gathered(rows, strips, every_s), totals, _begin_utc(log),
+                     _field(log), _cut(log, rows, strips), _one_rate(log, machine))
 
 
 class _Rows(NamedTuple):
@@ -138,6 +147,7 @@ class _Rows(NamedTuple):
     fix_quality: Floats
     satellites: Floats
     hdop: Floats
+    opened: npt.NDArray[np.bool_]       # (n, sections): which flowed; one column where the machine is one whole
 
 
 def _worked(log: RunLog, machine: Machine) -> _Rows:
@@ -155,7 +165,22 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
     columns = [time, step, speed, applied, log.numbers("target_rate_kg_ha"), begin, end, at, shaft,
                log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
-    return _Rows(plane, *(column[counts] for column in columns))
+    return _Rows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
+
+
+def strips_of(log: RunLog, machine: Machine) -> tuple[Strip, ...]:
+    """Of the sections whose valves the log tells; else of the whole machine."""
+    half = 0.5 * machine.geometry.working_width_m
+    return machine.switched if machine.switched and log.has("sections_cmd") else (Strip(-half, half, 1.0),)
+
+
+def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
+    """Which of `strips_of` were open in each row, (n, strips): as told, so long after as the valve takes."""
+    if not (machine.switched and log.has("sections_cmd")):
+        return np.ones((len(log), 1), dtype=np.bool_)
+    valves = LoggedValves(machine.sections)
+    return np.array([valves.open_at(time_s, told) for time_s, told in zip(
+        log.time_s.tolist(), log.texts("sections_cmd").tolist(), strict=True)])
 
 
 def _speed_mps(log: RunLog) -> Floats:
@@ -223,8 +248,29 @@ def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
     return np.asarray(along + beyond, dtype=np.float64)
 
 
-def _gathered(rows: _Rows, machine: Machine, every_s: float) -> Stretches:
-    width = machine.geometry.working_width_m
+def _gathered(rows: _Rows, strips: Sequence[Strip], every_s: float) -> Stretches:
+    """Of each strip by itself, in the order in which they were worked."""
+    found = [_of_strip(_under(rows, strip, flowed), strip.right_m - strip.left_m, every_s)
+             for strip, flowed in zip(strips, rows.opened.T, strict=True) if flowed.any()]
+    if len(found) == 1:
+        return found[0]
+    together = [np.concatenate(columns) for columns in zip(*found, strict=True)]
+    order = np.argsort(together[0], kind="stable")
+    return Stretches(*(column[order] for column in together))
+
+
+def _under(rows: _Rows, strip: Strip, flowed: npt.NDArray[np.bool_]) -> _Rows:
+    """The rows in which a strip flowed, at the strip's own middle."""
+    aside = 0.5 * (strip.left_m + strip.right_m)
+    if aside == 0.0 and flowed.all():
+        return rows
+    angle = np.radians(rows.heading_deg)
+    right = aside * np.column_stack((np.cos(angle), -np.sin(angle)))
+    moved = rows._replace(begin_m=rows.begin_m + right, end_m=rows.end_m + right)
+    return _Rows._make((moved.plane, *(column[flowed] for column in moved[1:])))
+
+
+def _of_strip(rows: _Rows, width: float, every_s: float) -> Stretches:
     breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
     period = np.floor(rows.time_s / every_s + 1e-9)
     first = np.flatnonzero(np.concatenate(([True], breaks | (np.diff(period) != 0.0))))
@@ -250,7 +296,7 @@ def _gathered(rows: _Rows, machine: Machine, every_s: float) -> Stretches:
         _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2), heading,
         np.add.reduceat(length, first) / duration, duration, np.add.reduceat(length, first), 10_000.0 * ha, target,
         kg / ha, target_kg, kg, rows.shaft_rpm[centre], rows.opening_mm[centre], rows.fix_quality[centre],
-        rows.satellites[centre], rows.hdop[centre])
+        rows.satellites[centre], rows.hdop[centre], np.full(len(first), width))
 
 
 def _corners(begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float) -> Floats:
@@ -270,39 +316,58 @@ def _to_deg(plane: TangentPlane, places: Floats) -> Floats:
 def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
     """What the log itself adds up to, row by row."""
     totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
+    share = opened(log, machine) @ np.array([strip.share for strip in strips_of(log, machine)])
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     counts = is_worked(log) & (step <= _most_step_s(log))
-    columns = (step, _speed_mps(log), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"))
-    for seconds, speed, applied, target in zip(*(column[counts].tolist() for column in columns), strict=True):
+    columns = (step, _speed_mps(log), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"), share)
+    for seconds, speed, applied, target, wide in zip(*(column[counts].tolist() for column in columns), strict=True):
         totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
-                      None if target != target else target)
+                      None if target != target else target, wide)
     return totaliser.snapshot()
 
 
-def _cut(log: RunLog, rows: _Rows, width_m: float) -> Cut | None:
+def _cut(log: RunLog, rows: _Rows, strips: Sequence[Strip]) -> Cut | None:
     limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
     if not isinstance(limit, int | float):
         return None
     above = rows.target_kg_ha > limit
     if not above.any():
         return None
-    ha = (rows.speed_mps * rows.step_s)[above] * width_m / 10_000.0
+    width_m = rows.opened @ np.array([strip.right_m - strip.left_m for strip in strips])
+    ha = (rows.speed_mps * rows.step_s * width_m)[above] / 10_000.0
     wanted = rows.target_kg_ha[above]
     return Cut(float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum()))
 
 
-def _covered(rows: _Rows, width_m: float) -> Covered:
+def _one_rate(log: RunLog, machine: Machine) -> Across | None:
+    """From what the heads read while canopy was the source and something flowed."""
+    by_canopy = np.asarray(log.texts("target_source") == TargetSource.CANOPY.value) & is_worked(log)
+    by_canopy &= np.nan_to_num(log.numbers("applied_rate_kg_ha")) > 0.0
+    heads = np.column_stack([log.numbers(name) for name in HEAD_COLUMNS[:machine.geometry.heads]])[by_canopy]
+    about = log.meta
+    if len(heads) < 2 or about is None or about.crop is None:
+        return None
+    new = np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1) & np.isfinite(heads[1:]).any(axis=1)))
+    job = about.job or {}
+    try:
+        rule = prepare(Crop.model_validate(about.crop), job.get("days"), job.get("ndvi_nrich"))
+    except ValueError:                  # days to be counted from a weather file, or a sidecar of another program
+        return None
+    return across(rule, machine, heads[new])
+
+
+def _covered(rows: _Rows, width_m: float, strips: Sequence[Strip]) -> Covered:
     """Ground on which something came to lie, each place once, and what was passed over again."""
-    coverage = Coverage(width_m, min(CELL_M, width_m / 6.0))
+    coverage = Coverage(width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips])
     way_m = np.cumsum(rows.speed_mps * rows.step_s)
     gap = np.concatenate(([True], np.diff(rows.time_s) > rows.step_s[1:] + 1e-6))
-    flows = rows.applied_kg_ha > 0.0
-    turns = np.concatenate(([False], flows[1:] != flows[:-1]))
+    flows = rows.opened & (rows.applied_kg_ha > 0.0)[:, None]
+    turns = np.concatenate(([False], np.any(flows[1:] != flows[:-1], axis=1)))
     for k in np.flatnonzero(gap | turns | (np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0)).tolist():
         if gap[k]:
-            coverage.lay(_place(rows.begin_m[k]), float(rows.heading_deg[k]), False)
-        coverage.lay(_place(rows.end_m[k]), float(rows.heading_deg[k]), bool(flows[k - 1 if turns[k] else k]))
+            coverage.lay(_place(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips))
+        coverage.lay(_place(rows.end_m[k]), float(rows.heading_deg[k]), flows[k - 1 if turns[k] else k].tolist())
     return coverage.covered
 
 

@@ -30,7 +30,7 @@ COLUMNS = (
     Column("speed_mps", "SPEED_MPS", 8, 3, lambda a: a.stretches.speed_mps),
     Column("duration_s", "DURATION_S", 9, 3, lambda a: a.stretches.duration_s),
     Column("distance_m", "DISTANCE_M", 10, 4, lambda a: a.stretches.length_m),
-    Column("swath_width_m", "SWATHWDTH", 8, 3, lambda a: np.full_like(a.stretches.time_s, a.width_m)),
+    Column("swath_width_m", "SWATHWDTH", 8, 3, lambda a: a.stretches.width_m),
     Column("area_m2", "AREA_M2", 12, 5, lambda a: a.stretches.area_m2),
     Column("target_rate_kg_ha", "TARGETRATE", 10, 3, lambda a: a.stretches.target_kg_ha),
     Column("applied_rate_kg_ha", "APPLIEDRAT", 10, 3, lambda a: a.stretches.applied_kg_ha),

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from drivers.files.exports.as_applied import AsApplied, ExportError
+from drivers.files.exports.as_applied import AsApplied, ExportError, Floats
 from drivers.files.exports.time_log import NO_STATUS, Logged, Moment, layout, records
 from drivers.files.prescriptions.task_folder import degrees, name_of, task_root, write_task
 
@@ -64,16 +64,22 @@ def _moments(applied: AsApplied) -> Iterator[Moment]:
     s = applied.stretches
     grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
     square_metres = np.round(np.cumsum(s.area_m2)).astype(np.int64).tolist()
-    millimetres = np.round(1000.0 * np.cumsum(s.length_m)).astype(np.int64).tolist()
+    millimetres = np.round(1000.0 * np.cumsum(_effective_m(applied))).astype(np.int64).tolist()
     ends = s.time_s + 0.5 * s.duration_s
     stops = np.append(s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > BREAK_S, True).tolist()
     for k, end_s in enumerate(ends.tolist()):
         values = [_whole(100.0 * s.target_kg_ha[k]), _whole(100.0 * s.applied_kg_ha[k]),
-                  round(1000.0 * applied.width_m), _whole(1000.0 * s.speed_mps[k]), 1, grams[k], square_metres[k],
+                  round(1000.0 * s.width_m[k]), _whole(1000.0 * s.speed_mps[k]), 1, grams[k], square_metres[k],
                   millimetres[k]]
         yield _moment(applied, k, end_s, values)
         if stops[k]:
             yield _moment(applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None])
+
+
+def _effective_m(applied: AsApplied) -> Floats:
+    """Way of each stretch (n,), as if worked over the whole width: a section counts by its share of it."""
+    s = applied.stretches
+    return np.asarray(s.length_m * (s.width_m / applied.width_m), dtype=np.float64)
 
 
 def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None]) -> Moment:
@@ -87,7 +93,7 @@ def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None])
 
 def _final_totals(applied: AsApplied) -> tuple[int, ...]:
     """In the order of TOTALS, from the log's own sums."""
-    totals, length_m = applied.totals, float(applied.stretches.length_m.sum())
+    totals, length_m = applied.totals, float(_effective_m(applied).sum())
     return (round(1000.0 * totals.applied_kg), round(1000.0 * totals.applied_n_kg), round(10_000.0 * totals.area_ha),
             round(1000.0 * length_m), round(totals.worked_s))
 

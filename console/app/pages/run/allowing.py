@@ -7,6 +7,8 @@ from console.locale import _
 from control.orders import Do
 from control.safety import Allowances
 
+SECTIONS = "sections"       # not an order: asks which section
+
 
 def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
     """Values are an order and its value as text, `allow_outside:True`. A second dose is allowed by switching off the
@@ -16,6 +18,11 @@ def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
              (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
              (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),
              (Do.NO_DOUBLE, _("a second dose on done ground"), not no_double))
+    sections = (Choice(SECTIONS, _("sections by hand: close or give back ...")),) if frame and frame.sections else ()
+    return (*_orders(found), *sections)
+
+
+def _orders(found: tuple[tuple[Do, str, bool], ...]) -> tuple[Choice, ...]:
     return tuple(Choice(f"{do.value}:{allowed if do is Do.NO_DOUBLE else not allowed}", _line(what, allowed))
                  for do, what, allowed in found)
 

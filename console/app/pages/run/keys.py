@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from console.app import words
 from console.app.action import RUN, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
-from console.app.pages.run.allowing import allow_choices
+from console.app.pages.run.allowing import SECTIONS, allow_choices
+from console.app.pages.run.section_bar import GIVE_ALL_BACK, section_choices
 from console.app.reasons import why_no_start, why_not_ready
 from console.locale import N_, _
 from control.orders import Do, Strategy, TargetSource
@@ -127,7 +128,9 @@ def _ask_switch(page: RunScreen, title: str, text: str, do: Do, on: bool, name: 
 
 def allow(page: RunScreen) -> None:
     def answer(value: str | None) -> None:
-        if value is not None:
+        if value == SECTIONS:
+            _ask_section(page)
+        elif value is not None:
             do, _colon, yes = value.partition(":")
             page.app.change(Do(do), yes == "True", yes != "True", words_of[value])
 
@@ -135,6 +138,22 @@ def allow(page: RunScreen) -> None:
     words_of = {one.value: one.label.rpartition(",")[0] for one in choices}
     page.app.push_screen(ChoiceDialog(_("Allow"), choices, "", _(
         "All but the second dose end with STOP.")), answer)
+
+
+def _ask_section(page: RunScreen) -> None:
+    def answer(value: str | None) -> None:
+        if value is None:
+            return
+        number, _blank, to = value.partition(" ")
+        if value == GIVE_ALL_BACK:
+            page.app.give(Do.SECTION, value)
+        else:
+            page.app.change(Do.SECTION, value, f"{number} {'auto' if to == 'off' else 'off'}", words_of[value])
+
+    choices = section_choices(page.app.arrival.frame)
+    words_of = {one.value: one.label for one in choices}
+    page.app.push_screen(ChoiceDialog(_("Sections"), choices, "", _(
+        "A section closed by hand stays closed until it is given back.")), answer)
 
 
 def connect(page: RunScreen) -> None:

@@ -10,6 +10,7 @@ from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
 from console.app.pages.run.model_check import ModelCheck, model_check_text
+from console.app.pages.run.section_bar import SectionBar
 from console.app.view import AlarmsView, RunView
 from console.frame import Frame
 
@@ -24,11 +25,15 @@ class RunScreen(PanelScreen):
 
     def extra(self) -> ComposeResult:
         yield ModelCheck("", id="model-check")
+        yield SectionBar((), id="section-bar")
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
         frame, checked = self.app.arrival.frame, self.app.services.model_check
         found = None if frame is None or checked is None else checked(frame.log_path)
+        sections = self.query_one("#section-bar", SectionBar)
+        sections.display = frame is not None and bool(frame.sections)
+        sections.show(() if frame is None else frame.sections)
         bar = self.query_one("#model-check", ModelCheck)
         bar.display = found is not None
         if found is not None and frame is not None:

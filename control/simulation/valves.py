@@ -1,0 +1,59 @@
+"""The valves of a simulated machine: what was metered, shared by the outlets that are open."""
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from control.machine.machine import Machine
+from control.machine.sections import Valve
+
+
+class Valves:
+    """`stuck`: sections, counted from 1, whose valve does not move, and whether it stands open."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.stuck: dict[int, bool] = {}
+        self._valves = [section.valve or Valve() for section in machine.sections]
+        self._shares = [strip.share for strip in machine.switched]
+        self._to_come: list[deque[tuple[float, bool]]] = [deque() for _ in self._valves]    # from when, open
+        self._told = [False] * len(self._valves)
+        self._open = [False] * len(self._valves)
+        self._kg = [0.0] * len(self._valves)
+        self._step_shares: list[float] = []
+
+    def tell(self, now_s: float, valves: Sequence[bool]) -> None:
+        """What they are told from now on; none: no power, and they close."""
+        for k, valve in enumerate(self._valves):
+            on = k < len(valves) and valves[k]
+            if on is not self._told[k]:
+                self._told[k] = on
+                self._to_come[k].append((now_s + (valve.open_s if on else valve.close_s), on))
+
+    def any_open(self, now_s: float) -> bool:
+        """Whether anything can leave the machine; moves the valves up to now."""
+        for k, turns in enumerate(self._to_come):
+            while turns and turns[0][0] <= now_s:
+                self._open[k] = turns.popleft()[1]
+            self._open[k] = self.stuck.get(k + 1, self._open[k])
+        self._step_shares.append(self._share())
+        return any(self._open)
+
+    def pass_on(self, kg: float) -> None:
+        """What was metered just now leaves by the open outlets; what trickles with all closed, by none."""
+        share = self._share()
+        for k, on in enumerate(self._open):
+            if on:
+                self._kg[k] += kg * self._shares[k] / share
+
+    def take_kg(self) -> tuple[float, ...]:
+        """Passed by each section since this was asked last."""
+        kg, self._kg = tuple(self._kg), [0.0] * len(self._kg)
+        return kg
+
+    def take_share(self) -> float:
+        """Mean share of the width that was open since this was asked last."""
+        shares, self._step_shares = self._step_shares, []
+        return sum(shares) / len(shares) if shares else 0.0
+
+    def _share(self) -> float:
+        return sum(share for share, on in zip(self._shares, self._open, strict=True) if on)
