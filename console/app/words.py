@@ -20,7 +20,7 @@ STRATEGIES = {
 }
 SOURCES = {
     "canopy": N_("from canopy"), "map": N_("from map"), "point": N_("plant by plant"), "manual": N_("manual rate"),
-    "fallback": N_("FALLBACK RATE"), "none": N_("no target"),
+    "fallback": N_("FALLBACK RATE"), "none": N_("no target"), "map_and_canopy": N_("map and canopy"),
 }
 FIXES = {0: N_("no fix"), 1: N_("GNSS"), 2: N_("DGNSS"), 4: N_("RTK fixed"), 5: N_("RTK float"),
          6: N_("dead reckoning")}
@@ -55,6 +55,7 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "source_not_ready": N_("This source of the target is not ready."),
     "nudge_out_of_range": N_("The nudge is out of its range."),
     "rate_out_of_range": N_("The rate is out of its range."),
+    "strip_out_of_range": N_("The NDVI of a strip is above 0 and at most 1."),
     "dose_error_out_of_range": N_("A dose error is at most 2 m."),
     "no_dose_landed": N_("No dose has landed yet, or the job has no plants."),
 }

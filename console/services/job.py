@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from console.link import Link, Where
+    from control.agronomy.response import StripValue
     from control.field.job import Job
     from control.machine.machine import Machine
     from control.targets.map_check import MapCheck
@@ -124,6 +125,7 @@ class JobFiles:
             job=job.title or job.id, job_file=str(job_path), crop=setup.crop.name, crop_file=str(crop.path),
             crop_warnings=setup.crop.warnings, source=job.target.source.value, ndvi_nrich=nrich,
             nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
+            ndvi_check=setup.rule.ndvi_check, response_index=setup.rule.response_rule,
             fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
             fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, client=job.client, farm=job.farm,
             product=job.product, operator=job.operator, field=name, field_ha=area,
@@ -193,10 +195,12 @@ class JobFiles:
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 
-    def take_strip(self, ndvi: float) -> str:
+    def take_strip(self, strip: StripValue) -> str:
         """Raises ValueError."""
+        what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
+        how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
         try:
-            return self._new_job({"ndvi_nrich": ndvi}, f"N-rich strip: NDVI {ndvi:.3f}")
+            return self._new_job({f"ndvi_{strip.which}": strip.ndvi}, f"{what}: NDVI {strip.ndvi:.4f}{how}")
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 

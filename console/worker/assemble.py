@@ -13,7 +13,7 @@ from console.worker.resume import beside
 from console.worker.resume_assemble import before_of, begun, go_on, job_to_go_on
 from console.worker.resume_keeper import Keeper
 from console.worker.simulated_bench import SimulatedBench
-from control.field.job import Job
+from control.field.job import Job, rule_of
 from control.machine.machine import Machine
 from control.machine.planting import parse_planted
 from control.orders import TargetSource
@@ -69,7 +69,8 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         bench = Cab(devices, clock)
         sha256[str(cab.path)] = cab.sha256
     now_utc = _utc_now().isoformat(timespec="milliseconds")
-    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch, **placed)
+    rule = rule_of(setup.crop, job, setup.rule.days)
+    loop = control_loop(machine, setup.crop, rule, job, has_work_switch, **placed)
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
     if before is not None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from console.frame import Frame, Tally
+from control.agronomy.response import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order
@@ -75,6 +76,8 @@ class Tick(Protocol):
     def no_double(self) -> bool: ...
     @property
     def threshold_m(self) -> float | None: ...
+    @property
+    def strips(self) -> Strips: ...
 
 
 TOLD = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over

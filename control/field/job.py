@@ -5,7 +5,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from control.orders import Strategy, TargetSource
+from control.agronomy.crop import Crop
+from control.agronomy.noa import Rule, prepare
+from control.agronomy.response import ResponseRule
+from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(gt=0, le=100_000)]
@@ -19,9 +22,13 @@ class Part(BaseModel):
 class Wanted(Part):
     """Where the target comes from."""
 
-    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT,
-                    TargetSource.MANUAL] = TargetSource.CANOPY
+    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL,
+                    TargetSource.MAP_AND_CANOPY] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
+    # canopy: the field's mean comes to this, the canopy says where; None: the rule says how much as well
+    hold_mean_kg_ha: Annotated[float, Field(gt=0, le=2000)] | None = None
+    around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0        # map_and_canopy: how far the heads may move
+    around_kg_ha: Rate | None = None            # the same in kg/ha; None: by percent
     decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
     map: str | None = None                      # a prescription, beside the job file
     plants: str | None = None                   # a plant list, beside the job file
@@ -31,8 +38,11 @@ class Wanted(Part):
 
     @model_validator(mode="after")
     def _map_named(self) -> Wanted:
-        if self.source is TargetSource.MAP and self.map is None:
-            raise ValueError("source map needs the key map: a prescription file beside the job")
+        if self.source in BY_MAP and self.map is None:
+            raise ValueError(f"source {self.source.value} needs the key map: a prescription file beside the job")
+        if self.hold_mean_kg_ha is not None and self.source is not TargetSource.CANOPY:
+            raise ValueError(f"hold_mean_kg_ha goes with source canopy, not {self.source.value}: a map has its own "
+                             "mean")
         return self
 
 
@@ -123,6 +133,8 @@ class Job(Part):
     crop: str = "huanghai_wheat"
     days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
+    ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None       # farmer check
+    response_index: ResponseRule | None = None  # None: the crop file's
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim: bool = True
@@ -139,3 +151,8 @@ class Job(Part):
             raise ValueError("target.source point needs target.plants: a plant list beside the job; or, simulated, "
                              "simulated.plants and simulated.camera")
         return self
+
+
+def rule_of(crop: Crop, job: Job, days: int | None = None) -> Rule:
+    """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as `prepare` does."""
+    return prepare(crop, job.days or days, job.ndvi_nrich, job.ndvi_check, job.response_index)

@@ -17,6 +17,8 @@ from control.readings import Measurements
 from control.sensing import Sensed
 from control.targets.canopy import CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
+from control.targets.hold_mean import HoldMean
+from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target
@@ -39,8 +41,11 @@ class Ahead:
         self._headland = None if rate is None else headland
         self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
         self.overlap = Overlap(Coverage(width_m, min(CELL_M, width_m / 6.0), longest_m=LONGEST_M), geometry.outlets)
+        mean = job.target.hold_mean_kg_ha
+        self.hold = None if mean is None else HoldMean(mean)
+        self._around = Around(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
-            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha)))
+            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold))
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
@@ -103,6 +108,8 @@ class Ahead:
             return self.heads.decisions.stretches
         if choices.source is TargetSource.MAP and self.map is not None:
             return self.map
+        if choices.source is TargetSource.MAP_AND_CANOPY and self.map is not None:
+            return MapAndCanopy(self.map, self.heads.decisions.stretches, self._around)
         if choices.source is TargetSource.POINT:
             return DOSES_ONLY
         if choices.source is TargetSource.MANUAL:

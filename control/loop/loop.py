@@ -29,7 +29,7 @@ from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
-from control.orders import Answer, Order, State, Strategy, TargetSource
+from control.orders import BY_CANOPY, Answer, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
 from control.sensing import Forecaster, Sensed, Sensing
@@ -73,7 +73,7 @@ class ControlLoop:
         self._expected = ExpectedDrives(machine)
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
-                                  prescription is not None, self._started)
+                                  prescription is not None, self._started, self._ahead.heads.decisions.take_strip)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events: list[str] = []                    # of the next row
@@ -127,6 +127,9 @@ class ControlLoop:
         after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
         self._flow_trim.value = flow_trim
+        if self._ahead.hold is not None and sums.area_ha > 0.0:
+            self._ahead.hold.go_on(sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
+                                   sums.kg / sums.area_ha)
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
@@ -274,6 +277,9 @@ class ControlLoop:
         """Trims, expectation and totals follow what was commanded and measured."""
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
+        if self._ahead.hold is not None:
+            self._ahead.hold.on = self._operator.choices.source is TargetSource.CANOPY
+            self._ahead.hold.learns = verdict.state is State.WORKING
         if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             expected = self._expected.pair
             self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
@@ -288,8 +294,18 @@ class ControlLoop:
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
             self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
                              None if decision.by_point else decision.planned_kg_ha)
+            self._hold_mean(moment, decision, applied * metered.trim)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
+
+    def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
+        """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""
+        hold, sensed = self._ahead.hold, moment.sensed
+        if (hold is None or decision.holding.source not in (TargetSource.CANOPY, TargetSource.FALLBACK)
+                or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))):
+            return
+        hold.landed(given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
+                    moment.speed_mps * moment.dt_s)
 
     def _told(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
               command: DriveCommand) -> Tick:
@@ -307,7 +323,8 @@ class ControlLoop:
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
             area_ha=self._totals.area_ha, applied_kg=self._totals.applied_kg,
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
-            threshold_m=None if threshold is None else threshold.at(moment.speed_mps))
+            threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
+            strips=heads.decisions.rule.strips)
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 
@@ -349,7 +366,7 @@ class ControlLoop:
         source = self._operator.choices.source
         if self._doses is not None and source is TargetSource.POINT:
             return self._doses.points.fastest_mps
-        if source is not TargetSource.CANOPY:
+        if source not in BY_CANOPY:
             return inf
         return self.machine.geometry.heads_m / (lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
 from control.loop.moment import Choices, Decision, Metered, Moment
-from control.orders import Strategy, TargetSource
+from control.orders import BY_CANOPY, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, is_fresh
 from control.safety import Verdict
 
@@ -29,7 +29,7 @@ def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered
         speed_mps=fix.speed_mps if fix else None, wheel_speed_mps=_held(m, "wheel_speed_mps"),
         speed_used_mps=sensed.speed_mps,
         ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5],
-        ndvi=decided_ndvi if choices.source is TargetSource.CANOPY else None,
+        ndvi=decided_ndvi if choices.source in BY_CANOPY else None,
         target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
         shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_held(m, "shaft_rpm"),

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from control.agronomy.response import Strips
 from control.log_row import LogRow
 from control.loop.moment import Choices
 from control.orders import Alarm, State
@@ -31,6 +32,7 @@ class Tick(NamedTuple):
     applied_kg: float
     bench: BenchRun | None                  # while calibrating
     threshold_m: float | None               # of point mode, as learned, at this speed
+    strips: Strips                          # N-rich and farmer check, as they count now
 
     @property
     def enabled(self) -> bool:

@@ -9,8 +9,8 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule, prepare
-from control.field.job import Job
+from control.agronomy.noa import Rule
+from control.field.job import Job, rule_of
 from control.machine.machine import Machine
 from drivers.cab_config import CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
@@ -71,7 +71,7 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
     crop = got_crop.model
     try:
         days = got_job.model.days or growing_days(crop, got_crop.path.parent, today)
-        rule = prepare(crop, days, got_job.model.ndvi_nrich)
+        rule = rule_of(crop, got_job.model, days)
     except (WeatherError, ValueError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent

@@ -12,6 +12,7 @@ from console.services.job import JobFiles, Launcher
 from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
+from control.agronomy.response import StripValue
 from control.field.totals import Sums
 from drivers.files.config import load, shipped
 from drivers.files.kinds import JOB
@@ -40,16 +41,19 @@ def test_facts_of_what_is_shipped(desk):
 
 def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tmp_path):
     before = shipped("jobs")["demo"].read_bytes()
-    path = Path(desk.take_strip(0.71))
+    path = Path(desk.take_strip(StripValue("nrich", 0.71, 0.004, 38)))
+    assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
     facts = desk.facts()
     assert facts.ndvi_nrich == 0.71 and facts.nrich_from == "job" and facts.job_file == str(path)
+    both = load(Path(desk.take_strip(StripValue("check", 0.55))), JOB).model
+    assert (both.ndvi_nrich, both.ndvi_check) == (0.71, 0.55) and desk.facts().ndvi_check == 0.55
 
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
     desk.take("job", str(shipped("jobs")["map_demo"]))
-    new = load(Path(desk.take_strip(0.7)), JOB).model
+    new = load(Path(desk.take_strip(StripValue("nrich", 0.7))), JOB).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 

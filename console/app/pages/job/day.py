@@ -12,7 +12,9 @@ from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
 from console.locale import N_, _
+from control.agronomy.response import Strips, doubt, measured_index
 from control.field.totals import Totals
+from control.orders import BY_CANOPY
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
@@ -39,8 +41,8 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [*_who(facts), _crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units),
-                  *_map(facts, units), _machine(facts)]
+        found += [*_who(facts), _crop(facts), _strip(facts, frame), *_response(facts, frame), _limits(facts, units),
+                  _field(facts, units), *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -94,10 +96,64 @@ def _crop(facts: Facts) -> Check:
     return Check(_("crop"), OK, facts.crop, (facts.crop_file,))
 
 
-def _strip(facts: Facts, units: Units) -> Check:
+def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
+    """As they count now: those of the worker, which knows what was measured since it began; else of the files."""
+    live = frame.strips if frame is not None else Strips()
+    if facts is None:
+        return live
+    return Strips(live.nrich or facts.ndvi_nrich, live.check or facts.ndvi_check)
+
+
+def strip_begins(which: str) -> str:
+    return (_("farmer check begins here; N again at its end, after {least} or more") if which == "check" else
+            _("N-rich strip begins here; N again at its end, after {least} or more"))
+
+
+def strip_runs(which: str) -> str:
+    return (_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   N ends it") if which == "check" else
+            _("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   N ends it"))
+
+
+def strip_title(which: str) -> str:
+    return (_("NDVI {ndvi} as the farmer check of this job?") if which == "check" else
+            _("NDVI {ndvi} as the N-rich strip of this job?"))
+
+
+def doubt_words(strips: Strips) -> str:
+    """Why the response index of the field is not to be believed as it stands; empty where nothing speaks against it."""
+    index, why = measured_index(strips), doubt(strips)
+    if index is None or not why:
+        return ""
+    said = (_("RI {index}: the N-rich strip is no greener than the check. No response: nothing will be given.")
+            if why == "below_1" else
+            _("RI {index}: above 3 is not to be believed. Were both strips of this crop, on this day?"))
+    return said.format(index=f"{index:.2f}")
+
+
+def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
+    """Of a job that goes by the response index of the field."""
+    if facts.response_index != "field" or facts.source not in BY_CANOPY:
+        return ()
+    label, strips = _("response index"), strips_now(frame, facts)
+    index = measured_index(strips)
+    if index is None:
+        missing = _("farmer check missing: drive one with N") if strips.nrich is not None else (
+            _("no strips yet: drive both with N"))
+        return (Check(label, LOOK, missing),)
+    said = doubt_words(strips)
+    if said:
+        return (Check(label, LOOK, said),)
+    return (Check(label, OK, _("RI {index}: N-rich {nrich} over check {check}").format(
+        index=f"{index:.2f}", nrich=f"{strips.nrich:.3f}", check=f"{strips.check:.3f}")),)
+
+
+def _strip(facts: Facts, frame: Frame | None) -> Check:
     label = _("N-rich strip")
-    if facts.source != "canopy":
+    if facts.source not in BY_CANOPY:
         return Check(label, OK, _("not needed: {source}").format(source=words.source_word(facts.source)))
+    live = frame.strips.nrich if frame is not None else None
+    if live is not None and live != facts.ndvi_nrich:
+        return Check(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
     if facts.ndvi_nrich is not None:
         where = _("of the job") if facts.nrich_from == "job" else _("of the crop file, not of this field")
         level = OK if facts.nrich_from == "job" else LOOK
