@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from control.agronomy.response import Strips
+from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Severity

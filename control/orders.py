@@ -64,7 +64,7 @@ class Do(StrEnum):
     FLOW_TRIM = "flow_trim"          # value: True / False: the scale may correct the flow model
     LOOK_AHEAD = "look_ahead"        # value: True / False
     NO_DOUBLE = "no_double"          # value: True / False: ground that has its material gets no more
-    STRIP = "strip"                  # value: a strip as measured, as `agronomy.response.StripValue.text` says it
+    STRIP = "strip"                  # value: a strip as measured, as `agronomy.strips.StripValue.text` says it
     DOSE_ERROR = "dose_error"        # value: m, measured behind the machine on the newest doses; late is positive
 
 

@@ -85,11 +85,13 @@ def _check(files: list[str]) -> None:
         typer.echo(f"{loaded.path}: ok ({kind.format})")
         read.append((kind, loaded))
         if kind is JOB:
-            wrong += _map_of(loaded)
+            wrong += [*_map_of(loaded), *_product_of(loaded)]
         for warning in getattr(loaded.model, "warnings", ()):
             typer.echo(f"{loaded.path}: note: {warning}")
     for kind, machine in read:
         if kind is MACHINE:
+            for line in _products_on(machine.model, [job for other, job in read if other is JOB]):
+                typer.echo(line)
             wrong += [line for other, cab in read if other is CAB
                       for line in wheel_disagreements(cab, machine.model, str(machine.path))]
     if wrong:
@@ -113,6 +115,32 @@ def _map_of(loaded: Any) -> list[str]:
     except (PrescriptionError, OSError) as error:
         return [f"{loaded.path}: {error}"]
     return []
+
+
+def _product_of(loaded: Any) -> list[str]:
+    """What is wrong with the product file that a job names, a line each."""
+    from drivers.files.config import ConfigError
+    from drivers.files.setup import product_of
+    try:
+        product_of(loaded.model, loaded.path.parent)
+    except ConfigError as error:
+        return list(error.lines)
+    return []
+
+
+def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
+    """What is to be known of the jobs' products on this machine."""
+    from drivers.files.config import ConfigError
+    from drivers.files.setup import product_note, product_of
+    found = []
+    for job in jobs:
+        try:
+            product = product_of(job.model, job.path.parent)
+        except ConfigError:                 # told with the job
+            continue
+        note = "" if product is None else product_note(product.model, machine)
+        found += [f"{job.path}: note: {note}"] if note else []
+    return found
 
 
 def _of_keymap(model: BaseModel) -> str:

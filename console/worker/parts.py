@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from console.frame import Frame, Tally
-from control.agronomy.response import Strips
+from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order

@@ -14,7 +14,7 @@ from console.worker.resume import Snapshot
 from console.worker.resume_alarms import AlarmBook
 from console.worker.resume_ground import Done
 from console.worker.resume_tail import SCALE_S
-from control.agronomy.response import read_strip
+from control.agronomy.strips import read_strip
 from control.field.totals import Sums
 from control.geodesy import TangentPlane
 from control.log_row import LogRow

@@ -13,7 +13,8 @@ from typing import Literal, NamedTuple
 
 from control.agronomy.crop import Crop
 from control.agronomy.grades import grade_edges, graded_ndvi
-from control.agronomy.response import ResponseRule, Strips, StripValue, field_response
+from control.agronomy.response import ResponseRule, field_response
+from control.agronomy.strips import Strips, StripValue
 
 Why = Literal["in_range", "no_ndvi", "no_strips", "below_cutoff", "above_cutoff", "yield_reached", "limited"]
 

@@ -130,6 +130,7 @@ class Job(Part):
     farm: Name = ""
     operator: Name = ""
     product: Name = ""                          # what is spread, as the bag names it
+    product_file: str | None = None             # the same as a product file: N share, and the flow by its catch tests
     crop: str = "huanghai_wheat"
     days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None

@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Any
 
 from control.agronomy.crop import Crop
-from control.agronomy.response import StripValue, read_strip
+from control.agronomy.strips import StripValue, read_strip
 from control.field.job import Job
 from control.loop.moment import Choices
 from control.metering.setting import Setting

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.agronomy.response import Strips
+from control.agronomy.strips import Strips
 from control.log_row import LogRow
 from control.loop.moment import Choices
 from control.orders import Alarm, State

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from control.agronomy.noa import Rule
-from control.agronomy.response import StripValue
+from control.agronomy.strips import StripValue
 
 from .hold_mean import HoldMean
 from .profile import Stretches

@@ -10,11 +10,13 @@ from pydantic import BaseModel
 
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
+from control.agronomy.product import Product
 from control.field.job import Job, rule_of
 from control.machine.machine import Machine
+from control.machine.of_product import with_product
 from drivers.cab_config import CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
-from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
+from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
 
@@ -30,6 +32,7 @@ class Setup:
     sha256: dict[str, str]      # configuration file -> checksum; the job's map and plant list too
     folder: Path                # of the job file: what the job names lies beside it
     weather: Path | None        # from which the growing days were counted
+    product: Product | None = None      # whose N share and flow crop and machine have; None: their own
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -45,6 +48,8 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
         kind, loaded = load_any(file, KINDS)
         if kind is CROP:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
+        if kind is PRODUCT:
+            raise ConfigError([f"{file}: a product file: name it in the job file (key product_file)"])
         if kind.folder in ("settings", "themes"):
             raise ConfigError([f"{file}: {kind.format} is the console's: allowed are job, machine and cab files"])
         if kind.format in found:
@@ -61,24 +66,46 @@ def setup_of(found: Mapping[str, Loaded[BaseModel]], today: dt.date) -> Setup:
 
 
 def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
-    """Read a job, the crop it names and a machine. `today` is the day of sensing where the crop gives none.
+    """Read a job, the crop and the product it names, and a machine. `today` is the day of sensing where the crop gives
+    none.
 
     Raises ConfigError, one line for each thing that is wrong.
     """
     got_machine = load(machine, MACHINE)
     got_job = load(job, JOB)
     got_crop = load(got_job.model.crop, CROP, beside=got_job.path.parent)
-    crop = got_crop.model
+    got_product = product_of(got_job.model, got_job.path.parent)
+    product = None if got_product is None else got_product.model
+    crop, spreader = got_crop.model, got_machine.model
     try:
+        if product is not None:
+            crop = crop.model_copy(update={"product": product.name, "product_n_fraction": product.n_fraction})
+            spreader = with_product(spreader, product)
         days = got_job.model.days or growing_days(crop, got_crop.path.parent, today)
         rule = rule_of(crop, got_job.model, days)
     except (WeatherError, ValueError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
-    sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop)}
+    sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
     weather = None if crop.days.weather is None else got_crop.path.parent / crop.days.weather
-    return Setup(got_machine.model, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder,
-                 weather)
+    return Setup(spreader, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder, weather,
+                 product)
+
+
+def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
+    """The product file that a job names, a path beside it or a shipped one; None where it names none.
+
+    Raises ConfigError.
+    """
+    return None if job.product_file is None else load(job.product_file, PRODUCT, beside=folder)
+
+
+def product_note(product: Product, machine: Machine) -> str:
+    """What is to be known of a product on a machine; empty where a catch test says it all."""
+    if product.newest_test(machine.id) is not None:
+        return ""
+    return (f"product {product.id}: no catch test with machine {machine.id}: its own file's "
+            f"{machine.flow.grams_per_rev_mm:g} g per turn and mm counts")
 
 
 def wheel_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:

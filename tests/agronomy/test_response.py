@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from control.agronomy.crop import Crop
 from control.agronomy.noa import prepare, yield_without
-from control.agronomy.response import HarvestLine, Strips, StripValue, doubt, field_response, measured_index, read_strip
+from control.agronomy.response import HarvestLine, field_response
+from control.agronomy.strips import Strips, StripValue, doubt, measured_index, read_strip
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from console.app.units import METRIC
 from console.frame import Tally
 from console.link import WorkerGone
 from console.worker.resume_alarms import AlarmRecord
-from control.agronomy.response import Strips, read_strip
+from control.agronomy.strips import Strips, read_strip
 from control.log_row import LogRow
 from control.orders import Do, Order, Severity
 

@@ -8,7 +8,7 @@ import pytest
 
 from console.services.rerun import parse_events
 from control.agronomy.noa import prepare
-from control.agronomy.response import Strips, StripValue
+from control.agronomy.strips import Strips, StripValue
 from control.orders import Do, Order
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run

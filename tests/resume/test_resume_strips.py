@@ -8,7 +8,7 @@ from console.worker import resume
 from console.worker.resume import Snapshot
 from console.worker.resume_assemble import job_to_go_on
 from console.worker.resume_keeper import Keeper
-from control.agronomy.response import Strips
+from control.agronomy.strips import Strips
 from control.field.job import rule_of
 from control.field.totals import NOTHING
 from control.log_row import LogRow

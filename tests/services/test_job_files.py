@@ -12,7 +12,7 @@ from console.services.job import JobFiles, Launcher
 from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
-from control.agronomy.response import StripValue
+from control.agronomy.strips import StripValue
 from control.field.totals import Sums
 from drivers.files.config import load, shipped
 from drivers.files.kinds import JOB

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from console.worker.parts import Assembly, Names
 from console.worker.program import Clock, Options, main
+from control.agronomy.strips import Strips
 from control.field.totals import Totaliser, Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Do, Order, Severity
@@ -49,6 +50,7 @@ class FakeTick:
     bench: BenchRun | None = field(default_factory=lambda: BenchRun(50.0, 20.0, 3.0, 117.0))
     no_double: bool = False
     threshold_m: float | None = -0.12
+    strips: Strips = field(default_factory=lambda: Strips(0.66, None))
 
 
 class FakeBench:

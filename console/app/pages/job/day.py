@@ -12,7 +12,7 @@ from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
 from console.locale import N_, _
-from control.agronomy.response import Strips, doubt, measured_index
+from control.agronomy.strips import Strips, doubt, measured_index
 from control.field.totals import Totals
 from control.orders import BY_CANOPY
 
@@ -41,8 +41,8 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [*_who(facts), _crop(facts), _strip(facts, frame), *_response(facts, frame), _limits(facts, units),
-                  _field(facts, units), *_map(facts, units), _machine(facts)]
+        found += [*_who(facts), _crop(facts), _strip(facts, frame), *_response(facts, frame), *_product(facts),
+                  _limits(facts, units), _field(facts, units), *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -162,6 +162,19 @@ def _strip(facts: Facts, frame: Frame | None) -> Check:
         return Check(label, LOOK, _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
             yield_t_ha=f"{facts.fixed_yield_t_ha:g}"))
     return Check(label, LOOK, _("none: drive one with N"))
+
+
+def _product(facts: Facts) -> tuple[Check, ...]:
+    """Of a job that takes a product of the library."""
+    if not facts.product_file:
+        return ()
+    label, percent = _("product"), f"{100.0 * facts.product_n_fraction:.0f}"
+    if not facts.product_test:
+        return (Check(label, LOOK, _("{product}, {percent} % N: no catch test with this machine, whose own file "
+                                     "counts").format(product=facts.product, percent=percent), (facts.product_file,)),)
+    return (Check(label, OK, _("{product}, {percent} % N, {grams} g a turn and mm (catch test of {date})").format(
+        product=facts.product, percent=percent, grams=f"{facts.product_grams:.2f}", date=facts.product_test),
+        (facts.product_file,)),)
 
 
 def _limits(facts: Facts, units: Units) -> Check:

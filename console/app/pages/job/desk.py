@@ -9,7 +9,7 @@ from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
-from control.agronomy.response import StripValue
+from control.agronomy.strips import StripValue
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
@@ -42,6 +42,11 @@ class Facts:
     client: str = ""
     farm: str = ""
     product: str = ""
+    product_file: str = ""              # empty: machine and crop say what is spread
+    product_n_fraction: float = 0.0
+    product_grams: float = 0.0          # per turn and mm of opening, as it is metered
+    product_test: str = ""              # day of the catch test with this machine; empty: none
+    products: tuple[File, ...] = ()
     operator: str = ""
     field: str = ""
     field_ha: float | None = None       # None: no boundary known
@@ -92,13 +97,14 @@ class MapPreview:
 
 
 class Who(NamedTuple):
-    """Whose job it is, where, of what, by whom."""
+    """Whose job it is, where, of what, by whom. product_file: of the library, what `product` names; "": none."""
 
     client: str = ""
     farm: str = ""
     field: str = ""
     product: str = ""
     operator: str = ""
+    product_file: str = ""
 
 
 class Offer(NamedTuple):

@@ -11,7 +11,7 @@ from console.app.pages.job.desk import File, JobDesk
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.small_map import outline
 from console.locale import N_, _
-from control.agronomy.response import StripValue
+from control.agronomy.strips import StripValue
 from control.orders import Do, State
 
 if TYPE_CHECKING:

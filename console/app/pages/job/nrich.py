@@ -5,7 +5,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import Literal, NamedTuple
 
-from control.agronomy.response import StripValue
+from control.agronomy.strips import StripValue
 from control.log_row import LogRow
 
 LEAST_M = 20.0

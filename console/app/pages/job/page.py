@@ -24,7 +24,7 @@ from console.app.view import RunView
 from console.app.widgets.items import Items
 from console.frame import Frame
 from console.locale import _, in_use
-from control.agronomy.response import Strips, StripValue
+from control.agronomy.strips import Strips, StripValue
 from control.orders import Do
 
 LOOK_S = 30.0                   # free disk space and files are looked at this often
@@ -245,24 +245,49 @@ class JobScreen(Page):
         if facts is None:
             self.app.notice(self.trouble or _("being read"))
             return
-        self._ask_name(desk, Who(facts.client, facts.farm, facts.field, facts.product, facts.operator))
+        self._ask_name(desk, Who(facts.client, facts.farm, facts.field, facts.product, facts.operator,
+                                 facts.product_file))
 
     def _ask_name(self, desk: JobDesk, who: Who) -> None:
-        labels = dict(zip(Who._fields, (_("client"), _("farm"), _("field"), _("product"), _("operator")), strict=True))
+        labels = {"client": _("client"), "farm": _("farm"), "field": _("field"), "product": _("product"),
+                  "operator": _("operator")}
         choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
         choices.append(Choice("", _("write the job with these names")))
 
         def named(name: str, text: str | None) -> None:
-            self._ask_name(desk, who if text is None else who._replace(**{name: text[:80]}))
+            if text is None:
+                self._ask_name(desk, who)
+                return
+            file = "" if name == "product" else who.product_file      # a typed name is none of the library's
+            self._ask_name(desk, who._replace(**{name: text[:80]})._replace(product_file=file))
 
         def answer(name: str | None) -> None:
             if name == "":
                 self.take(lambda: desk.take_who(who))
+            elif name == "product" and self.facts is not None and self.facts.products:
+                self._ask_product(desk, who, lambda: self.app.push_screen(
+                    NameDialog(labels[name].capitalize(), who.product), lambda text: named(name, text)))
             elif name is not None:
                 self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)),
                                      lambda text: named(name, text))
 
         self.app.push_screen(ChoiceDialog(_("Whose job is it?"), choices, ""), answer)
+
+    def _ask_product(self, desk: JobDesk, who: Who, type_name: Callable[[], object]) -> None:
+        """Of the library, with its flow and its N share; or a name that is typed."""
+        products = self.facts.products if self.facts is not None else ()
+        choices = [*(Choice(one.value, one.label) for one in products), Choice("", _("another name: machine and crop "
+                                                                                     "file say the rest"))]
+
+        def answer(value: str | None) -> None:
+            if value == "":
+                type_name()
+            else:
+                label = next((one.label for one in products if one.value == value), who.product)
+                self._ask_name(desk, who if value is None else who._replace(product=label, product_file=value))
+
+        self.app.push_screen(ChoiceDialog(_("Which product? Its flow and its share of N come with it."), choices,
+                                          who.product_file), answer)
 
     def ask_use(self, machine: str) -> None:
         """A machine file that was just written: take it for the job?"""

@@ -17,7 +17,7 @@ from console.app.pages.job.desk import (
     Who,
 )
 from console.app.source import FrameSource
-from control.agronomy.response import StripValue
+from control.agronomy.strips import StripValue
 from control.targets.map_check import MapCheck
 
 FACTS = Facts(
