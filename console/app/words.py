@@ -36,7 +36,8 @@ NOTES = {
     "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
     "outside_field": N_("lands outside field"), "work_switch_up": N_("work switch is up"),
     "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
-    "already_spread": N_("already spread"), "on_headland": N_("headland"), "rate_is_zero": N_("rate here is zero"),
+    "already_spread": N_("already spread"), "on_headland": N_("headland"),
+    "growth_stage_outside": N_("growth stage"), "rate_is_zero": N_("rate here is zero"),
 }
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK")}
 

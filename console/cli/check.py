@@ -85,7 +85,7 @@ def _check(files: list[str]) -> None:
         typer.echo(f"{loaded.path}: ok ({kind.format})")
         read.append((kind, loaded))
         if kind is JOB:
-            wrong += [*_map_of(loaded), *_product_of(loaded)]
+            wrong += _of_job(loaded)
         for warning in getattr(loaded.model, "warnings", ()):
             typer.echo(f"{loaded.path}: note: {warning}")
     for kind, machine in read:
@@ -96,6 +96,14 @@ def _check(files: list[str]) -> None:
                       for line in wheel_disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
+
+
+def _of_job(loaded: Any) -> list[str]:
+    """Says what is to be known of a job. Returns what is wrong with the files that it names, a line each."""
+    wrong = [*_map_of(loaded), *_product_of(loaded)]
+    for note in _notes_of(loaded):
+        typer.echo(f"{loaded.path}: note: {note}")
+    return wrong
 
 
 def _map_of(loaded: Any) -> list[str]:
@@ -115,6 +123,30 @@ def _map_of(loaded: Any) -> list[str]:
     except (PrescriptionError, OSError) as error:
         return [f"{loaded.path}: {error}"]
     return []
+
+
+def _notes_of(loaded: Any) -> list[str]:
+    """What is to be known of a job before work: strips that are missing or doubtful, the crop's stage."""
+    import datetime as dt
+
+    from control.agronomy.strips import doubt, measured_index
+    from drivers.files.config import ConfigError
+    from drivers.files.setup import growth_note, load_setup
+    try:
+        setup = load_setup("huanghai", loaded.path, dt.date.today())
+    except ConfigError:                     # told with the crop, or when the job is begun
+        return []
+    found = [growth_note(setup.growth)]
+    rule = setup.rule
+    if rule.response_rule == "field":
+        index = measured_index(rule.strips)
+        said = {"below_1": f"response index {index or 0.0:.2f}: no response, nothing will be given",
+                "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed"}
+        found.append(said.get(doubt(rule.strips), ""))
+        if index is None:
+            found.append("response index of the field: strips missing yet: mark both on the way; until then the "
+                         f"{'fixed yield' if rule.is_ready else 'fallback rate'} holds")
+    return [line for line in found if line]
 
 
 def _product_of(loaded: Any) -> list[str]:

@@ -129,7 +129,7 @@ class JobFiles:
             ndvi_check=setup.rule.ndvi_check, response_index=setup.rule.response_rule,
             fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
             fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, client=job.client, farm=job.farm,
-            **self._product(setup), operator=job.operator, field=name, field_ha=area,
+            growth=setup.growth, **self._product(setup), operator=job.operator, field=name, field_ha=area,
             **self._map(job, machine, found, setup.crop.max_rate_kg_ha, setup.folder),
             machine=machine.title or machine.id, machine_file=str(machine_path), effects=_effects(machine),
             shipped_machine=machine_path in shipped(MACHINE.folder).values(),

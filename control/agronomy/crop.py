@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from control.agronomy.growth import GrowthWindow
 from control.agronomy.response import HarvestLine, ResponseRule
 from control.agronomy.yield_potential import YieldPotential
 
@@ -56,6 +57,8 @@ class Crop(BaseModel):
 
     yield_potential: YieldPotential
     days: GrowingDays
+    growth_window: GrowthWindow | None = Field(default=None, description="stages for which the rule was made; work "
+                                               "outside is warned of")
     y_max_t_ha: float = Field(gt=0.0, le=20.0, description="no yield is assumed beyond this (eq 5)")
     fixed_yield_t_ha: float | None = Field(default=None, gt=0.0, le=20.0, description="yield with topdressing, "
                                            "where no N-rich strip was sown")

@@ -1,11 +1,13 @@
 """A job: what is to be done where, by which strategy; and, for the simulated machine, the ground it works on."""
 from __future__ import annotations
 
+import datetime as dt
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from control.agronomy.crop import Crop
+from control.agronomy.growth import GrowthStage
 from control.agronomy.noa import Rule, prepare
 from control.agronomy.response import ResponseRule
 from control.orders import BY_MAP, Strategy, TargetSource
@@ -133,6 +135,9 @@ class Job(Part):
     product_file: str | None = None             # the same as a product file: N share, and the flow by its catch tests
     crop: str = "huanghai_wheat"
     days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
+    sown: dt.date | None = None                 # with the crop's weather file; None: as that crop file says
+    sensed: dt.date | None = None               # the same; None: the crop file's, else the day of work
+    growth: GrowthStage | None = None           # on the day of work, on the scale of the crop's growth_window
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
     ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None       # farmer check
     response_index: ResponseRule | None = None  # None: the crop file's

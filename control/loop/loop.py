@@ -5,6 +5,7 @@ from collections.abc import Callable
 from math import inf, isfinite
 
 from control.agronomy.crop import Crop
+from control.agronomy.growth import growth_of
 from control.agronomy.noa import Rule
 from control.field.coverage import Raster
 from control.field.job import Job
@@ -42,6 +43,7 @@ from control.targets.profile import Change, Profile, Target
 
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
+GROWTH_TOLD_S = 15.0            # after START, of a crop outside its window
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
 
 
@@ -82,6 +84,8 @@ class ControlLoop:
         self._standing = 0                              # ticks since the clock last went on
         self._begun_s = 0.0
         self._metres_left_m: float | None = None
+        self._growth = growth_of(crop.growth_window, job.growth, rule.days)
+        self._growth_told_s = -inf
 
     # -- the run ---------------------------------------------------------------------------------------------------
 
@@ -148,7 +152,11 @@ class ControlLoop:
         return answer
 
     def _started(self) -> None:
-        """The operator wants flow from here on, also where some lies already."""
+        """The operator wants flow from here on, also where some lies already. A crop beyond the stages of its rule is
+        said, and stops nothing."""
+        if self._growth is not None and self._growth.is_outside:
+            self._events.append(f"growth_stage_outside {self._growth.text}")
+            self._growth_told_s = self._time_s or 0.0
         self._backing.forget()
         self._ahead.overlap.started()
 
@@ -395,6 +403,8 @@ class ControlLoop:
             notes.append("already_spread")
         if self._ahead.is_headland(lands_m):
             notes.append("on_headland")
+        if sensed.time_s - self._growth_told_s < GROWTH_TOLD_S:
+            notes.append("growth_stage_outside")
         return tuple(notes)
 
 

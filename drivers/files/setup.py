@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from control.agronomy.crop import Crop
+from control.agronomy.growth import Growth, growth_of
 from control.agronomy.noa import Rule
 from control.agronomy.product import Product
 from control.field.job import Job, rule_of
@@ -33,6 +34,11 @@ class Setup:
     folder: Path                # of the job file: what the job names lies beside it
     weather: Path | None        # from which the growing days were counted
     product: Product | None = None      # whose N share and flow crop and machine have; None: their own
+
+    @property
+    def growth(self) -> Growth | None:
+        """The crop's stage in its window; None where the crop file has none."""
+        return growth_of(self.crop.growth_window, self.job.growth, self.rule.days)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -81,7 +87,7 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
         if product is not None:
             crop = crop.model_copy(update={"product": product.name, "product_n_fraction": product.n_fraction})
             spreader = with_product(spreader, product)
-        days = got_job.model.days or growing_days(crop, got_crop.path.parent, today)
+        days = got_job.model.days or growing_days(_dated(crop, got_job.model), got_crop.path.parent, today)
         rule = rule_of(crop, got_job.model, days)
     except (WeatherError, ValueError) as error:
         raise ConfigError([str(error)]) from error
@@ -90,6 +96,24 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
     weather = None if crop.days.weather is None else got_crop.path.parent / crop.days.weather
     return Setup(spreader, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder, weather,
                  product)
+
+
+def _dated(crop: Crop, job: Job) -> Crop:
+    """The crop with the job's dates of sowing and sensing, where it counts days from a weather file."""
+    dates = {name: date for name, date in (("sown", job.sown), ("sensed", job.sensed)) if date is not None}
+    if crop.days.weather is None or not dates:
+        return crop
+    return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
+
+
+def growth_note(growth: Growth | None) -> str:
+    """What is to be known of the crop's stage; empty where it is in its window, or has none."""
+    if growth is None or (growth.stage is not None and not growth.is_outside):
+        return ""
+    window = f"the crop file's rule holds from {growth.scale} {growth.first:g} to {growth.last:g}"
+    if growth.stage is None:
+        return f"growth stage not said (key growth, scale {growth.scale}): {window}"
+    return f"growth stage {growth.scale} {growth.stage:g} is outside: {window}"
 
 
 def product_of(job: Job, folder: Path) -> Loaded[Product] | None:

@@ -21,6 +21,7 @@ LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
 SILENT_S = 2.0              # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
+SCALES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
 DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
                 "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor")}
 
@@ -41,8 +42,8 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [*_who(facts), _crop(facts), _strip(facts, frame), *_response(facts, frame), *_product(facts),
-                  _limits(facts, units), _field(facts, units), *_map(facts, units), _machine(facts)]
+        found += [*_who(facts), _crop(facts), *_growth(facts), _strip(facts, frame), *_response(facts, frame),
+                  *_product(facts), _limits(facts, units), _field(facts, units), *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -94,6 +95,22 @@ def _crop(facts: Facts) -> Check:
         return Check(_("crop"), LOOK, f"{facts.crop}: {facts.crop_warnings[0]}",
                      (f"{facts.crop} ({facts.crop_file})", *facts.crop_warnings))
     return Check(_("crop"), OK, facts.crop, (facts.crop_file,))
+
+
+def _growth(facts: Facts) -> tuple[Check, ...]:
+    """Of a crop whose rule was made for some stages."""
+    growth = facts.growth
+    if growth is None:
+        return ()
+    label, scale = _("growth stage"), _(SCALES[growth.scale])
+    first, last = f"{growth.first:g}", f"{growth.last:g}"
+    if growth.stage is None:
+        return (Check(label, LOOK, _("not said; the rule holds from {scale} {first} to {last}").format(
+            scale=scale, first=first, last=last)),)
+    if growth.is_outside:
+        return (Check(label, LOOK, _("{scale} {stage}: the rule holds from {first} to {last} only").format(
+            scale=scale, stage=f"{growth.stage:g}", first=first, last=last)),)
+    return (Check(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
 
 
 def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:

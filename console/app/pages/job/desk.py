@@ -9,6 +9,7 @@ from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
+from control.agronomy.growth import Growth
 from control.agronomy.strips import StripValue
 from control.targets.map_check import MapCheck
 
@@ -47,6 +48,7 @@ class Facts:
     product_grams: float = 0.0          # per turn and mm of opening, as it is metered
     product_test: str = ""              # day of the catch test with this machine; empty: none
     products: tuple[File, ...] = ()
+    growth: Growth | None = None        # None: the crop file has no window
     operator: str = ""
     field: str = ""
     field_ha: float | None = None       # None: no boundary known
