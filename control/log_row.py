@@ -47,6 +47,7 @@ class LogRow(NamedTuple):
     work_switch: int | None = None
     alarms: str | None = None        # ids separated by ;
     events: str | None = None        # separated by ;
+    speed_told: str | None = None    # new in this row: `control.readings.told_text`
 
 
 COLUMNS: tuple[str, ...] = LogRow._fields
@@ -58,5 +59,5 @@ HOLDS_S = MappingProxyType({
 GNSS_HOLDS_S = 1.0                      # all that an epoch told
 COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
 
-TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events"})
+TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})

@@ -14,6 +14,7 @@ from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(gt=0, le=100_000)]
+Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
 
 
@@ -145,7 +146,8 @@ class Job(Part):
     look_ahead: bool = True
     flow_trim: bool = True
     no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
-    planned_speed_kmh: Annotated[float, Field(gt=0, le=30)] | None = None   # of the passes; None: nobody has planned it
+    # of the passes, one for all or a list by pass, the first at the origin; None: nobody has planned it
+    planned_speed_kmh: Kmh | Annotated[tuple[Kmh, ...], Field(min_length=1, max_length=1000)] | None = None
     target: Wanted = Wanted()
     field: Ground = Ground()
     simulated: Simulated = Simulated()

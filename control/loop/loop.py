@@ -9,6 +9,7 @@ from control.agronomy.growth import growth_of
 from control.agronomy.noa import Rule
 from control.field.coverage import Raster
 from control.field.job import Job
+from control.field.planned_speed import planned_mps
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
 from control.loop.ahead import Ahead
@@ -31,7 +32,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
 from control.orders import BY_CANOPY, Answer, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible
+from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible, told_text
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
@@ -84,6 +85,7 @@ class ControlLoop:
         self._standing = 0                              # ticks since the clock last went on
         self._begun_s = 0.0
         self._metres_left_m: float | None = None
+        self._told_s: float | None = None               # when the tractor told what the rows have
         self._growth = growth_of(crop.growth_window, job.growth, rule.days)
         self._growth_told_s = -inf
 
@@ -186,7 +188,7 @@ class ControlLoop:
             self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
         ahead = self._forecaster.update(m.time_s, sensed.speed_mps, sensed.acceleration_mps2, dt_s,
-                                        m.speed_told or self._planned_speed(m.time_s))
+                                        m.speed_told or self._planned_speed(m.time_s, sensed))
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
@@ -324,7 +326,7 @@ class ControlLoop:
         threshold = self.threshold if decision.by_point else None
         return Tick(
             row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,
-                        ndvi, heads.decisions.ndvi, events),
+                        ndvi, heads.decisions.ndvi, events)._replace(speed_told=self._newly_told(moment.m)),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
             dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
@@ -336,10 +338,18 @@ class ControlLoop:
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 
-    def _planned_speed(self, now_s: float) -> SpeedTold | None:
-        """The job's, where the tractor tells none."""
-        kmh = self.job.planned_speed_kmh
-        return None if kmh is None else SpeedTold(now_s, ((0.0, kmh / 3.6),))
+    def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedTold | None:
+        """The job's, for the pass the machine is on, where the tractor tells none."""
+        place = None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
+        mps = planned_mps(self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg)
+        return None if mps is None else SpeedTold(now_s, ((0.0, mps),))
+
+    def _newly_told(self, m: Measurements) -> str | None:
+        """What the tractor told since the row before, as the row says it."""
+        if m.speed_told is None or m.speed_told.time_s == self._told_s:
+            return None
+        self._told_s = m.speed_told.time_s
+        return told_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
         return Conditions(m.time_s - self._begun_s,
