@@ -58,6 +58,7 @@ class Measurements(NamedTuple):
     control_failed: bool = False                 # the tick before this one could not be finished
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
     speed_told: SpeedTold | None = None          # newest
+    canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre
 
 
 class SpeedTold(NamedTuple):

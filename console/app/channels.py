@@ -86,6 +86,13 @@ CHANNELS = (
     Channel("hdop", N_("GNSS dilution (HDOP)"), _plain("", 2)),
     Channel("lat_deg", N_("latitude"), _plain("deg", 7)),
     Channel("lon_deg", N_("longitude"), _plain("deg", 7)),
+    Channel("ndre", N_("NDRE, fused"), _NDVI, "ndvi"),
+    Channel("ndre_1", N_("NDRE, head 1"), _NDVI, "ndvi"),
+    Channel("ndre_2", N_("NDRE, head 2"), _NDVI, "ndvi"),
+    Channel("ndre_3", N_("NDRE, head 3"), _NDVI, "ndvi"),
+    Channel("ndre_4", N_("NDRE, head 4"), _NDVI, "ndvi"),
+    Channel("ndre_5", N_("NDRE, head 5"), _NDVI, "ndvi"),
+    Channel("ndre_6", N_("NDRE, head 6"), _NDVI, "ndvi"),
 )
 BY_ID = {channel.id: channel for channel in CHANNELS}
 COLUMN = {channel.id: index for index, channel in enumerate(CHANNELS)}

@@ -88,12 +88,12 @@ def _check(files: list[str]) -> None:
             wrong += _of_job(loaded)
         for warning in getattr(loaded.model, "warnings", ()):
             typer.echo(f"{loaded.path}: note: {warning}")
-    for kind, machine in read:
-        if kind is MACHINE:
-            for line in _products_on(machine.model, [job for other, job in read if other is JOB]):
-                typer.echo(line)
-            wrong += [line for other, cab in read if other is CAB
-                      for line in wheel_disagreements(cab, machine.model, str(machine.path))]
+    jobs, cabs, machines = ([one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE))
+    wrong += [line for job in jobs for line in _heads_of(job, cabs)]
+    for machine in machines:
+        for line in _products_on(machine.model, jobs):
+            typer.echo(line)
+        wrong += [line for cab in cabs for line in wheel_disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
 
@@ -147,6 +147,18 @@ def _notes_of(loaded: Any) -> list[str]:
             found.append("response index of the field: strips missing yet: mark both on the way; until then the "
                          f"{'fixed yield' if rule.is_ready else 'fallback rate'} holds")
     return [line for line in found if line]
+
+
+def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
+    """Whether the heads of each cab, or where none is given the simulated ones, give what the job's crop needs."""
+    from drivers.files.config import ConfigError, load
+    from drivers.files.kinds import CROP
+    from drivers.files.setup import index_disagreements
+    try:
+        crop = load(job.model.crop, CROP, beside=job.path.parent).model
+    except ConfigError:                     # told with the job
+        return []
+    return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
 
 
 def _product_of(loaded: Any) -> list[str]:

@@ -62,8 +62,9 @@ def simulate(
     from control.machine.planting import parse_planted
     from control.simulation.assembly import with_simulated_field
     from drivers.files.atomic import write_atomically
+    from drivers.files.config import ConfigError
     from drivers.files.prescriptions.for_job import check_of_job, placed_of_job
-    from drivers.files.setup import load_setup
+    from drivers.files.setup import index_disagreements, load_setup
 
     setup = load_setup(machine, job, dt.date.today())
     changes: dict[str, object] = {}
@@ -77,6 +78,8 @@ def simulate(
         refuse_collisions(setup.files, [log_output(out, truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
+    if lines := index_disagreements(None, setup.crop, resolved):
+        raise ConfigError(lines)
     planted = [parse_planted(text) for text in effect or ()]
     terms = parse_terms(term or ())
     told = [*(effect or ()), *(term or ())]

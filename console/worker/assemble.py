@@ -26,7 +26,7 @@ from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import by_kind, setup_of, wheel_disagreements
+from drivers.files.setup import Setup, by_kind, index_disagreements, setup_of, wheel_disagreements
 from drivers.virtual.machine import virtual_cab
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
@@ -37,16 +37,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
 
     Raises ValueError or OSError with one line for each thing that is to be put right.
     """
-    try:
-        found = by_kind(options.config)
-        cab = found.get(CAB.format)
-        setup = setup_of(found, dt.date.today())
-        if cab is not None:
-            named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
-            if lines := wheel_disagreements(cab, setup.machine, str(named)):
-                raise ConfigError(lines)
-    except ConfigError as error:
-        raise ValueError(str(error)) from error
+    cab, setup = _configured(options)
     if cab is not None and options.effects:
         raise ValueError(f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
                          f"and {cab.path} names a real one")
@@ -90,6 +81,23 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     return Assembly(bench, loop, writer, names, keeper)
 
 
+def _configured(options: Options) -> tuple[Loaded[Any] | None, Setup]:
+    """The cab file, where there is one, and the setup, held against each other. Raises ValueError."""
+    try:
+        found = by_kind(options.config)
+        cab = found.get(CAB.format)
+        setup = setup_of(found, dt.date.today())
+        lines = index_disagreements(cab, setup.crop, setup.job)
+        if cab is not None:
+            named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
+            lines = [*wheel_disagreements(cab, setup.machine, str(named)), *lines]
+        if lines:
+            raise ConfigError(lines)
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    return cab, setup
+
+
 def _stops_s(cab: Loaded[Any] | None) -> float | None:
     """How long the drive of the shaft goes on without the console; None: a simulated one ends with the worker."""
     if cab is None:
@@ -122,8 +130,10 @@ def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> Si
                         max_opening_mm=machine.limits.opening_high_mm,
                         wheel_circumference_m=machine.speed.wheel_circumference_m,
                         wheel_pulses_per_turn=machine.speed.pulses_per_turn)
+    index = job.simulated.heads_index
     cab, virtual = virtual_cab(plant, clock, heads=machine.geometry.heads, board=board,
-                               opening_mm=machine.set_points.opening_mm)
+                               protocol="greenseeker" if index == "ndvi" else "acs430",
+                               opening_mm=machine.set_points.opening_mm, index=index)
     return SimulatedBench(cab, virtual, plant)
 
 

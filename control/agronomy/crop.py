@@ -55,6 +55,8 @@ class Crop(BaseModel):
     flag: str = Field(default="", description="what the operator must know before using this crop")
     examples: tuple[str, ...] = Field(default=(), description="keys whose values are examples, to be replaced")
 
+    index: Literal["ndvi", "ndre"] = Field(default="ndvi", description="what the heads are to read; ndre (red edge) "
+                                           "for dense canopies, with a yield curve of its own")
     yield_potential: YieldPotential
     days: GrowingDays
     growth_window: GrowthWindow | None = Field(default=None, description="stages for which the rule was made; work "
@@ -90,6 +92,9 @@ class Crop(BaseModel):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         curve = self.yield_potential
+        if self.index == "ndre" and curve.set is not None:
+            raise ValueError(f"index ndre: yield_potential.set {curve.set} was published for NDVI: write out a_t_ha, "
+                             "b_days, base_temp_c and source of a curve over NDRE")
         if curve.only_crop and self.id != curve.only_crop:
             raise ValueError(f"yield_potential.set {curve.set} belongs to crop {curve.only_crop} alone: "
                              f"{curve.warning}")

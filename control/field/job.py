@@ -115,6 +115,7 @@ class Simulated(Part):
     begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0     # of the whole way: where the machine stands at first
     gnss_hz: Annotated[float, Field(gt=0, le=20)] = 10.0
     heads_hz: Annotated[float, Field(gt=0, le=20)] = 2.0
+    heads_index: Literal["ndvi", "ndre"] = "ndvi"       # what the simulated heads read off the canopy
     hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0
     refill_at_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
     refill_stop_s: Annotated[float, Field(ge=0, le=3600)] = 60.0

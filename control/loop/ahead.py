@@ -45,7 +45,8 @@ class Ahead:
         self.hold = None if mean is None else HoldMean(mean)
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
-            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold))
+            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold),
+            crop.index)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:

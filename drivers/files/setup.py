@@ -15,6 +15,7 @@ from control.agronomy.product import Product
 from control.field.job import Job, rule_of
 from control.machine.machine import Machine
 from control.machine.of_product import with_product
+from control.orders import BY_CANOPY
 from drivers.cab_config import CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
@@ -143,6 +144,23 @@ def wheel_disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: 
     return [f"{cab.path}: key board.{key}: value {ours:g}: allowed {theirs:g}, as {machine_path} has it (key "
             f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
             for key, ours, theirs in pairs if abs(ours / theirs - 1.0) > SAME_SHARE]
+
+
+def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
+    """A rule over one index fed with another one is refused: one line. cab None: the heads are simulated. A job that
+    does not go by the canopy needs none."""
+    if job.target.source not in BY_CANOPY:
+        return []
+    if cab is None:
+        if job.simulated.heads_index == crop.index:
+            return []
+        return [f"job {job.id}: key simulated.heads_index: value {job.simulated.heads_index}: allowed {crop.index}, "
+                f"over which the rule of crop {crop.id} is written"]
+    heads = cab.model.heads if isinstance(cab.model, CabConfig) else None
+    if heads is None or heads.index == crop.index:
+        return []
+    return [f"{cab.path}: key heads.index: value {heads.index}: allowed {crop.index}, over which the rule of crop "
+            f"{crop.id} is written"]
 
 
 def _sums_beside(job: Job, folder: Path) -> dict[str, str]:

@@ -40,17 +40,18 @@ class StripRun:
     def add(self, row: LogRow) -> None:
         """A row of the run; rows without NDVI or speed add no length."""
         before_s, self._before_s = self._before_s, row.time_s
-        if before_s is None or row.ndvi is None or row.speed_used_mps is None:
+        ndvi = row.ndvi if row.ndvi is not None else row.ndre
+        if before_s is None or ndvi is None or row.speed_used_mps is None:
             return
         step_s = row.time_s - before_s
         if not 0.0 < step_s <= MOST_STEP_S:
             return
         step_m = max(0.0, row.speed_used_mps) * step_s
-        if step_m > 0.0 and (not self._samples or self._samples[-1] != row.ndvi):
-            self._samples.append(row.ndvi)
+        if step_m > 0.0 and (not self._samples or self._samples[-1] != ndvi):
+            self._samples.append(ndvi)
         self._length_m += step_m
-        self._sum += step_m * row.ndvi
-        self._sum2 += step_m * row.ndvi * row.ndvi
+        self._sum += step_m * ndvi
+        self._sum2 += step_m * ndvi * ndvi
 
     @property
     def strip(self) -> Strip:
