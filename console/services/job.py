@@ -29,7 +29,7 @@ from console.app.pages.job.desk import (
     Who,
 )
 from console.worker import resume
-from control.orders import TargetSource
+from control.orders import BY_MAP, TargetSource
 from drivers.files.config import ConfigError, Loaded, load, load_any, save, shipped
 from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE, PRODUCT
 
@@ -260,7 +260,8 @@ class JobFiles:
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(place, Path(preview.kept).read_bytes())
-            changed = target.model_copy(update={"map": str(place), "source": TargetSource.MAP})
+            source = target.source if target.source in BY_MAP else TargetSource.MAP
+            changed = target.model_copy(update={"map": str(place), "source": source, "hold_mean_kg_ha": None})
             return self._new_job({"target": changed}, said)
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None

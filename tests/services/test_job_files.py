@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,9 @@ from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.agronomy.strips import StripValue
+from control.field.job import Job
 from control.field.totals import Sums
-from drivers.files.config import load, shipped
+from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import run_meta
@@ -155,6 +157,19 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     stick.unlink()                                          # the stick is pulled
     facts = desk.facts()
     assert facts.source == "map" and facts.map_trouble == "" and facts.map_check is not None
+
+
+def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tmp_path):
+    """A map has its own mean; a job that lets the heads move around a map goes on doing so with another one."""
+    for target, source in (({"hold_mean_kg_ha": 250.0}, "map"),
+                           ({"source": "map_and_canopy", "map": "old.geojson"}, "map_and_canopy")):
+        data = load("demo", JOB).model.model_dump(mode="json")
+        job = Job.model_validate(data | {"target": data["target"] | target})
+        save(tmp_path / "job.yaml", job, JOB)
+        shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
+        desk.take("job", str(tmp_path / "job.yaml"))
+        new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), Reading()))), JOB).model
+        assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
 
 def test_a_map_with_two_columns_asks_and_names_them(desk, tmp_path):

@@ -14,7 +14,7 @@ from console.frame import DeviceView, Frame
 from console.locale import N_, _
 from control.agronomy.strips import Strips, doubt, measured_index
 from control.field.totals import Totals
-from control.orders import BY_CANOPY
+from control.orders import BY_CANOPY, BY_MAP
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
@@ -209,7 +209,7 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
     """Of a job that names one."""
     label, name = _("map"), file_name(facts.map_file)
     if facts.map_trouble:
-        return (Check(label, STOP if facts.source == "map" else LOOK, facts.map_trouble),)
+        return (Check(label, STOP if facts.source in BY_MAP else LOOK, facts.map_trouble),)
     if facts.map_check is None:
         return ()
     said = map_words(facts.map_check, units)
