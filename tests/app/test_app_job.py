@@ -224,6 +224,14 @@ def test_strips_and_index_on_the_list(frames):
         assert level == LOOK and said in text
 
 
+def test_a_strip_is_measured_by_whatever_source_the_machine_works():
+    """By a map or by hand the row has no fused value: the middle head stands in."""
+    run = StripRun()
+    for k in range(120):
+        run.add(LogRow(0.2 * k, ndvi_1=0.5, ndvi_2=0.7, ndvi_3=0.72, speed_used_mps=1.0))
+    assert run.strip.ndvi == pytest.approx(0.7) and run.strip.enough
+
+
 def test_samples_that_are_alike_count_for_less():
     """White noise: s over the root of n. A slow wave of the same spread: neighbours tell the same twice."""
     rng = np.random.default_rng(1)

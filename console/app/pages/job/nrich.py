@@ -3,10 +3,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import sqrt
+from statistics import median
 from typing import Literal, NamedTuple
 
 from control.agronomy.strips import StripValue
-from control.log_row import LogRow
+from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 LEAST_M = 20.0
 MOST_STEP_S = 2.0           # a longer step between frames is a gap: nothing is counted in it
@@ -40,7 +41,7 @@ class StripRun:
     def add(self, row: LogRow) -> None:
         """A row of the run; rows without NDVI or speed add no length."""
         before_s, self._before_s = self._before_s, row.time_s
-        ndvi = row.ndvi if row.ndvi is not None else row.ndre
+        ndvi = reading_of(row)
         if before_s is None or ndvi is None or row.speed_used_mps is None:
             return
         step_s = row.time_s - before_s
@@ -69,6 +70,15 @@ class StripRun:
         if strip.ndvi is None or not 0.0 < round(strip.ndvi, 4) <= 1.0:
             return None
         return StripValue(self.which, round(strip.ndvi, 4), strip.se, strip.samples)
+
+
+def reading_of(row: LogRow) -> float | None:
+    """What the heads read: the fused value of the decision; where another source of the target leaves it empty, their
+    middle one. None: they are silent."""
+    if row.ndvi is not None or row.ndre is not None:
+        return row.ndvi if row.ndvi is not None else row.ndre
+    known = [value for name in (*HEAD_COLUMNS, *NDRE_COLUMNS) if (value := getattr(row, name)) is not None]
+    return median(known) if known else None
 
 
 def standard_error(samples: list[float]) -> float | None:
