@@ -301,7 +301,8 @@ class ControlLoop:
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
                             moment.conditions.supply_v, dt_s, self._terms.drives)
         applied = metered.rate_kg_ha
-        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
+        runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
+        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out):
             self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
                              None if decision.by_point else decision.planned_kg_ha)
             self._hold_mean(moment, decision, applied * metered.trim)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from control.field.job import Job, Wanted
-from control.field.totals import Sums
+from control.field.totals import Sums, Totals
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.tractor import field_path
@@ -18,10 +18,11 @@ from control.targets.hold_mean import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST
 from drivers.files.setup import load_setup
 
 PASSES, LENGTH_M = 4, 120.0
+FIELD_HA = PASSES * LENGTH_M * 2.4 / 10_000.0
 
 
-def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float, dict[str, np.ndarray]]:
-    """What came to lie on a small field, mean in kg/ha; and the run's columns."""
+def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float, dict[str, np.ndarray], Totals]:
+    """What came to lie on a small field, mean in kg/ha; the run's columns, and what the operator is told."""
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     ground = setup.job.simulated.canopy.model_copy(update=canopy)
     sim = setup.job.simulated.model_copy(update={"passes": PASSES, "pass_length_m": LENGTH_M, "canopy": ground})
@@ -34,13 +35,15 @@ def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float,
     for step in simulated_run(plant, loop, field_path(sim, 2.4, 0.0).length_m / 1.25 + 5.0):
         record.add(step)
     columns = record.columns()
-    return float((columns["flow_kg_s"] * 0.05).sum()) / (PASSES * LENGTH_M * 2.4 / 10_000.0), columns
+    return float((columns["flow_kg_s"] * 0.05).sum()) / FIELD_HA, columns, loop.totals
 
 
 @pytest.mark.parametrize(("mean_kg_ha", "seed"), [(250.0, 1), (150.0, 3)])
 def test_the_field_ends_at_its_mean_and_keeps_its_pattern(mean_kg_ha, seed):
-    found, columns = worked(mean_kg_ha, seed)
+    found, columns, totals = worked(mean_kg_ha, seed)
     assert found == pytest.approx(mean_kg_ha, rel=0.02)
+    assert totals.area_ha == pytest.approx(FIELD_HA, rel=0.02), "a standing shaft's noise on the turns is no work"
+    assert totals.mean_rate_kg_ha == pytest.approx(mean_kg_ha, rel=0.03)
     inside = (columns["working"] > 0) & (columns["in_pass"] > 0) & (columns["target_kg_ha"] > 0)
     ndvi, target = columns["ndvi"][inside], columns["target_kg_ha"][inside]
     assert np.corrcoef(ndvi, target)[0, 1] < -0.7, "thin places get more, as by the rule"
@@ -49,7 +52,7 @@ def test_the_field_ends_at_its_mean_and_keeps_its_pattern(mean_kg_ha, seed):
 
 def test_without_it_the_rule_says_how_much():
     """What it is worth: the same field by the rule alone."""
-    found, _ = worked(None, 1)
+    found, _, _ = worked(None, 1)
     assert found > 300.0
 
 
