@@ -37,7 +37,7 @@ from control.geodesy import TangentPlane
 from control.log_row import ALL_COLUMNS, COLUMNS
 from control.loop import ControlLoop
 from control.loop.tick import Tick
-from control.orders import Do, Order, State, Strategy, TargetSource
+from control.orders import BY_PLACE, Do, Order, State, Strategy, TargetSource
 from control.readings import GnssFix, Measurements, Reading, SpeedTold
 from control.simulation.assembly import control_loop, with_simulated_field
 from drivers.files.log_text import RowText
@@ -106,7 +106,7 @@ class Rules:
             ("standstill", not now_s - self._pulse_s <= 0.8 + 1e-6),
             ("speed_silent", not now_s - self._speed_s <= 3.0 + 1e-6),
             ("target_refused", row.target_rate_kg_ha is not None and not 0.0 <= row.target_rate_kg_ha <= 1000.0),
-            ("position_lost", tick.choices.source in (TargetSource.MAP, TargetSource.POINT)
+            ("position_lost", tick.choices.source in BY_PLACE
              and not tick.sensed.position_ok),
             ("outside_field", self._field is not None and not allow.outside and not self._may_land(tick)),
         ) if bad]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, SectionState, Severity
@@ -107,10 +108,11 @@ class Frame:
     no_double: bool = True                        # ground that has its material gets no more
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
+    strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
 
 
 _NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun,
-                          "lag_test": LagTestView, "tally": Tally}
+                          "lag_test": LagTestView, "tally": Tally, "strips": Strips}
 
 
 def to_json(frame: Frame) -> bytes:

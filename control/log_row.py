@@ -47,6 +47,14 @@ class LogRow(NamedTuple):
     work_switch: int | None = None
     alarms: str | None = None        # ids separated by ;
     events: str | None = None        # separated by ;
+    speed_told: str | None = None    # new in this row: `control.readings.told_text`
+    ndre_1: float | None = None      # in the place of ndvi_1 ... ndvi where the heads give NDRE
+    ndre_2: float | None = None
+    ndre_3: float | None = None
+    ndre_4: float | None = None
+    ndre_5: float | None = None
+    ndre_6: float | None = None
+    ndre: float | None = None
     sections_cmd: str | None = None  # of machines with valves: what each is told, left to right, separated by ;
 
 
@@ -54,12 +62,14 @@ ALL_COLUMNS: tuple[str, ...] = LogRow._fields
 SECTION_COLUMNS = ("sections_cmd",)      # the last ones; only in logs of machines whose sections have valves
 COLUMNS: tuple[str, ...] = ALL_COLUMNS[:-len(SECTION_COLUMNS)]
 HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
+NDRE_COLUMNS = ("ndre_1", "ndre_2", "ndre_3", "ndre_4", "ndre_5", "ndre_6")
 # How long a row goes on holding a value that no longer comes, s; then the cell is empty.
 HOLDS_S = MappingProxyType({
     "wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0, "pitch_deg": 1.0,
-    "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS, 1.25)})
+    "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25)})
 GNSS_HOLDS_S = 1.0                      # all that an epoch told
 COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
 
-TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "sections_cmd"})
+TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told",
+                          "sections_cmd"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})

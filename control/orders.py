@@ -27,6 +27,12 @@ class TargetSource(StrEnum):
     MANUAL = "manual"
     FALLBACK = "fallback"
     NONE = "none"
+    MAP_AND_CANOPY = "map_and_canopy"       # the map's rate, the heads' around it
+
+
+BY_CANOPY = (TargetSource.CANOPY, TargetSource.MAP_AND_CANOPY)      # the heads are needed
+BY_MAP = (TargetSource.MAP, TargetSource.MAP_AND_CANOPY)
+BY_PLACE = (*BY_MAP, TargetSource.POINT)                            # a place is needed
 
 
 class Severity(StrEnum):
@@ -59,6 +65,7 @@ class Do(StrEnum):
     LOOK_AHEAD = "look_ahead"        # value: True / False
     NO_DOUBLE = "no_double"          # value: True / False: ground that has its material gets no more
     SECTION = "section"              # value: "2 off", "2 auto" or "all auto"; sections count from 1, left to right
+    STRIP = "strip"                  # value: a strip as measured, as `agronomy.strips.StripValue.text` says it
     DOSE_ERROR = "dose_error"        # value: m, measured behind the machine on the newest doses; late is positive
 
 

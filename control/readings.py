@@ -58,6 +58,7 @@ class Measurements(NamedTuple):
     control_failed: bool = False                 # the tick before this one could not be finished
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
     speed_told: SpeedTold | None = None          # newest
+    canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre
 
 
 class SpeedTold(NamedTuple):
@@ -70,6 +71,26 @@ class SpeedTold(NamedTuple):
     time_s: float
     points: tuple[tuple[float, float], ...]
     acceleration_mps2: float = 0.5
+
+
+def told_text(told: SpeedTold, now_s: float) -> str:
+    """As a log's row says it: age in s, acceleration in m/s2, then pairs of seconds after it was told and m/s. A point
+    with the speed of the one before it says nothing new and is left out."""
+    points = [point for k, point in enumerate(told.points) if k == 0 or point[1] != told.points[k - 1][1]]
+    return " ".join(map(repr, (max(0.0, now_s - told.time_s), told.acceleration_mps2,
+                               *(float(number) for point in points for number in point))))
+
+
+def told_of(text: str, now_s: float) -> SpeedTold | None:
+    """What `told_text` says, read in a row of the time `now_s`; None where it says nothing."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return None
+    if len(numbers) < 4 or len(numbers) % 2:
+        return None
+    told = SpeedTold(now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1])
+    return told if can_be_told(told) else None
 
 
 class DoseOrder(NamedTuple):

@@ -64,6 +64,7 @@ class Cab:
         self._heads: list[tuple[DeviceLine, HeadDecoder]] = []
         self._drives: tuple[DeviceLine, SlaveBoard] | None = None
         self._module = _Module(config.rate_module, clock, datagram_opener) if config.rate_module else None
+        self._index = "ndvi" if config.heads is None else config.heads.index
         if config.heads is not None:
             self._heads = [_open_heads(config.heads, place, clock, opener) for place in range(len(config.heads.ports))]
         if config.board is not None:
@@ -100,7 +101,7 @@ class Cab:
                 line.put_aside(error)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
-                            drive_stopped=self._drive_stopped(), speed_told=self._speed_told,
+                            drive_stopped=self._drive_stopped(), speed_told=self._speed_told, canopy_index=self._index,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -249,7 +250,9 @@ class Cab:
         data = line.read(now_s)
         samples = decoder.feed(data, now_s) if data else []
         for sample in samples:
-            self._ndvi[sample.head - 1] = Reading(sample.ndvi, sample.time_s)
+            value = sample.ndvi if self._index == "ndvi" else sample.index_2
+            if value is not None and abs(value) <= 1.0:
+                self._ndvi[sample.head - 1] = Reading(value, sample.time_s)
         line.note(sample.time_s for sample in samples)
 
     def _read_board(self, line: DeviceLine, board: SlaveBoard, now_s: float) -> None:

@@ -67,6 +67,7 @@ class HeadsConfig(_Config):
     multiplexed: bool = False
     heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6      # how many, where multiplexed
     layout: HeadLayout | None = None            # None: the protocol's own
+    index: Literal["ndvi", "ndre"] = "ndvi"     # which of the heads' indices counts; ndre: the second one
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -75,6 +76,11 @@ class HeadsConfig(_Config):
                              "or any name together with a layout")
         if self.multiplexed and len(self.ports) != 1:
             raise ValueError(f"ports: {len(self.ports)} given, a multiplexed line has 1")
+        if self.index == "ndre" and (self.field_map.index_2_is != "ndre" if self.layout is None
+                                     else self.layout.index_2 == 0):
+            able = ", ".join(name for name, known in PROTOCOLS.items() if known.index_2_is == "ndre")
+            raise ValueError(f"index ndre: heads of protocol {self.protocol} give NDVI: allowed with {able}, or with a "
+                             "layout whose index_2 is NDRE")
         return self
 
     @property

@@ -12,6 +12,7 @@ from console.app import words
 from console.app.units import M2_PER_HA, Units
 from console.frame import Frame
 from console.locale import _
+from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
 from control.orders import Alarm, Severity
 
 STALE_S = 1.0                 # older than this is greyed
@@ -254,12 +255,14 @@ def _set(value: str) -> str:
 def _heads(frame: Frame, old: bool) -> HeadsView:
     row = frame.row
     old = old or _device_old(frame, "heads")
-    readings = (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
+    by_red_edge = any(getattr(row, name) is not None for name in (*NDRE_COLUMNS, "ndre"))
+    readings = [getattr(row, name) for name in (NDRE_COLUMNS if by_red_edge else HEAD_COLUMNS)]
+    fused = row.ndre if by_red_edge else row.ndvi
     heads = tuple(Head(n, "--" if value is None else f"{value:.2f}",
                        None if value is None else round(max(0.0, min(1.0, value)), 2), n in frame.dropped_heads)
                   for n, value in enumerate(readings, 1))
     good = sum(head.share is not None and not head.dropped for head in heads)
-    return HeadsView(Shown("--" if row.ndvi is None else f"{row.ndvi:.2f}", old), heads,
+    return HeadsView(Shown("--" if fused is None else f"{fused:.2f}", old), heads,
                      _("{good} of {all} heads").format(good=good, all=len(heads)))
 
 

@@ -20,7 +20,7 @@ STRATEGIES = {
 }
 SOURCES = {
     "canopy": N_("from canopy"), "map": N_("from map"), "point": N_("plant by plant"), "manual": N_("manual rate"),
-    "fallback": N_("FALLBACK RATE"), "none": N_("no target"),
+    "fallback": N_("FALLBACK RATE"), "none": N_("no target"), "map_and_canopy": N_("map and canopy"),
 }
 FIXES = {0: N_("no fix"), 1: N_("GNSS"), 2: N_("DGNSS"), 4: N_("RTK fixed"), 5: N_("RTK float"),
          6: N_("dead reckoning")}
@@ -36,7 +36,8 @@ NOTES = {
     "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
     "outside_field": N_("lands outside field"), "work_switch_up": N_("work switch is up"),
     "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
-    "already_spread": N_("already spread"), "on_headland": N_("headland"), "rate_is_zero": N_("rate here is zero"),
+    "already_spread": N_("already spread"), "on_headland": N_("headland"),
+    "growth_stage_outside": N_("growth stage"), "rate_is_zero": N_("rate here is zero"),
 }
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK")}
 
@@ -55,6 +56,7 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "source_not_ready": N_("This source of the target is not ready."),
     "nudge_out_of_range": N_("The nudge is out of its range."),
     "rate_out_of_range": N_("The rate is out of its range."),
+    "strip_out_of_range": N_("The NDVI of a strip is above 0 and at most 1."),
     "dose_error_out_of_range": N_("A dose error is at most 2 m."),
     "section_off_or_auto": N_("A section is closed by hand or given back."),
     "no_such_section": N_("The machine has no such section, or none with a valve."),

@@ -34,14 +34,47 @@ Out = Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine fil
 From = Annotated[str, typer.Option(metavar="MACHINE", help="Machine file to begin with, or name of a shipped one.")]
 
 
-def catch(data: Table, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
+def catch(
+    data: Table,
+    *,
+    out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file; with --product the new product "
+                                      "file.")],
+    machine: From = "huanghai",
+    product: Annotated[str | None, typer.Option(metavar="PRODUCT", help="What was caught: the test is added, with its "
+                                                "date, to this product file instead of the machine's.")] = None,
+    date: Annotated[str | None, typer.Option(metavar="YYYY-MM-DD", help="Of the test; default: today.")] = None,
+    force: Force = False,
+) -> None:
     """Fit the flow model to a catch test: what was weighed at each shaft speed and opening, with intervals."""
     from control.calibration.flow_fit import fit_flow
     from drivers.files.bench_table import read_bench_table
     loaded = _begun(data, out, machine, force)
-    fitted, flow = fit_flow(read_bench_table(data, What.CATCH.value), loaded, date=_today())
+    day = _day(date)
+    fitted, flow = fit_flow(read_bench_table(data, What.CATCH.value), loaded, date=day.isoformat())
     _tell_flow(flow, loaded)
-    _save(fitted, data, out)
+    if product is None:
+        _save(fitted, data, out)
+    else:
+        _save_test(product, loaded, flow, day, data, out)
+
+
+def _day(text: str | None) -> dt.date:
+    try:
+        return dt.date.today() if text is None else dt.date.fromisoformat(text)
+    except ValueError:
+        raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
+
+
+def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data: Path, out: Path) -> None:
+    """The product with this test beside its earlier ones."""
+    from control.calibration.product import catch_test
+    from drivers.files.config import load, save, sha256_of
+    from drivers.files.kinds import PRODUCT
+    read = load(product, PRODUCT)
+    if read.path.resolve() == out.resolve():
+        raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
+    save(out, read.model.with_test(catch_test(machine, flow, day, str(data), sha256_of(data))), PRODUCT)
+    typer.echo(f"product file: {out}")
 
 
 def lag(

@@ -85,15 +85,25 @@ def _check(files: list[str]) -> None:
         typer.echo(f"{loaded.path}: ok ({kind.format})")
         read.append((kind, loaded))
         if kind is JOB:
-            wrong += _map_of(loaded)
+            wrong += _of_job(loaded)
         for warning in getattr(loaded.model, "warnings", ()):
             typer.echo(f"{loaded.path}: note: {warning}")
-    for kind, machine in read:
-        if kind is MACHINE:
-            wrong += [line for other, cab in read if other is CAB
-                      for line in disagreements(cab, machine.model, str(machine.path))]
+    jobs, cabs, machines = ([one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE))
+    wrong += [line for job in jobs for line in _heads_of(job, cabs)]
+    for machine in machines:
+        for line in _products_on(machine.model, jobs):
+            typer.echo(line)
+        wrong += [line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
+
+
+def _of_job(loaded: Any) -> list[str]:
+    """Says what is to be known of a job. Returns what is wrong with the files that it names, a line each."""
+    wrong = [*_map_of(loaded), *_product_of(loaded)]
+    for note in _notes_of(loaded):
+        typer.echo(f"{loaded.path}: note: {note}")
+    return wrong
 
 
 def _map_of(loaded: Any) -> list[str]:
@@ -113,6 +123,68 @@ def _map_of(loaded: Any) -> list[str]:
     except (PrescriptionError, OSError) as error:
         return [f"{loaded.path}: {error}"]
     return []
+
+
+def _notes_of(loaded: Any) -> list[str]:
+    """What is to be known of a job before work: strips that are missing or doubtful, the crop's stage."""
+    import datetime as dt
+
+    from control.agronomy.strips import doubt, measured_index
+    from drivers.files.config import ConfigError
+    from drivers.files.setup import growth_note, load_setup
+    try:
+        setup = load_setup("huanghai", loaded.path, dt.date.today())
+    except ConfigError:                     # told with the crop, or when the job is begun
+        return []
+    found = [growth_note(setup.growth)]
+    rule = setup.rule
+    if rule.response_rule == "field":
+        index = measured_index(rule.strips)
+        said = {"below_1": f"response index {index or 0.0:.2f}: no response, nothing will be given",
+                "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed"}
+        found.append(said.get(doubt(rule.strips), ""))
+        if index is None:
+            found.append("response index of the field: strips missing yet: mark both on the way; until then the "
+                         f"{'fixed yield' if rule.is_ready else 'fallback rate'} holds")
+    return [line for line in found if line]
+
+
+def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
+    """Whether the heads of each cab, or where none is given the simulated ones, give what the job's crop needs."""
+    from drivers.files.config import ConfigError, load
+    from drivers.files.kinds import CROP
+    from drivers.files.setup import index_disagreements
+    try:
+        crop = load(job.model.crop, CROP, beside=job.path.parent).model
+    except ConfigError:                     # told with the job
+        return []
+    return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
+
+
+def _product_of(loaded: Any) -> list[str]:
+    """What is wrong with the product file that a job names, a line each."""
+    from drivers.files.config import ConfigError
+    from drivers.files.setup import product_of
+    try:
+        product_of(loaded.model, loaded.path.parent)
+    except ConfigError as error:
+        return list(error.lines)
+    return []
+
+
+def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
+    """What is to be known of the jobs' products on this machine."""
+    from drivers.files.config import ConfigError
+    from drivers.files.setup import product_note, product_of
+    found = []
+    for job in jobs:
+        try:
+            product = product_of(job.model, job.path.parent)
+        except ConfigError:                 # told with the job
+            continue
+        note = "" if product is None else product_note(product.model, machine)
+        found += [f"{job.path}: note: {note}"] if note else []
+    return found
 
 
 def _of_keymap(model: BaseModel) -> str:

@@ -62,8 +62,9 @@ def simulate(
     from control.machine.planting import parse_planted
     from control.simulation.assembly import with_simulated_field
     from drivers.files.atomic import write_atomically
+    from drivers.files.config import ConfigError
     from drivers.files.prescriptions.for_job import check_of_job, placed_of_job
-    from drivers.files.setup import load_setup
+    from drivers.files.setup import index_disagreements, load_setup
 
     setup = load_setup(machine, job, dt.date.today())
     changes: dict[str, object] = {}
@@ -77,6 +78,8 @@ def simulate(
         refuse_collisions(setup.files, [log_output(out, truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
+    if lines := index_disagreements(None, setup.crop, resolved):
+        raise ConfigError(lines)
     planted = [parse_planted(text) for text in effect or ()]
     terms = parse_terms(term or ())
     told = [*(effect or ()), *(term or ())]
@@ -177,7 +180,7 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
     from control.orders import TargetSource
     from control.simulation.errors import errors
     record, alarms, took_s = run.record, run.alarms, run.took_s
-    by_canopy = job.target.source is TargetSource.CANOPY
+    by_canopy = job.target.source is TargetSource.CANOPY and job.target.hold_mean_kg_ha is None
     found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m,
                    rule=setup.rule if by_canopy else None)
     one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None

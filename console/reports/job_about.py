@@ -25,6 +25,7 @@ class Happened(NamedTuple):
     alarms: tuple[Span, ...] = ()
     refills: tuple[tuple[float, float], ...] = ()       # s, kg
     working: tuple[tuple[float, float], ...] = ()       # from, to, s
+    growth: str = ""                                    # as said at START: outside the stages of the crop's rule
 
 
 class About(NamedTuple):
@@ -66,6 +67,7 @@ def happened(log: RunLog) -> Happened:
     refills: list[tuple[float, float]] = []
     working: list[tuple[float, float]] = []
     begun: float | None = None
+    growth = ""
     last_s = 0.0
     for row in log.rows():
         now = {name for name in (row.alarms or "").split(";") if name}
@@ -76,6 +78,8 @@ def happened(log: RunLog) -> Happened:
             word, _blank, value = event.partition(" ")
             if word == "refill":
                 refills.append((row.time_s, _number(value)))
+            elif word == "growth_stage_outside":
+                growth = value
         if row.state == "working":
             begun = row.time_s if begun is None else begun
         elif begun is not None:
@@ -85,7 +89,7 @@ def happened(log: RunLog) -> Happened:
     spans += [Span(name, since, last_s) for name, since in stands.items()]
     if begun is not None:
         working.append((begun, last_s))
-    return Happened(tuple(spans), tuple(refills), tuple(working))
+    return Happened(tuple(spans), tuple(refills), tuple(working), growth)
 
 
 def _number(text: str) -> float:
@@ -98,9 +102,10 @@ def _number(text: str) -> float:
 def named(about: About, product: str) -> str:
     """The sheet's head: what is not known is a line to be filled in by hand."""
     pairs = [("Client", about.client), ("Farm", about.farm), ("Field", about.field), ("Crop", about.crop),
-             ("Product", product), ("Operator", about.operator), ("Map", about.map)]
+             ("Product", product), ("Operator", about.operator), ("Map", about.map),
+             ("Growth stage", f"outside the crop's rule: {about.happened.growth}" if about.happened.growth else "")]
     return facts([(name, escape(value) if value else '<span class="blank"></span>') for name, value in pairs
-                  if value or name != "Map"])
+                  if value or name not in ("Map", "Growth stage")])
 
 
 def time_line(about: About) -> Picture | None:

@@ -29,17 +29,19 @@ from console.app.pages.job.desk import (
     Who,
 )
 from console.worker import resume
-from control.orders import TargetSource
+from control.orders import BY_MAP, TargetSource
 from drivers.files.config import ConfigError, Loaded, load, load_any, save, shipped
-from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE
+from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE, PRODUCT
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from console.link import Link, Where
+    from control.agronomy.strips import StripValue
     from control.field.job import Job
     from control.machine.machine import Machine
     from control.targets.map_check import MapCheck
+    from drivers.files.setup import Setup
 
 OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
 MOST_FILES = 11             # in one list of choices
@@ -124,14 +126,24 @@ class JobFiles:
             job=job.title or job.id, job_file=str(job_path), crop=setup.crop.name, crop_file=str(crop.path),
             crop_warnings=setup.crop.warnings, source=job.target.source.value, ndvi_nrich=nrich,
             nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
+            ndvi_check=setup.rule.ndvi_check, response_index=setup.rule.response_rule,
             fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
             fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, client=job.client, farm=job.farm,
-            product=job.product, operator=job.operator, field=name, field_ha=area,
+            growth=setup.growth, **self._product(setup), operator=job.operator, field=name, field_ha=area,
             **self._map(job, machine, found, setup.crop.max_rate_kg_ha, setup.folder),
             machine=machine.title or machine.id, machine_file=str(machine_path), effects=_effects(machine),
             shipped_machine=machine_path in shipped(MACHINE.folder).values(),
             jobs=self._files("jobs", job_path), crops=self._files("crops", crop.path),
             machines=self._files("machines", machine_path))
+
+    def _product(self, setup: Setup) -> _ProductFacts:
+        product, path = setup.product, _product_path(setup)
+        test = None if product is None else product.newest_test(setup.machine.id)
+        return _ProductFacts(
+            product=setup.job.product or ("" if product is None else product.name), product_file=path,
+            product_n_fraction=setup.crop.product_n_fraction, product_grams=setup.machine.flow.grams_per_rev_mm,
+            product_test="" if test is None else test.date.isoformat(),
+            products=self._files(PRODUCT.folder, Path(path) if path else None))
 
     @staticmethod
     def _field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> tuple[str, float | None]:
@@ -163,12 +175,12 @@ class JobFiles:
         return _MapFacts(map_file=str(path), map_check=None if isinstance(told, str) else told,
                          map_trouble=told if isinstance(told, str) else "")
 
-    def _files(self, folder: str, now: Path) -> tuple[File, ...]:
+    def _files(self, folder: str, now: Path | None) -> tuple[File, ...]:
         """The one in use, the user's own, the newest first, and those that are shipped."""
         own = [path for path in (self._folder / folder).glob("*.yaml") if path.is_file()]
         own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         found: dict[str, File] = {}
-        for path in (now, *own, *shipped(folder).values()):
+        for path in (*(() if now is None else (now,)), *own, *shipped(folder).values()):
             found.setdefault(str(path), File(str(path), path.stem))
         return tuple(found.values())[:MOST_FILES]
 
@@ -193,10 +205,12 @@ class JobFiles:
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 
-    def take_strip(self, ndvi: float) -> str:
+    def take_strip(self, strip: StripValue) -> str:
         """Raises ValueError."""
+        what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
+        how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
         try:
-            return self._new_job({"ndvi_nrich": ndvi}, f"N-rich strip: NDVI {ndvi:.3f}")
+            return self._new_job({f"ndvi_{strip.which}": strip.ndvi}, f"{what}: NDVI {strip.ndvi:.4f}{how}")
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 
@@ -246,7 +260,8 @@ class JobFiles:
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(place, Path(preview.kept).read_bytes())
-            changed = target.model_copy(update={"map": str(place), "source": TargetSource.MAP})
+            source = target.source if target.source in BY_MAP else TargetSource.MAP
+            changed = target.model_copy(update={"map": str(place), "source": source, "hold_mean_kg_ha": None})
             return self._new_job({"target": changed}, said)
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
@@ -259,7 +274,8 @@ class JobFiles:
         field = job.field.model_copy(update={"title": who.field})
         try:
             return self._new_job({"client": who.client, "farm": who.farm, "product": who.product,
-                                  "operator": who.operator, "field": field}, "Names given in the cab")
+                                  "product_file": who.product_file or None, "operator": who.operator,
+                                  "field": field}, "Names given in the cab")
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 
@@ -279,9 +295,11 @@ class JobFiles:
         target = job.target.model_copy(update={
             name: str((beside / value).resolve()) for name in ("map", "plants")
             if (value := getattr(job.target, name)) is not None})
-        crop = str((beside / job.crop).resolve()) if _is_path(job.crop) else job.crop
+        crop = _from(beside, job.crop)
+        product_file = None if job.product_file is None else _from(beside, job.product_file)
         name = f"{job.id.split('-')[0]}-{dt.datetime.now():%Y%m%d-%H%M%S}"
-        new = job.model_copy(update={"target": target, "crop": crop, "id": name} | changes)
+        new = job.model_copy(update={"target": target, "crop": crop, "product_file": product_file,
+                                     "id": name} | changes)
         place = self._folder / "jobs" / f"{name}.yaml"
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -421,6 +439,15 @@ class JobFiles:
         return await self._launcher.link()
 
 
+class _ProductFacts(TypedDict):
+    product: str
+    product_file: str
+    product_n_fraction: float
+    product_grams: float
+    product_test: str
+    products: tuple[File, ...]
+
+
 class _MapFacts(TypedDict):
     """Of `Facts`, by these names."""
 
@@ -445,6 +472,18 @@ def _effects(machine: Machine) -> tuple[str, ...]:
     """Adopted effects with the data that they come from."""
     return tuple(f"{one.id} {one.size:+g} {one.unit}".rstrip() + (f"  ({one.data}, {one.date})" if one.data else "")
                  for one in machine.adopted)
+
+
+def _product_path(setup: Setup) -> str:
+    """Where the job's product file stands; empty where it names none."""
+    from drivers.files.setup import product_of
+    found = product_of(setup.job, setup.folder)
+    return "" if found is None else str(found.path)
+
+
+def _from(beside: Path, name: str) -> str:
+    """A file that a job names, as it is named from elsewhere; a shipped one by its name."""
+    return str((beside / name).resolve()) if _is_path(name) else name
 
 
 def _is_path(name: str) -> bool:

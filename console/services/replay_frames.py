@@ -84,14 +84,14 @@ def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell:
     import dataclasses
 
     from console.services.rerun import rerun, setup_of
-    from control.agronomy.noa import prepare
+    from control.field.job import rule_of
     from control.orders import Strategy
     from drivers.files.config import load
     from drivers.files.kinds import CROP
     setup = setup_of(recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None)
     if options.crop:
         crop = load(options.crop, CROP).model
-        setup = dataclasses.replace(setup, crop=crop, rule=prepare(crop, setup.job.days, setup.job.ndvi_nrich))
+        setup = dataclasses.replace(setup, crop=crop, rule=rule_of(crop, setup.job))
     rows = (tick.row for tick in rerun(recorded, setup))
     return list(frames_of(_watched(rows, len(recorded), cancelled, tell), recorded,
                           setup.machine.geometry.working_width_m))

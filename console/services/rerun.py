@@ -6,8 +6,7 @@ import datetime as dt
 from collections.abc import Iterator
 from pathlib import Path
 
-from control.agronomy.noa import prepare
-from control.field.job import Job
+from control.field.job import Job, rule_of
 from control.loop import Tick
 from control.orders import Do, Order, State, Strategy
 from control.simulation.assembly import control_loop
@@ -87,7 +86,7 @@ def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: S
     if meta is not None and job is None and meta.job is not None and meta.crop is not None:
         crop = validated(meta.crop, CROP, label)
         own = validated(meta.job, JOB, label)
-        setup = dataclasses.replace(setup, crop=crop, job=own, rule=prepare(crop, own.days, own.ndvi_nrich),
+        setup = dataclasses.replace(setup, crop=crop, job=own, rule=rule_of(crop, own),
                                     folder=_folder(recorded, own))
     if strategy is not None:
         setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))

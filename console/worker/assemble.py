@@ -13,7 +13,7 @@ from console.worker.resume import beside
 from console.worker.resume_assemble import before_of, begun, go_on, job_to_go_on
 from console.worker.resume_keeper import Keeper
 from console.worker.simulated_bench import SimulatedBench
-from control.field.job import Job
+from control.field.job import Job, rule_of
 from control.machine.machine import Machine
 from control.machine.planting import parse_planted
 from control.orders import TargetSource
@@ -26,7 +26,7 @@ from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import by_kind, disagreements, setup_of
+from drivers.files.setup import Setup, by_kind, disagreements, index_disagreements, setup_of
 from drivers.virtual.machine import virtual_cab
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
@@ -37,16 +37,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
 
     Raises ValueError or OSError with one line for each thing that is to be put right.
     """
-    try:
-        found = by_kind(options.config)
-        cab = found.get(CAB.format)
-        setup = setup_of(found, dt.date.today())
-        if cab is not None:
-            named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
-            if lines := disagreements(cab, setup.machine, str(named)):
-                raise ConfigError(lines)
-    except ConfigError as error:
-        raise ValueError(str(error)) from error
+    cab, setup = _configured(options)
     if cab is not None and options.effects:
         raise ValueError(f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
                          f"and {cab.path} names a real one")
@@ -69,7 +60,8 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         bench = Cab(devices, clock)
         sha256[str(cab.path)] = cab.sha256
     now_utc = _utc_now().isoformat(timespec="milliseconds")
-    loop = control_loop(machine, setup.crop, setup.rule, job, has_work_switch, **placed)
+    rule = rule_of(setup.crop, job, setup.rule.days)
+    loop = control_loop(machine, setup.crop, rule, job, has_work_switch, **placed)
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
     if before is not None:
@@ -87,6 +79,23 @@ def assemble(options: Options, clock: Clock) -> Assembly:
                     loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
     writer.beside = keeper.work
     return Assembly(bench, loop, writer, names, keeper)
+
+
+def _configured(options: Options) -> tuple[Loaded[Any] | None, Setup]:
+    """The cab file, where there is one, and the setup, held against each other. Raises ValueError."""
+    try:
+        found = by_kind(options.config)
+        cab = found.get(CAB.format)
+        setup = setup_of(found, dt.date.today())
+        lines = index_disagreements(cab, setup.crop, setup.job)
+        if cab is not None:
+            named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
+            lines = [*disagreements(cab, setup.machine, str(named)), *lines]
+        if lines:
+            raise ConfigError(lines)
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    return cab, setup
 
 
 def _stops_s(cab: Loaded[Any] | None) -> float | None:
@@ -121,8 +130,10 @@ def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> Si
                         max_opening_mm=machine.limits.opening_high_mm,
                         wheel_circumference_m=machine.speed.wheel_circumference_m,
                         wheel_pulses_per_turn=machine.speed.pulses_per_turn)
+    index = job.simulated.heads_index
     cab, virtual = virtual_cab(plant, clock, heads=machine.geometry.heads, board=board,
-                               opening_mm=machine.set_points.opening_mm)
+                               protocol="greenseeker" if index == "ndvi" else "acs430",
+                               opening_mm=machine.set_points.opening_mm, index=index)
     return SimulatedBench(cab, virtual, plant)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from console.frame import Frame, Tally
+from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Order, SectionState
@@ -77,6 +78,8 @@ class Tick(Protocol):
     def threshold_m(self) -> float | None: ...
     @property
     def sections(self) -> tuple[SectionState, ...]: ...
+    @property
+    def strips(self) -> Strips: ...
 
 
 TOLD = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over

@@ -58,6 +58,8 @@ class Snapshot:
     place_m: Place | None = None                    # the outlets' last one
     heading_deg: float | None = None
     hopper_kg: float | None = None
+    ndvi_nrich: float | None = None                 # strips that were measured on the way
+    ndvi_check: float | None = None
     after_cut_kg: float = 0.0                       # by the machine model: released after the last row, and counted
     cut_hopper_kg: float | None = None              # the scale at the last row, from the rows before it
     alarms: tuple[AlarmRecord, ...] = ()

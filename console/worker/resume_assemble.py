@@ -32,9 +32,12 @@ def before_of(options: Options, machine: Machine, n_fraction: float, stops_s: fl
 
 
 def job_to_go_on(job: Job, machine: Machine, before: Snapshot) -> Job:
-    """The job with what the operator had chosen; where it is simulated, the tractor stands where it stopped."""
+    """The job with what the operator had chosen and measured; where it is simulated, the tractor stands where it
+    stopped."""
     update: dict[str, object] = {"strategy": Strategy(before.strategy), "look_ahead": before.look_ahead,
                                  "flow_trim": before.flow_trim_on}
+    strips = {"ndvi_nrich": before.ndvi_nrich, "ndvi_check": before.ndvi_check}
+    update |= {name: ndvi for name, ndvi in strips.items() if ndvi is not None}
     simulated: dict[str, float] = {}
     if before.simulated and before.place_m is not None:
         simulated["begin_m"] = _driven_m(job, machine, before.place_m)

@@ -14,6 +14,7 @@ from console.worker.resume import Snapshot
 from console.worker.resume_alarms import AlarmBook
 from console.worker.resume_ground import Done
 from console.worker.resume_tail import SCALE_S
+from control.agronomy.strips import read_strip
 from control.field.totals import Sums
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
@@ -147,6 +148,8 @@ class Keeper:
             word, _space, value = event.partition(" ")
             if word == "refill":
                 changes["refills"] = (*self._snapshot.refills, (self._utc_now(), float(value)))
+            elif word == "strip" and (strip := read_strip(value)) is not None:
+                changes[f"ndvi_{strip.which}"], self._saved_s = strip.ndvi, -inf
             elif event == FINISHED:
                 changes["finished"] = True
                 self._saved_s = -inf

@@ -6,6 +6,8 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from control.agronomy.growth import GrowthWindow
+from control.agronomy.response import HarvestLine, ResponseRule
 from control.agronomy.yield_potential import YieldPotential
 
 
@@ -53,12 +55,22 @@ class Crop(BaseModel):
     flag: str = Field(default="", description="what the operator must know before using this crop")
     examples: tuple[str, ...] = Field(default=(), description="keys whose values are examples, to be replaced")
 
+    index: Literal["ndvi", "ndre"] = Field(default="ndvi", description="what the heads are to read; ndre (red edge) "
+                                           "for dense canopies, with a yield curve of its own")
     yield_potential: YieldPotential
     days: GrowingDays
+    growth_window: GrowthWindow | None = Field(default=None, description="stages for which the rule was made; work "
+                                               "outside is warned of")
     y_max_t_ha: float = Field(gt=0.0, le=20.0, description="no yield is assumed beyond this (eq 5)")
     fixed_yield_t_ha: float | None = Field(default=None, gt=0.0, le=20.0, description="yield with topdressing, "
                                            "where no N-rich strip was sown")
     ndvi_nrich: float | None = Field(default=None, gt=0.0, le=1.0, description="NDVI of the N-rich strip")
+    ndvi_check: float | None = Field(default=None, gt=0.0, le=1.0, description="NDVI of the farmer check: a strip that "
+                                     "got what the field got")
+    response_index: ResponseRule = Field(default="paper", description="paper: N-rich strip over the NDVI of each place "
+                                         "(eq 5); field: N-rich strip over farmer check, once a field (Oklahoma State)")
+    harvest_line: HarvestLine | None = Field(default=None, description="response of the yield from that of the canopy; "
+                                             "with response_index field")
     response_index_max: float = Field(default=2.0, ge=1.0, le=2.0, description="cap of RI (Raun et al. 2002)")
 
     grain_n_kg_t: float = Field(default=23.9, ge=10.0, le=40.0, description="N in the grain (eq 2)")
@@ -68,7 +80,10 @@ class Crop(BaseModel):
 
     ndvi_min: float = Field(default=0.25, ge=0.0, le=0.9, description="no rate below: bare soil")
     ndvi_max: float = Field(default=0.75, ge=0.1, le=1.0, description="no rate above: dense canopy")
-    grades: bool = Field(default=True, description="rate in steps of NDVI, each taken at its upper edge")
+    taper_ndvi: float = Field(default=0.0, ge=0.0, le=0.3, description="inside both ends of ndvi_min to ndvi_max the "
+                              "rate comes and goes over this span of NDVI; 0: in a step")
+    grades: bool = Field(default=False, description="the paper's rule: rate in steps of NDVI, each taken at its upper "
+                         "edge")
     grade_width: float = Field(default=0.05, ge=0.005, le=0.5)
 
     fallback_rate_kg_ha: float = Field(ge=0.0, le=2000.0, description="where there is no canopy reading")
@@ -77,6 +92,9 @@ class Crop(BaseModel):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         curve = self.yield_potential
+        if self.index == "ndre" and curve.set is not None:
+            raise ValueError(f"index ndre: yield_potential.set {curve.set} was published for NDVI: write out a_t_ha, "
+                             "b_days, base_temp_c and source of a curve over NDRE")
         if curve.only_crop and self.id != curve.only_crop:
             raise ValueError(f"yield_potential.set {curve.set} belongs to crop {curve.only_crop} alone: "
                              f"{curve.warning}")
@@ -88,12 +106,6 @@ class Crop(BaseModel):
         if self.fixed_yield_t_ha is not None and self.fixed_yield_t_ha > self.y_max_t_ha:
             raise ValueError(f"fixed_yield_t_ha {self.fixed_yield_t_ha:g}: allowed is at most y_max_t_ha "
                              f"{self.y_max_t_ha:g}")
-        if self.ndvi_min >= self.ndvi_max:
-            raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {self.ndvi_max:g}")
-        steps = (self.ndvi_max - self.ndvi_min) / self.grade_width
-        if self.grades and abs(steps - round(steps)) > 1e-6:
-            raise ValueError(f"grade_width {self.grade_width:g}: allowed is a whole part of the span "
-                             f"{self.ndvi_min:g} to {self.ndvi_max:g}")
         if self.fallback_rate_kg_ha > self.max_rate_kg_ha:
             raise ValueError(f"fallback_rate_kg_ha {self.fallback_rate_kg_ha:g}: allowed is at most max_rate_kg_ha "
                              f"{self.max_rate_kg_ha:g}")
@@ -102,10 +114,30 @@ class Crop(BaseModel):
             raise ValueError(f"examples {', '.join(unknown)}: no such key")
         return self
 
+    @model_validator(mode="after")
+    def _range_of_ndvi(self) -> Self:
+        if self.ndvi_min >= self.ndvi_max:
+            raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {self.ndvi_max:g}")
+        steps = (self.ndvi_max - self.ndvi_min) / self.grade_width
+        if self.grades and abs(steps - round(steps)) > 1e-6:
+            raise ValueError(f"grade_width {self.grade_width:g}: allowed is a whole part of the span "
+                             f"{self.ndvi_min:g} to {self.ndvi_max:g}")
+        if self.grades and self.taper_ndvi > 0.0:
+            raise ValueError(f"taper_ndvi {self.taper_ndvi:g}: allowed is 0 with grades, which are steps")
+        if 2.0 * self.taper_ndvi > self.ndvi_max - self.ndvi_min + 1e-9:
+            raise ValueError(f"taper_ndvi {self.taper_ndvi:g}: allowed is at most half of the span "
+                             f"{self.ndvi_min:g} to {self.ndvi_max:g}")
+        if self.harvest_line is not None and self.response_index != "field":
+            raise ValueError("harvest_line goes with response_index: field")
+        return self
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line each, to be shown before work starts; empty when there is nothing to say."""
         lines = [self.flag, self.yield_potential.warning]
         if self.examples:
             lines.append(f"example values, not of this field: {', '.join(self.examples)}")
+        if "grades" not in self.model_fields_set:
+            lines.append("grades is not said: the rate follows NDVI smoothly; grades: true gives the steps of older "
+                         "versions")
         return tuple(line for line in lines if line)

@@ -1,19 +1,22 @@
 """The nitrogen optimisation of paper A, eq 2 to 5: NDVI to kg of product per ha.
 
-Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no strip was sown.
+Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no strip was sown. The
+response index is that of each place (the paper) or that of the field (its authors at Oklahoma State, `response`).
 Put right against the print: the rate is never below zero (eq 2 gives -21.9 kg/ha at NDVI 0.75), the response index
 is capped, and no yield is assumed beyond the crop's Y_max.
 """
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from control.agronomy.crop import Crop
 from control.agronomy.grades import grade_edges, graded_ndvi
+from control.agronomy.response import ResponseRule, field_response
+from control.agronomy.strips import Strips, StripValue
 
-Why = Literal["in_range", "no_ndvi", "below_cutoff", "above_cutoff", "yield_reached", "limited"]
+Why = Literal["in_range", "no_ndvi", "no_strips", "below_cutoff", "above_cutoff", "yield_reached", "limited"]
 
 
 class Decision(NamedTuple):
@@ -72,29 +75,67 @@ class Rule:
     crop: Crop
     days: int
     ndvi_nrich: float | None       # None: fixed-yield form
+    ndvi_check: float | None = None            # farmer check; used by response rule "field"
+    response_rule: ResponseRule = "paper"
+
+    @property
+    def strips(self) -> Strips:
+        return Strips(self.ndvi_nrich, self.ndvi_check)
+
+    @property
+    def field_response(self) -> float | None:
+        """RI of the field; None by the paper's rule, or where a strip is missing."""
+        if self.response_rule == "paper":
+            return None
+        return field_response(self.strips, self.crop.response_index_max, self.crop.harvest_line)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it can decide: by strips, or by the crop's fixed yield as long as there are none."""
+        if self.crop.fixed_yield_t_ha is not None:
+            return True
+        return self.ndvi_nrich is not None if self.response_rule == "paper" else self.field_response is not None
+
+    def with_strip(self, strip: StripValue) -> Rule:
+        """The rule with a strip as it was measured just now."""
+        if strip.which == "nrich":
+            return replace(self, ndvi_nrich=strip.ndvi)
+        return replace(self, ndvi_check=strip.ndvi)
 
     def decide(self, ndvi: float | None) -> Decision:
-        """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with why "no_ndvi":
-        the caller falls back to the crop's fallback rate."""
+        """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with why "no_ndvi", a rule
+        that waits for its strips 0 with "no_strips": the caller falls back to the crop's fallback rate."""
         crop = self.crop
         if ndvi is None or not math.isfinite(ndvi):
             return Decision(0.0, "no_ndvi", None, None)
+        if not self.is_ready:
+            return Decision(0.0, "no_strips", None, None)
         if not crop.grades:
             if crop.ndvi_min <= ndvi <= crop.ndvi_max:
-                return self._from_yields(ndvi, None)
+                return self._tapered(self._from_yields(ndvi, None), ndvi)
             return Decision(0.0, _side(ndvi, crop), None, None)
         grade, used = graded_ndvi(ndvi, crop.ndvi_min, crop.ndvi_max, crop.grade_width)
         if used is None:
             return Decision(0.0, _side(ndvi, crop), 0, None)
         return self._from_yields(used, grade)
 
+    def _tapered(self, decision: Decision, ndvi: float) -> Decision:
+        """Between bare soil and crop, and towards the dense end, a reading says less and less: the rate comes and goes
+        over `taper_ndvi` instead of in a step that noise crosses again and again."""
+        crop = self.crop
+        if crop.taper_ndvi <= 0.0:
+            return decision
+        inside = min(ndvi - crop.ndvi_min, crop.ndvi_max - ndvi)
+        return decision._replace(rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi))
+
     def _from_yields(self, ndvi: float, grade: int | None) -> Decision:
         crop, curve = self.crop, self.crop.yield_potential
         index = insey(ndvi, self.days)
         without = min(yield_without(index, curve.a_t_ha, curve.b_days), crop.y_max_t_ha)
-        response: float | None = None
-        if self.ndvi_nrich is not None:
+        response = self.field_response
+        if self.response_rule == "paper" and self.ndvi_nrich is not None:
             response = response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
+        if response is not None:
             wanted = without * response
         else:
             wanted = crop.fixed_yield_t_ha if crop.fixed_yield_t_ha is not None else 0.0
@@ -105,24 +146,29 @@ class Rule:
         return Decision(rate, why, grade, ndvi, index, without, with_n, response)
 
 
-def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None) -> Rule:
-    """A crop made ready for work. `days` and `ndvi_nrich` override the crop file's own.
+def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None, ndvi_check: float | None = None,
+            response_rule: ResponseRule | None = None) -> Rule:
+    """A crop made ready for work. What is given overrides the crop file's own.
 
-    With an N-rich NDVI the response index decides, else the crop's fixed yield.
+    With an N-rich NDVI the response index decides, else the crop's fixed yield. By response rule "field" both strips
+    may be missing yet: they are measured on the way.
     Raises ValueError in one line when the days are not known yet (a weather file has to be counted first) or out of
-    1 to 400, when neither form is possible, or when the N-rich NDVI is not in (0, 1].
+    1 to 400, when neither form is possible, or when the NDVI of a strip is not in (0, 1].
     """
     days = days if days is not None else crop.days.count
     ndvi_nrich = ndvi_nrich if ndvi_nrich is not None else crop.ndvi_nrich
+    ndvi_check = ndvi_check if ndvi_check is not None else crop.ndvi_check
+    response_rule = response_rule or crop.response_index
     if days is None:
         raise ValueError(f"crop {crop.id}: days are to be counted from {crop.days.weather}; count them first")
     if not 1 <= days <= 400:
         raise ValueError(f"crop {crop.id}: days {days}: allowed is 1 to 400")
-    if ndvi_nrich is None and crop.fixed_yield_t_ha is None:
+    if response_rule == "paper" and ndvi_nrich is None and crop.fixed_yield_t_ha is None:
         raise ValueError(f"crop {crop.id}: ndvi_nrich and fixed_yield_t_ha both missing: one is needed")
-    if ndvi_nrich is not None and not 0.0 < ndvi_nrich <= 1.0:
-        raise ValueError(f"crop {crop.id}: ndvi_nrich {ndvi_nrich:g}: allowed is above 0, at most 1")
-    return Rule(crop, days, ndvi_nrich)
+    for name, ndvi in (("ndvi_nrich", ndvi_nrich), ("ndvi_check", ndvi_check)):
+        if ndvi is not None and not 0.0 < ndvi <= 1.0:
+            raise ValueError(f"crop {crop.id}: {name} {ndvi:g}: allowed is above 0, at most 1")
+    return Rule(crop, days, ndvi_nrich, ndvi_check, response_rule)
 
 
 def rate_kg_ha(crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None) -> float:

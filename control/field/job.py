@@ -1,14 +1,20 @@
 """A job: what is to be done where, by which strategy; and, for the simulated machine, the ground it works on."""
 from __future__ import annotations
 
+import datetime as dt
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from control.orders import Strategy, TargetSource
+from control.agronomy.crop import Crop
+from control.agronomy.growth import GrowthStage
+from control.agronomy.noa import Rule, prepare
+from control.agronomy.response import ResponseRule
+from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(gt=0, le=100_000)]
+Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
 
 
@@ -19,9 +25,13 @@ class Part(BaseModel):
 class Wanted(Part):
     """Where the target comes from."""
 
-    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT,
-                    TargetSource.MANUAL] = TargetSource.CANOPY
+    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL,
+                    TargetSource.MAP_AND_CANOPY] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
+    # canopy: the field's mean comes to this, the canopy says where; None: the rule says how much as well
+    hold_mean_kg_ha: Annotated[float, Field(gt=0, le=2000)] | None = None
+    around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0        # map_and_canopy: how far the heads may move
+    around_kg_ha: Rate | None = None            # the same in kg/ha; None: by percent
     decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
     map: str | None = None                      # a prescription, beside the job file
     plants: str | None = None                   # a plant list, beside the job file
@@ -31,8 +41,11 @@ class Wanted(Part):
 
     @model_validator(mode="after")
     def _map_named(self) -> Wanted:
-        if self.source is TargetSource.MAP and self.map is None:
-            raise ValueError("source map needs the key map: a prescription file beside the job")
+        if self.source in BY_MAP and self.map is None:
+            raise ValueError(f"source {self.source.value} needs the key map: a prescription file beside the job")
+        if self.hold_mean_kg_ha is not None and self.source is not TargetSource.CANOPY:
+            raise ValueError(f"hold_mean_kg_ha goes with source canopy, not {self.source.value}: a map has its own "
+                             "mean")
         return self
 
 
@@ -102,6 +115,7 @@ class Simulated(Part):
     begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0     # of the whole way: where the machine stands at first
     gnss_hz: Annotated[float, Field(gt=0, le=20)] = 10.0
     heads_hz: Annotated[float, Field(gt=0, le=20)] = 2.0
+    heads_index: Literal["ndvi", "ndre"] = "ndvi"       # what the simulated heads read off the canopy
     hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0
     refill_at_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
     refill_stop_s: Annotated[float, Field(ge=0, le=3600)] = 60.0
@@ -120,14 +134,21 @@ class Job(Part):
     farm: Name = ""
     operator: Name = ""
     product: Name = ""                          # what is spread, as the bag names it
+    product_file: str | None = None             # the same as a product file: N share, and the flow by its catch tests
     crop: str = "huanghai_wheat"
     days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
+    sown: dt.date | None = None                 # with the crop's weather file; None: as that crop file says
+    sensed: dt.date | None = None               # the same; None: the crop file's, else the day of work
+    growth: GrowthStage | None = None           # on the day of work, on the scale of the crop's growth_window
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
+    ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None       # farmer check
+    response_index: ResponseRule | None = None  # None: the crop file's
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim: bool = True
     no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
-    planned_speed_kmh: Annotated[float, Field(gt=0, le=30)] | None = None   # of the passes; None: nobody has planned it
+    # of the passes, one for all or a list by pass, the first at the origin; None: nobody has planned it
+    planned_speed_kmh: Kmh | Annotated[tuple[Kmh, ...], Field(min_length=1, max_length=1000)] | None = None
     # share of a section's width that is done, or outside, at which it closes: 0: as soon as any is, 100: once all is
     section_overlap_percent: Annotated[float, Field(ge=0, le=100)] = 50.0
     target: Wanted = Wanted()
@@ -141,3 +162,8 @@ class Job(Part):
             raise ValueError("target.source point needs target.plants: a plant list beside the job; or, simulated, "
                              "simulated.plants and simulated.camera")
         return self
+
+
+def rule_of(crop: Crop, job: Job, days: int | None = None) -> Rule:
+    """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as `prepare` does."""
+    return prepare(crop, job.days or days, job.ndvi_nrich, job.ndvi_check, job.response_index)

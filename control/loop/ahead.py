@@ -18,6 +18,8 @@ from control.readings import Measurements
 from control.sensing import Sensed
 from control.targets.canopy import CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
+from control.targets.hold_mean import HoldMean
+from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target
@@ -44,8 +46,12 @@ class Ahead:
         self.overlap = Overlap(Coverage(width_m, cell_m, longest_m=LONGEST_M, strips=[
             (strip.left_m, strip.right_m) for strip in machine.switched]), geometry.outlets)
         self.sections = Sections(machine, job.section_overlap_percent, cell_m) if machine.switched else None
+        mean = job.target.hold_mean_kg_ha
+        self.hold = None if mean is None else HoldMean(mean)
+        self._around = Around(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
-            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha)))
+            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold),
+            crop.index)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
@@ -128,6 +134,8 @@ class Ahead:
             return self.heads.decisions.stretches
         if choices.source is TargetSource.MAP and self.map is not None:
             return self.map
+        if choices.source is TargetSource.MAP_AND_CANOPY and self.map is not None:
+            return MapAndCanopy(self.map, self.heads.decisions.stretches, self._around)
         if choices.source is TargetSource.POINT:
             return DOSES_ONLY
         if choices.source is TargetSource.MANUAL:

@@ -12,7 +12,9 @@ LATENCY_S = 0.5                 # a head's reading may be one period old
 class CanopyHeads:
     """`fused`: newest; None before the first look."""
 
-    def __init__(self, heads: int, decisions: CanopyDecisions) -> None:
+    def __init__(self, heads: int, decisions: CanopyDecisions, index: str = "ndvi") -> None:
+        """index: of the crop's rule; readings of another one are as none."""
+        self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
         self._state = fusion.start(heads)
@@ -21,6 +23,8 @@ class CanopyHeads:
 
     def look(self, m: Measurements, sensed: Sensed) -> None:
         """Fuse what is new, or has grown old; decide when a period has passed."""
+        if m.canopy_index != self._index:
+            m = m._replace(ndvi=(None,) * len(m.ndvi))
         now = m.time_s
         times = tuple(None if r is None else r.time_s for r in m.ndvi)
         fresh = times != self._times

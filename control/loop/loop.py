@@ -5,9 +5,11 @@ from collections.abc import Callable
 from math import inf, isfinite
 
 from control.agronomy.crop import Crop
+from control.agronomy.growth import growth_of
 from control.agronomy.noa import Rule
 from control.field.coverage import Raster
 from control.field.job import Job
+from control.field.planned_speed import planned_mps
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
 from control.loop.ahead import Ahead
@@ -30,8 +32,8 @@ from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
-from control.orders import Answer, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible
+from control.orders import BY_CANOPY, Answer, Order, State, Strategy, TargetSource
+from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible, told_text
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
@@ -43,6 +45,7 @@ from control.targets.profile import Change, Profile, Target
 
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
+GROWTH_TOLD_S = 15.0            # after START, of a crop outside its window
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
 
 
@@ -74,7 +77,8 @@ class ControlLoop:
         self._expected = ExpectedDrives(machine)
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
-                                  prescription is not None, self._started, len(machine.switched))
+                                  prescription is not None, self._started, self._ahead.heads.decisions.take_strip,
+                                  len(machine.switched))
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events: list[str] = []                    # of the next row
@@ -83,6 +87,9 @@ class ControlLoop:
         self._standing = 0                              # ticks since the clock last went on
         self._begun_s = 0.0
         self._metres_left_m: float | None = None
+        self._told_s: float | None = None               # when the tractor told what the rows have
+        self._growth = growth_of(crop.growth_window, job.growth, rule.days)
+        self._growth_told_s = -inf
 
     # -- the run ---------------------------------------------------------------------------------------------------
 
@@ -128,6 +135,9 @@ class ControlLoop:
         after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
         self._flow_trim.value = flow_trim
+        if self._ahead.hold is not None and sums.area_ha > 0.0:
+            self._ahead.hold.go_on(sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
+                                   sums.kg / sums.area_ha)
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
@@ -146,7 +156,11 @@ class ControlLoop:
         return answer
 
     def _started(self) -> None:
-        """The operator wants flow from here on, also where some lies already."""
+        """The operator wants flow from here on, also where some lies already. A crop beyond the stages of its rule is
+        said, and stops nothing."""
+        if self._growth is not None and self._growth.is_outside:
+            self._events.append(f"growth_stage_outside {self._growth.text}")
+            self._growth_told_s = self._time_s or 0.0
         self._backing.forget()
         self._ahead.overlap.started()
         if self._ahead.sections is not None:
@@ -178,7 +192,7 @@ class ControlLoop:
             self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
         ahead = self._forecaster.update(m.time_s, sensed.speed_mps, sensed.acceleration_mps2, dt_s,
-                                        m.speed_told or self._planned_speed(m.time_s))
+                                        m.speed_told or self._planned_speed(m.time_s, sensed))
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
@@ -330,6 +344,9 @@ class ControlLoop:
         """Trims, expectation and totals follow what was commanded and measured."""
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
+        if self._ahead.hold is not None:
+            self._ahead.hold.on = self._operator.choices.source is TargetSource.CANOPY
+            self._ahead.hold.learns = verdict.state is State.WORKING
         if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             expected = self._expected.pair
             self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
@@ -341,11 +358,22 @@ class ControlLoop:
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
                             moment.conditions.supply_v, dt_s, self._terms.drives)
         applied = metered.rate_kg_ha
-        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or applied > 0.0):
+        runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
+        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out):
             self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
                              None if decision.by_point else decision.planned_kg_ha, metered.open_share)
+            self._hold_mean(moment, decision, applied * metered.trim)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
+
+    def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
+        """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""
+        hold, sensed = self._ahead.hold, moment.sensed
+        if (hold is None or decision.holding.source not in (TargetSource.CANOPY, TargetSource.FALLBACK)
+                or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))):
+            return
+        hold.landed(given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
+                    moment.speed_mps * moment.dt_s)
 
     def _told(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
               command: DriveCommand) -> Tick:
@@ -356,7 +384,7 @@ class ControlLoop:
         threshold = self.threshold if decision.by_point else None
         return Tick(
             row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,
-                        ndvi, heads.decisions.ndvi, events),
+                        ndvi, heads.decisions.ndvi, events)._replace(speed_told=self._newly_told(moment.m)),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
             dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
@@ -365,14 +393,23 @@ class ControlLoop:
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
             sections=() if self._ahead.sections is None else self._ahead.sections.states(
-                command.valves, choices.sections_off))
+                command.valves, choices.sections_off),
+            strips=heads.decisions.rule.strips)
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 
-    def _planned_speed(self, now_s: float) -> SpeedTold | None:
-        """The job's, where the tractor tells none."""
-        kmh = self.job.planned_speed_kmh
-        return None if kmh is None else SpeedTold(now_s, ((0.0, kmh / 3.6),))
+    def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedTold | None:
+        """The job's, for the pass the machine is on, where the tractor tells none."""
+        place = None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
+        mps = planned_mps(self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg)
+        return None if mps is None else SpeedTold(now_s, ((0.0, mps),))
+
+    def _newly_told(self, m: Measurements) -> str | None:
+        """What the tractor told since the row before, as the row says it."""
+        if m.speed_told is None or m.speed_told.time_s == self._told_s:
+            return None
+        self._told_s = m.speed_told.time_s
+        return told_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
         return Conditions(m.time_s - self._begun_s,
@@ -407,7 +444,7 @@ class ControlLoop:
         source = self._operator.choices.source
         if self._doses is not None and source is TargetSource.POINT:
             return self._doses.points.fastest_mps
-        if source is not TargetSource.CANOPY:
+        if source not in BY_CANOPY:
             return inf
         return self.machine.geometry.heads_m / (lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S)
 
@@ -436,6 +473,8 @@ class ControlLoop:
             notes.append("already_spread")
         if self._ahead.is_headland(lands_m):
             notes.append("on_headland")
+        if sensed.time_s - self._growth_told_s < GROWTH_TOLD_S:
+            notes.append("growth_stage_outside")
         return tuple(notes)
 
 

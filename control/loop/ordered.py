@@ -7,11 +7,12 @@ from math import isfinite
 from typing import Any
 
 from control.agronomy.crop import Crop
+from control.agronomy.strips import StripValue, read_strip
 from control.field.job import Job
 from control.loop.moment import Choices
 from control.metering.setting import Setting
 from control.metering.trims import FlowTrim
-from control.orders import Answer, Do, Order, State, Strategy, TargetSource
+from control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
 from control.safety import BenchSetting, Safety, after_setting
 from control.targets.point_source import PointSource
 
@@ -25,7 +26,8 @@ class Operator:
     """What the operator has chosen. `started`: called when safety has accepted START."""
 
     def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, flow_trim: FlowTrim,
-                 points: PointSource | None, has_map: bool, started: Callable[[], None], sections: int = 0) -> None:
+                 points: PointSource | None, has_map: bool, started: Callable[[], None],
+                 strip_measured: Callable[[StripValue], None], sections: int = 0) -> None:
         self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
                                job.flow_trim, job.no_double)
         self.bench = BenchSetting()
@@ -36,8 +38,9 @@ class Operator:
         self._flow_trim = flow_trim
         self._points = points
         self._started = started
+        self._strip_measured = strip_measured
         self._sections = sections
-        placed = ((TargetSource.MAP, has_map), (TargetSource.POINT, points is not None))
+        placed = (*((source, has_map) for source in BY_MAP), (TargetSource.POINT, points is not None))
         self._sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
                          *(source for source, there in placed if there))
 
@@ -102,6 +105,14 @@ class Operator:
         self.choices = self.choices._replace(sections_off=tuple(sorted(off)))
         return YES
 
+    def _strip(self, order: Order, now_s: float) -> Answer:
+        """From the next decision on it counts; what is decided already stays."""
+        strip = read_strip(order.value)
+        if strip is None:
+            return Answer(False, "strip_out_of_range")
+        self._strip_measured(strip)
+        return YES
+
     def _dose_error(self, order: Order, now_s: float) -> Answer:
         error_m = _number(order)
         if error_m is None or abs(error_m) > FARTHEST_DOSE_M:
@@ -142,6 +153,6 @@ _SWITCHES = {Do.LOOK_AHEAD: "look_ahead", Do.FLOW_TRIM: "flow_trim_on", Do.NO_DO
 _HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
     Do.STRATEGY: Operator._strategy, Do.SOURCE: Operator._source, Do.NUDGE: Operator._nudge,
     Do.MANUAL_RATE: Operator._manual_rate, **dict.fromkeys(_SWITCHES, Operator._switch),
-    Do.DOSE_ERROR: Operator._dose_error, Do.CALIBRATE_SHAFT: Operator._bench_setting,
+    Do.STRIP: Operator._strip, Do.DOSE_ERROR: Operator._dose_error, Do.CALIBRATE_SHAFT: Operator._bench_setting,
     Do.CALIBRATE_OPENING: Operator._bench_setting, Do.SECTION: Operator._section, Do.MARK: Operator._mark,
 }

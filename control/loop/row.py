@@ -1,13 +1,14 @@
 """The log row of a tick: what the sensors said, as long as it holds, and what came of it."""
 from __future__ import annotations
 
-from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
+from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS, LogRow
 from control.loop.moment import Choices, Decision, Metered, Moment
-from control.orders import Strategy, TargetSource
+from control.orders import BY_CANOPY, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, is_fresh
 from control.safety import Verdict
 
 HEAD_SILENT_S = HOLDS_S["ndvi_1"]
+_COLUMNS = {"ndvi": (*HEAD_COLUMNS, "ndvi"), "ndre": (*NDRE_COLUMNS, "ndre")}
 
 
 def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
@@ -20,7 +21,10 @@ def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered
     fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
     placed = fix if sensed.refused_m is None else None
     ndvi = heads + (None,) * 6
+    decided = decided_ndvi if choices.source in BY_CANOPY else None
+    seen: dict[str, float | None] = dict(zip(_COLUMNS[m.canopy_index], (*ndvi[:6], decided), strict=True))
     return LogRow(
+        **seen,  # type: ignore[arg-type]
         time_s=m.time_s - begun_s, utc=fix.utc if fix else None,
         lat_deg=placed.lat_deg if placed else None, lon_deg=placed.lon_deg if placed else None,
         fix_quality=placed.fix_quality if placed else None, satellites=fix.satellites if fix else None,
@@ -28,8 +32,6 @@ def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered
         pitch_deg=_held(m, "pitch_deg"), roll_deg=_held(m, "roll_deg"),
         speed_mps=fix.speed_mps if fix else None, wheel_speed_mps=_held(m, "wheel_speed_mps"),
         speed_used_mps=sensed.speed_mps,
-        ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5],
-        ndvi=decided_ndvi if choices.source is TargetSource.CANOPY else None,
         target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
         shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_held(m, "shaft_rpm"),

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Decision, Metered, Moment
-from control.orders import TargetSource
+from control.orders import BY_CANOPY
 from control.safety import Situation
 
 
@@ -12,7 +12,7 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
               log_ok: bool) -> Situation:
     """`between_doses`: a rate means nothing there, and is not told."""
     m, sensed = moment.m, moment.sensed
-    needs_heads = choices.source is TargetSource.CANOPY
+    needs_heads = choices.source in BY_CANOPY
     heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []
     applied = None if between_doses or metered.rate_kg_ha is None else metered.rate_kg_ha * metered.trim
     return Situation(

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from control.agronomy.strips import Strips
 from control.log_row import LogRow
 from control.loop.moment import Choices
 from control.orders import Alarm, SectionState, State
@@ -32,6 +33,7 @@ class Tick(NamedTuple):
     bench: BenchRun | None                  # while calibrating
     threshold_m: float | None               # of point mode, as learned, at this speed
     sections: tuple[SectionState, ...]      # left to right; empty where the machine has no valves
+    strips: Strips                          # N-rich and farmer check, as they count now
 
     @property
     def enabled(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from control.orders import State, TargetSource
+from control.orders import BY_PLACE, State
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Allowances
 from control.safety.motion import Motion, awaits_course
@@ -26,8 +26,6 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType({
     "log_failed": N_("The log cannot be written."),
     "target_refused": N_("The target is above the product's limit or not a number."),
 })
-
-_PLACED = (TargetSource.MAP, TargetSource.POINT)
 
 
 def forbidding(state: State, s: Situation, seen: Senses, motion: Motion, allow: Allowances,
@@ -58,7 +56,7 @@ def _speed(s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits
 
 
 def _place(s: Situation, allow: Allowances) -> tuple[str, ...]:
-    lost = ("position_lost",) if s.target_source in _PLACED and not s.position_ok else ()
+    lost = ("position_lost",) if s.target_source in BY_PLACE and not s.position_ok else ()
     outside = ("outside_field",) if s.landing_inside is False and not allow.outside else ()
     return lost + outside
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from control.orders import State, TargetSource
+from control.orders import BY_CANOPY, BY_PLACE, State
 from control.safety.hopper_watch import HopperWatch
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Memory
@@ -12,7 +12,6 @@ from control.safety.rate_watch import RateWatch
 from control.safety.senses import Senses, lasted
 from control.safety.words import Details, Situation
 
-_PLACED = (TargetSource.MAP, TargetSource.POINT)
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 _UNKNOWN = "?"
 
@@ -74,7 +73,7 @@ def _sensors(found: dict[str, Details], m: Memory, now_s: float, s: Situation, s
         found["wheel_fault"] = (("speed_mps", round(seen.gnss_speed_mps or 0.0, 1)),)
     if scale_heard and seen.hopper_kg is None:
         found["scale_silent"] = ()
-    if s.target_source is not TargetSource.CANOPY:
+    if s.target_source not in BY_CANOPY:
         return
     settled = on_s > limits.ndvi_silent_s
     if settled if s.ndvi_age_s is None else not s.ndvi_age_s <= limits.ndvi_silent_s:
@@ -97,7 +96,7 @@ def _working(found: dict[str, Details], now_s: float, s: Situation, seen: Senses
         found["speed_silent"] = ()
     if s.console_age_s is not None and not s.console_age_s <= limits.console_hold_s:
         found["console_silent"] = (("limit_s", limits.console_hold_s),)
-    if s.target_source in _PLACED and not s.position_ok:
+    if s.target_source in BY_PLACE and not s.position_ok:
         found["position_lost"] = ()
     if s.cut_from_kg_ha is not None:
         found["target_cut"] = (("planned_kg_ha", _rounded(s.cut_from_kg_ha)),

@@ -1,12 +1,25 @@
 """A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of 0.467-0.546, 8-11 %)."""
 from __future__ import annotations
 
+from math import exp, log
+
 import numpy as np
 
 from control.field.job import Canopy
 from control.machine.elements import Array
 
 CELL_M = 0.4
+# Both indices saturate with leaf area, NDVI much sooner (form after Baret and Guyot 1991, Remote Sens. Environ.
+# 35:161-173; the figures are typical of wheat, nobody's in particular).
+SOIL_NDVI, DENSE_NDVI, NDVI_PER_LEAF = 0.15, 0.95, 0.70
+SOIL_NDRE, DENSE_NDRE, NDRE_PER_LEAF = 0.08, 0.60, 0.25
+
+
+def ndre_of(ndvi: float) -> float:
+    """NDRE of the canopy that has this NDVI."""
+    bare = (DENSE_NDVI - min(ndvi, DENSE_NDVI - 0.005)) / (DENSE_NDVI - SOIL_NDVI)
+    leaf_area = max(0.0, -log(bare) / NDVI_PER_LEAF)
+    return SOIL_NDRE + (DENSE_NDRE - SOIL_NDRE) * (1.0 - exp(-NDRE_PER_LEAF * leaf_area))
 
 
 class CanopyField:

@@ -18,5 +18,6 @@ class Measuring:
         self._now = Measurements(
             t, s.gnss or self._now.gnss, Reading(s.wheel_mps, t), ndvi, Reading(s.shaft_rpm, t),
             Reading(s.opening_mm, t), Reading(s.hopper_kg, t), Reading(s.supply_v, t), Reading(s.pitch_deg, t),
-            Reading(s.roll_deg, t), s.work_switch, plants=s.plants, speed_told=s.speed_told or self._now.speed_told)
+            Reading(s.roll_deg, t), s.work_switch, plants=s.plants, speed_told=s.speed_told or self._now.speed_told,
+            canopy_index=s.canopy_index)
         return self._now

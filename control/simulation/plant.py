@@ -23,7 +23,7 @@ from control.machine.term_sums import NOTHING, More, TermSums, Told
 from control.machine.terms import SHAFT_ANGLE, Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedTold
 
-from .canopy import CanopyField
+from .canopy import CanopyField, ndre_of
 from .noise import Normals, Slow
 from .plant_rows import along_way, simulated_plants
 from .tractor import Driver, Path, Pose, field_boundary, field_path
@@ -55,6 +55,7 @@ class Sensed(NamedTuple):
     wheel_pulse_s: float | None = None      # when the newest pulse came
     plants: tuple[PlantSeen, ...] = ()      # told by the camera in this step
     speed_told: SpeedTold | None = None     # by the tractor in this step
+    canopy_index: str = "ndvi"              # that the heads give
 
 
 class Truth(NamedTuple):
@@ -271,7 +272,8 @@ class Plant:
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
-            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.told())
+            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.told(),
+            self._sim.heads_index)
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
         """Count pulses; the newest one's time is where its distance was reached within the step."""
@@ -309,12 +311,14 @@ class Plant:
         return tuple(readings)
 
     def _canopy_across(self, pose: Pose, ahead_m: float) -> list[float]:
-        """NDVI across the working width, at each head's place of it, `ahead_m` before the outlets."""
+        """What the heads read, NDVI or NDRE, across the working width, at each head's place of it, `ahead_m` before
+        the outlets."""
         geometry, angle = self.machine.geometry, radians(pose.heading_deg)
         east, north = pose.east_m + ahead_m * sin(angle), pose.north_m + ahead_m * cos(angle)
         spacing = geometry.working_width_m / geometry.heads
         asides = [(head - 0.5 * (geometry.heads - 1)) * spacing for head in range(geometry.heads)]
-        return [self._canopy.at(east + aside * cos(angle), north - aside * sin(angle)) for aside in asides]
+        ndvi = [self._canopy.at(east + aside * cos(angle), north - aside * sin(angle)) for aside in asides]
+        return ndvi if self._sim.heads_index == "ndvi" else [ndre_of(one) for one in ndvi]
 
     def _width_ndvi(self, pose: Pose, ahead_m: float) -> float:
         across = self._canopy_across(pose, ahead_m)

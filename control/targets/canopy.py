@@ -2,7 +2,9 @@
 from __future__ import annotations
 
 from control.agronomy.noa import Rule
+from control.agronomy.strips import StripValue
 
+from .hold_mean import HoldMean
 from .profile import Stretches
 
 STRAIGHT_DEG_S = 8.0            # turning faster, the outlets do not follow the heads: samples are left out
@@ -12,8 +14,11 @@ SILENT_HOLDS_S = 2.0            # heads silent: the last decision holds this lon
 class CanopyDecisions:
     """Turns samples into decisions at `decision_hz` and keeps them along the track (decision paper, section 1.2)."""
 
-    def __init__(self, rule: Rule, heads_m: float, decision_hz: float, stretches: Stretches) -> None:
+    def __init__(self, rule: Rule, heads_m: float, decision_hz: float, stretches: Stretches,
+                 hold: HoldMean | None = None) -> None:
+        """hold: the field's mean is held; None: the rule's rate as it is."""
         self.rule = rule
+        self.hold = hold
         self.stretches = stretches
         self.period_s = 1.0 / decision_hz
         self.ndvi: float | None = None              # of the last decision
@@ -23,6 +28,10 @@ class CanopyDecisions:
         self._from_m: float | None = None
         self._begun_s = 0.0
         self._sampled_s: float | None = None
+
+    def take_strip(self, strip: StripValue) -> None:
+        """A strip was measured: later decisions go by it."""
+        self.rule = self.rule.with_strip(strip)
 
     def pause(self) -> None:
         """Backing up: the heads see again what is decided already."""
@@ -49,7 +58,7 @@ class CanopyDecisions:
         here = track_m + self._heads_m
         if self._samples:
             self.ndvi = sum(self._samples) / len(self._samples)
-            self.rate_kg_ha = self.rule.decide(self.ndvi).rate_kg_ha
+            self.rate_kg_ha = self._rate(here - self._from_m)
         elif self._sampled_s is None or now_s - self._sampled_s > SILENT_HOLDS_S:
             self._from_m = None
             return False
@@ -59,3 +68,10 @@ class CanopyDecisions:
         self._samples.clear()
         self._begun_s = now_s
         return True
+
+    def _rate(self, way_m: float) -> float | None:
+        """Decided for the next `way_m` by the newest NDVI; None as long as the rule waits for its strips."""
+        if not self.rule.is_ready:
+            return None
+        rate = self.rule.decide(self.ndvi).rate_kg_ha
+        return rate if self.hold is None else min(self.rule.crop.max_rate_kg_ha, self.hold.decided(rate, way_m))

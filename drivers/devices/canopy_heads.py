@@ -24,12 +24,13 @@ class FieldMap(NamedTuple):
     ndvi: int
     index_2: int = 0        # the head's second index, e.g. NDRE
     baud: int = 38400
+    index_2_is: str = ""    # what that is: ndre, or "" where the head's owner chooses it
 
 
 PROTOCOLS: dict[str, FieldMap] = {
     "greenseeker": FieldMap(fields=5, ndvi=3, index_2=4),
-    "acs430": FieldMap(fields=5, ndvi=2, index_2=1),
-    "acs435": FieldMap(fields=8, ndvi=2, index_2=1),
+    "acs430": FieldMap(fields=5, ndvi=2, index_2=1, index_2_is="ndre"),
+    "acs435": FieldMap(fields=8, ndvi=2, index_2=1, index_2_is="ndre"),
 }
 
 

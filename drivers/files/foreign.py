@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from control.calibration.bench_table import recognise
-from control.log_row import COLUMNS
+from control.log_row import COLUMNS, NDRE_COLUMNS
 from drivers.files.findings import Finding
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed
@@ -42,7 +42,7 @@ _USES = (
     _Use(("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"),
     _Use(SPEEDS, False, "no rates and no lag distance"),
     _Use(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
-    _Use(("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6"), False,
+    _Use(("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndre", *NDRE_COLUMNS), False,
          "canopy mode cannot be replayed and the heads cannot be diagnosed"),
     _Use(("target_rate_kg_ha",), True, "no rate error"),
     _Use(("shaft_rpm_cmd", "shaft_rpm"), True, "the shaft stage cannot be diagnosed"),

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.log_row import ALL_COLUMNS, COLUMNS, HEAD_COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 
 HEADER = ",".join(COLUMNS) + "\n"
 
@@ -16,7 +16,7 @@ EXACT_COLUMNS = frozenset({"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd"
 DECIMALS = {
     "time_s": 3, "lat_deg": 9, "lon_deg": 9, "hdop": 2, "heading_deg": 3, "pitch_deg": 3, "roll_deg": 3,
     "speed_mps": 4, "wheel_speed_mps": 4, "speed_used_mps": 4,
-    "ndvi_1": 4, "ndvi_2": 4, "ndvi_3": 4, "ndvi_4": 4, "ndvi_5": 4, "ndvi_6": 4, "ndvi": 5,
+    **dict.fromkeys((*HEAD_COLUMNS, *NDRE_COLUMNS), 4), "ndvi": 5, "ndre": 5,
     "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from control.log_row import NDRE_COLUMNS
 from drivers.files.findings import Finding, many
 from drivers.files.table import Columns
 
@@ -11,19 +12,20 @@ Floats = NDArray[np.float64]
 
 SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
 _HEADS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndvi")
+_NDRE = (*NDRE_COLUMNS, "ndre")
 
 # What the quantity can be on any machine of this kind; wide on purpose.
 PLAUSIBLE = {
     "lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 180.0), "fix_quality": (0, 9), "satellites": (0, 100),
     "hdop": (0, 100), "heading_deg": (-180.0, 360.0), "pitch_deg": (-60.0, 60.0), "roll_deg": (-60.0, 60.0),
-    **dict.fromkeys(SPEEDS, (-15.0, 30.0)), **dict.fromkeys(_HEADS, (-1.0, 1.0)),
+    **dict.fromkeys(SPEEDS, (-15.0, 30.0)), **dict.fromkeys((*_HEADS, *_NDRE), (-1.0, 1.0)),
     "target_rate_kg_ha": (0.0, 5000.0), "nudge_percent": (-100.0, 100.0), "shaft_rpm_cmd": (-1000.0, 1000.0),
     "shaft_rpm": (-1000.0, 1000.0), "opening_mm_cmd": (-50.0, 500.0), "opening_mm": (-50.0, 500.0),
     "hopper_kg": (-500.0, 50_000.0), "flow_trim": (0.0, 10.0), "supply_v": (0.0, 60.0),
     "applied_rate_kg_ha": (0.0, 20_000.0), "lag_s": (0.0, 60.0), "lag_m": (-100.0, 500.0),
 }
 # Left out where they stand outside: NDVI by its definition, places by theirs.
-_EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS})
+_EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS, *_NDRE})
 
 # Numbers by which programs say "not known".
 SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S
-from control.readings import DriveCommand, GnssFix, Measurements, Reading
+from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
+from control.readings import DriveCommand, GnssFix, Measurements, Reading, SpeedTold, told_of
 from drivers.files.findings import Finding
 from drivers.files.read_log import RunLog
 
@@ -46,14 +46,19 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         return
     time_s = log.time_s.tolist()
     fixes = _fixes(log)
-    heads = [_readings(log, name, name) for name in HEAD_COLUMNS if log.has(name)] or [_readings(log, "ndvi", "ndvi_1")]
+    index = "ndre" if any(log.has(name) for name in (*NDRE_COLUMNS, "ndre")) else "ndvi"
+    single = NDRE_COLUMNS if index == "ndre" else HEAD_COLUMNS
+    heads = [_readings(log, name, name) for name in single if log.has(name)] or [_readings(log, index, "ndvi_1")]
     wheel = "speed_mps" if _speed_stands_for_wheel(log) else "wheel_speed_mps"
     sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
     switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
-    for at_s, fix, ndvi, held, work in zip(time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True), switch,
-                                           strict=True):
+    told: SpeedTold | None = None
+    for at_s, fix, ndvi, held, work, text in zip(time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True),
+                                                 switch, log.texts("speed_told").tolist(), strict=True):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll = held
-        yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work)
+        told = (told_of(text, at_s) if text else None) or told
+        yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
+                           speed_told=told, canopy_index=index)
 
 
 def commands(log: RunLog) -> Iterator[DriveCommand | None]:

@@ -9,12 +9,16 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule, prepare
-from control.field.job import Job
+from control.agronomy.growth import Growth, growth_of
+from control.agronomy.noa import Rule
+from control.agronomy.product import Product
+from control.field.job import Job, rule_of
 from control.machine.machine import Machine
+from control.machine.of_product import with_product
+from control.orders import BY_CANOPY
 from drivers.cab_config import BoardConfig, CabConfig
 from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
-from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
+from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
 
@@ -31,6 +35,12 @@ class Setup:
     sha256: dict[str, str]      # configuration file -> checksum; the job's map and plant list too
     folder: Path                # of the job file: what the job names lies beside it
     weather: Path | None        # from which the growing days were counted
+    product: Product | None = None      # whose N share and flow crop and machine have; None: their own
+
+    @property
+    def growth(self) -> Growth | None:
+        """The crop's stage in its window; None where the crop file has none."""
+        return growth_of(self.crop.growth_window, self.job.growth, self.rule.days)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -46,6 +56,8 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
         kind, loaded = load_any(file, KINDS)
         if kind is CROP:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
+        if kind is PRODUCT:
+            raise ConfigError([f"{file}: a product file: name it in the job file (key product_file)"])
         if kind.folder in ("settings", "themes"):
             raise ConfigError([f"{file}: {kind.format} is the console's: allowed are job, machine and cab files"])
         if kind.format in found:
@@ -62,24 +74,64 @@ def setup_of(found: Mapping[str, Loaded[BaseModel]], today: dt.date) -> Setup:
 
 
 def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
-    """Read a job, the crop it names and a machine. `today` is the day of sensing where the crop gives none.
+    """Read a job, the crop and the product it names, and a machine. `today` is the day of sensing where the crop gives
+    none.
 
     Raises ConfigError, one line for each thing that is wrong.
     """
     got_machine = load(machine, MACHINE)
     got_job = load(job, JOB)
     got_crop = load(got_job.model.crop, CROP, beside=got_job.path.parent)
-    crop = got_crop.model
+    got_product = product_of(got_job.model, got_job.path.parent)
+    product = None if got_product is None else got_product.model
+    crop, spreader = got_crop.model, got_machine.model
     try:
-        days = got_job.model.days or growing_days(crop, got_crop.path.parent, today)
-        rule = prepare(crop, days, got_job.model.ndvi_nrich)
+        if product is not None:
+            crop = crop.model_copy(update={"product": product.name, "product_n_fraction": product.n_fraction})
+            spreader = with_product(spreader, product)
+        days = got_job.model.days or growing_days(_dated(crop, got_job.model), got_crop.path.parent, today)
+        rule = rule_of(crop, got_job.model, days)
     except (WeatherError, ValueError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
-    sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop)}
+    sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
     weather = None if crop.days.weather is None else got_crop.path.parent / crop.days.weather
-    return Setup(got_machine.model, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder,
-                 weather)
+    return Setup(spreader, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder, weather,
+                 product)
+
+
+def _dated(crop: Crop, job: Job) -> Crop:
+    """The crop with the job's dates of sowing and sensing, where it counts days from a weather file."""
+    dates = {name: date for name, date in (("sown", job.sown), ("sensed", job.sensed)) if date is not None}
+    if crop.days.weather is None or not dates:
+        return crop
+    return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
+
+
+def growth_note(growth: Growth | None) -> str:
+    """What is to be known of the crop's stage; empty where it is in its window, or has none."""
+    if growth is None or (growth.stage is not None and not growth.is_outside):
+        return ""
+    window = f"the crop file's rule holds from {growth.scale} {growth.first:g} to {growth.last:g}"
+    if growth.stage is None:
+        return f"growth stage not said (key growth, scale {growth.scale}): {window}"
+    return f"growth stage {growth.scale} {growth.stage:g} is outside: {window}"
+
+
+def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
+    """The product file that a job names, a path beside it or a shipped one; None where it names none.
+
+    Raises ConfigError.
+    """
+    return None if job.product_file is None else load(job.product_file, PRODUCT, beside=folder)
+
+
+def product_note(product: Product, machine: Machine) -> str:
+    """What is to be known of a product on a machine; empty where a catch test says it all."""
+    if product.newest_test(machine.id) is not None:
+        return ""
+    return (f"product {product.id}: no catch test with machine {machine.id}: its own file's "
+            f"{machine.flow.grams_per_rev_mm:g} g per turn and mm counts")
 
 
 def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
@@ -105,6 +157,23 @@ def _wheels(cab: Loaded[BaseModel], board: BoardConfig, machine: Machine, machin
     return [f"{cab.path}: key board.{key}: value {ours:g}: allowed {theirs:g}, as {machine_path} has it (key "
             f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
             for key, ours, theirs in pairs if abs(ours / theirs - 1.0) > SAME_SHARE]
+
+
+def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
+    """A rule over one index fed with another one is refused: one line. cab None: the heads are simulated. A job that
+    does not go by the canopy needs none."""
+    if job.target.source not in BY_CANOPY:
+        return []
+    if cab is None:
+        if job.simulated.heads_index == crop.index:
+            return []
+        return [f"job {job.id}: key simulated.heads_index: value {job.simulated.heads_index}: allowed {crop.index}, "
+                f"over which the rule of crop {crop.id} is written"]
+    heads = cab.model.heads if isinstance(cab.model, CabConfig) else None
+    if heads is None or heads.index == crop.index:
+        return []
+    return [f"{cab.path}: key heads.index: value {heads.index}: allowed {crop.index}, over which the rule of crop "
+            f"{crop.id} is written"]
 
 
 def _sums_beside(job: Job, folder: Path) -> dict[str, str]:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
@@ -88,7 +89,8 @@ class VirtualMachine:
 
 
 def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "greenseeker", multiplexed: bool = False,
-                board: BoardConfig | None = None, opening_mm: float = OPENING_MM) -> tuple[Cab, VirtualMachine]:
+                board: BoardConfig | None = None, opening_mm: float = OPENING_MM,
+                index: Literal["ndvi", "ndre"] = "ndvi") -> tuple[Cab, VirtualMachine]:
     """A cab and the virtual machine that it is plugged into, joined by ports in memory.
 
     Parameters
@@ -96,6 +98,7 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "gre
     heads : how many canopy heads the plant has.
     protocol : how they write, one of `canopy_heads.PROTOCOLS`.
     opening_mm : where the plant's gate stands at its start.
+    index : which of the heads' indices counts.
     board : drive limits and wheel, where they differ from the nominal machine's; its port name is not used.
 
     The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
@@ -105,7 +108,8 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "gre
     pairs: dict[str, tuple[MemoryPort, MemoryPort]] = {name: memory_pair(name, clock) for name in names}
     config = CabConfig(
         gnss=GnssConfig(port="memory:gnss"),
-        heads=HeadsConfig(protocol=protocol, ports=head_names, multiplexed=multiplexed, heads=heads),
+        heads=HeadsConfig(protocol=protocol, ports=head_names, multiplexed=multiplexed, heads=heads,
+                          index=index),
         board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}))
     machine = VirtualMachine(plant, pairs["memory:gnss"][1], [pairs[name][1] for name in head_names],
                              pairs["memory:board"][1], clock(), PROTOCOLS[protocol], multiplexed,

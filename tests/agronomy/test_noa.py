@@ -21,7 +21,8 @@ from control.agronomy.noa import (
 
 
 def smooth(crop: Crop) -> Crop:
-    return crop.model_copy(update={"grades": False})
+    """Without grades, by the paper's response index, with hard ends."""
+    return crop.model_copy(update={"grades": False, "response_index": "paper", "taper_ndvi": 0.0})
 
 
 def test_table_2_comes_back_from_eq_2_to_4(huanghai):
@@ -123,7 +124,7 @@ def test_the_strip_decides_where_both_are_given(huanghai):
 
 
 def test_what_cannot_be_prepared_says_why(crop_data, oklahoma):
-    without = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"ndvi_nrich": None})
+    without = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"ndvi_nrich": None, "response_index": "paper"})
     with pytest.raises(ValueError, match="ndvi_nrich and fixed_yield_t_ha both missing"):
         prepare(without)
     by_weather = Crop.model_validate(

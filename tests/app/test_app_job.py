@@ -5,6 +5,7 @@ import asyncio
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
@@ -13,7 +14,7 @@ from console.app.gallery import StillSource
 from console.app.pages.job.check_list import CheckList
 from console.app.pages.job.day import LOOK, OK, STOP, checks, totals, worst
 from console.app.pages.job.desk import Earlier, Offer
-from console.app.pages.job.nrich import StripRun
+from console.app.pages.job.nrich import StripRun, standard_error
 from console.app.pages.job.refill import RefillWatch
 from console.app.pages.job.sample import FACTS, SampleDesk
 from console.app.services import Services
@@ -21,6 +22,7 @@ from console.app.units import METRIC
 from console.frame import Tally
 from console.link import WorkerGone
 from console.worker.resume_alarms import AlarmRecord
+from control.agronomy.strips import Strips, read_strip
 from control.log_row import LogRow
 from control.orders import Do, Order, Severity
 
@@ -41,7 +43,8 @@ def job_app(source, clock, desk):
 async def settled(app, pilot):
     """Until threads have answered and everything is shown."""
     for _ in range(3):
-        busy = [w for w in app.workers if w.group in ("job-look", "job-take", "job-work", "connect", "earlier")]
+        busy = [w for w in app.workers if w.group in ("job-look", "job-take", "job-keep", "job-work", "connect",
+                                                      "earlier")]
         if busy:                                    # an empty list would mean all, and the link's never ends
             await app.workers.wait_for_complete(busy)
         await pilot.pause()
@@ -160,10 +163,9 @@ def test_gaps_and_silent_heads_add_nothing():
     assert run.strip.length_m == pytest.approx(0.4) and not run.strip.enough and StripRun().strip.ndvi is None
 
 
-async def test_a_strip_is_driven_stored_and_the_worker_started_with_it(job_app, desk, source, clock):
+async def test_a_strip_is_driven_counts_at_once_and_is_kept(job_app, desk, source, clock):
+    """An order to the worker that runs, and a job file for the next start; nothing is started again."""
     app = job_app
-    later = StillSource(source.newest)
-    desk.next = later
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         feed(app, source, [{"state": "ready"}])
@@ -179,14 +181,65 @@ async def test_a_strip_is_driven_stored_and_the_worker_started_with_it(job_app, 
         await pilot.press("n")
         await pilot.pause()
         assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
-        assert "CV 1.4 %" in app.screen.text
+        assert "CV 1.4 %, standard error 0.001, 88 samples" in app.screen.text
         await pilot.press("enter")
         await settled(app, pilot)
-        assert desk.asked == [("strip", "0.710")]
-        assert isinstance(app.screen, Confirm), "asked before the worker is started again"
+        assert desk.asked == [("strip", "nrich", "0.710")] and not isinstance(app.screen, Confirm)
+        given = [order for order in source.orders if order.do is Do.STRIP]
+        assert [read_strip(order.value)[:2] for order in given] == [("nrich", pytest.approx(0.71, abs=1e-3))]
+
+
+async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_app, desk, source):
+    app = job_app
+    desk.known = replace(FACTS, response_index="field", ndvi_nrich=0.60)
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        await pilot.press("n")
+        await pilot.pause()
+        assert isinstance(app.screen, ChoiceDialog) and len(app.screen.choices) == 2
+        await pilot.press("2", "enter")
+        await pilot.pause()
+        start_s = source.newest.row.time_s
+        feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0} for k in range(1, 90)])
+        await pilot.press("n")
+        await pilot.pause()
+        assert app.screen.heading == "NDVI 0.650 as the farmer check of this job?"
+        assert "RI 0.92: the N-rich strip is no greener" in app.screen.text
         await pilot.press("enter")
         await settled(app, pilot)
-        assert desk.asked == [("strip", "0.710"), ("restart",)] and app.source is later and not app.gone
+        assert desk.asked == [("strip", "check", "0.650")]
+
+
+def test_strips_and_index_on_the_list(frames):
+    frame, facts = frames[-1], replace(FACTS, response_index="field")
+    texts = {check.label: (check.level, check.text) for check in checks(frame, 0.0, facts, "", 10**11, METRIC)}
+    assert texts["response index"] == (LOOK, "farmer check missing: drive one with N")
+    live = replace(frame, strips=Strips(0.66, 0.55))
+    texts = {check.label: (check.level, check.text) for check in checks(live, 0.0, facts, "", 10**11, METRIC)}
+    assert texts["response index"] == (OK, "RI 1.20: N-rich 0.660 over check 0.550")
+    assert texts["N-rich strip"] == (OK, "NDVI 0.660  measured on the way")
+    for strips, said in ((Strips(0.5, 0.55), "no greener"), (Strips(0.9, 0.29), "above 3")):
+        level, text = {check.label: (check.level, check.text) for check in checks(
+            replace(frame, strips=strips), 0.0, facts, "", 10**11, METRIC)}["response index"]
+        assert level == LOOK and said in text
+
+
+def test_a_strip_is_measured_by_whatever_source_the_machine_works():
+    """By a map or by hand the row has no fused value: the middle head stands in."""
+    run = StripRun()
+    for k in range(120):
+        run.add(LogRow(0.2 * k, ndvi_1=0.5, ndvi_2=0.7, ndvi_3=0.72, speed_used_mps=1.0))
+    assert run.strip.ndvi == pytest.approx(0.7) and run.strip.enough
+
+
+def test_samples_that_are_alike_count_for_less():
+    """White noise: s over the root of n. A slow wave of the same spread: neighbours tell the same twice."""
+    rng = np.random.default_rng(1)
+    white = (0.7 + 0.02 * rng.standard_normal(400)).tolist()
+    assert standard_error(white) == pytest.approx(0.02 / 20.0, rel=0.15)
+    wave = (0.7 + 0.02 * np.sqrt(2.0) * np.sin(np.arange(400) / 10.0)).tolist()
+    assert standard_error(wave) > 4.0 * standard_error(white)
+    assert standard_error([0.7, 0.7]) is None and standard_error([0.7] * 5) == 0.0
 
 
 async def test_a_working_machine_is_not_started_again(job_app, desk, source, shown):

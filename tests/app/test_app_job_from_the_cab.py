@@ -10,8 +10,9 @@ from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
 from console.app.field_picture import FieldPicture, Planned
 from console.app.name_dialog import NameDialog
+from console.app.pages.job.desk import File
 from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.sample import SampleDesk
+from console.app.pages.job.sample import FACTS, SampleDesk
 from console.app.sample import sample_services
 from console.app.small_map import outline, shaded
 from console.app.to_finish import to_finish
@@ -116,7 +117,28 @@ async def test_whose_job_it_is(full, desk, shown):
         assert not any(asked[0] == "who" for asked in desk.asked)
         await pilot.press("6", "enter")
         await settled(full, pilot)
-        assert ("who", "Li Ming", "", "division 2", "", "Ann") in desk.asked
+        assert ("who", "Li Ming", "", "division 2", "", "Ann", "") in desk.asked
+
+
+async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
+    """With its file, from which flow and N share come; a typed name has none."""
+    desk.known = replace(FACTS, products=(File("products/mine.yaml", "mine"), File("products/can_27.yaml", "can_27")))
+    async with full.run_test(size=SIZE) as pilot:
+        await opened(full, pilot)
+        for keys in (("2", "enter"), ("3", "enter", *"lime", "enter")):
+            await pilot.press("w")
+            await pilot.pause()
+            await pilot.press("4", "enter")
+            await pilot.pause()
+            for key in keys:
+                await pilot.press(key)
+                await pilot.pause()
+            await pilot.press("6", "enter")
+            await settled(full, pilot)
+            await pilot.press("escape")
+            await pilot.pause()
+        assert [asked[4:] for asked in desk.asked if asked[0] == "who"] == [
+            ("can_27", "", "products/can_27.yaml"), ("lime", "", "")]
 
 
 async def test_the_list_of_jobs_draws_their_fields(full, shown):

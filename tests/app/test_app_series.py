@@ -14,7 +14,7 @@ from console.app.pages.trends.axis import round_ends
 from console.app.sample import run_frames
 from console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
 from console.frame import Frame
-from control.log_row import COLUMNS, TEXT_COLUMNS, LogRow
+from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 
 
 def frame(time_s: float, ndvi: float | None) -> Frame:
@@ -22,7 +22,7 @@ def frame(time_s: float, ndvi: float | None) -> Frame:
 
 
 def test_every_number_of_a_log_row_can_be_plotted():
-    assert {channel.id for channel in CHANNELS} - {ERROR} == set(COLUMNS) - TEXT_COLUMNS - {"time_s"}
+    assert {channel.id for channel in CHANNELS} - {ERROR} == set(COLUMNS) - TEXT_COLUMNS - {"time_s", *NDRE_COLUMNS}
     row = LogRow(1.0, ndvi=0.4, target_rate_kg_ha=300.0, applied_rate_kg_ha=330.0, state="working", satellites=9)
     assert (value_of(row, "ndvi"), value_of(row, "satellites")) == (0.4, 9.0)
     assert value_of(row, ERROR) == pytest.approx(10.0)

@@ -152,7 +152,7 @@ async def test_channels_are_taken_and_dropped(live):
         assert plots.view.plots[1].unit == "%"
         await pilot.press("c")
         await pilot.pause()
-        assert live.screen.query_one("#channel-list").option_count == 32
+        assert live.screen.query_one("#channel-list").option_count == 33
         await pilot.press("space")
         await pilot.pause()
         assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"

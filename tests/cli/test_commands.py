@@ -122,7 +122,7 @@ def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> N
 
 def test_check_says_ok_for_everything_shipped() -> None:
     from drivers.files.config import shipped
-    names = [name for folder in ("machines", "crops", "jobs") for name in shipped(folder)]
+    names = [name for folder in ("machines", "crops", "products", "jobs") for name in shipped(folder)]
     assert len(names) >= 8
     result = runner.invoke(app, ["check", *names])
     assert result.exit_code == 0, result.output

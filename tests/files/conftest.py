@@ -21,7 +21,8 @@ def full_row() -> Callable[[float], LogRow]:
             opening_mm=25.2, hopper_kg=299.95, flow_trim=1.0, supply_v=13.5, applied_rate_kg_ha=330.0, lag_s=1.63,
             lag_m=2.04, state="working", strategy="opening_first", target_source="canopy", work_switch=1,
             alarms="rate_off",
-            events="mark corner;refill 120")
+            events="mark corner;refill 120", speed_told="0.0 0.5 0.0 1.25", ndre_1=0.4, ndre_2=0.41, ndre_3=0.42,
+            ndre_4=0.39, ndre_5=0.38, ndre_6=0.4, ndre=0.4)
     return make
 
 

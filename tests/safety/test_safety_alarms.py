@@ -28,6 +28,7 @@ RAISED = [
     ("device_aside", {"put_aside": ("gnss", "head_2")}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": MAP, "position_ok": False}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": POINT, "position_ok": False}, 0.0, 0.05, State.WORKING),
+    ("position_lost", {"target_source": TargetSource.MAP_AND_CANOPY, "position_ok": False}, 0.0, 0.05, State.WORKING),
     ("wheel_fault", {"wheel_mps": 0.0, "gnss_mps": 0.55}, 0.4, 0.6, State.WORKING),
     ("target_refused", {"target_rate_kg_ha": nan}, 0.0, 0.05, State.WORKING),
     ("target_cut", {"cut_from_kg_ha": 1000.0}, 0.0, 0.05, State.WORKING),

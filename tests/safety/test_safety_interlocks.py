@@ -15,6 +15,7 @@ FORBIDDEN = [
     ("standstill", {"wheel_standstill": True}),
     ("position_lost", {"position_ok": False, "target_source": TargetSource.MAP}),
     ("position_lost", {"position_ok": False, "target_source": TargetSource.POINT}),
+    ("position_lost", {"position_ok": False, "target_source": TargetSource.MAP_AND_CANOPY}),
     ("outside_field", {"landing_inside": False}),
     ("work_switch_up", {"work_switch": False}),
     ("log_failed", {"log_ok": False}),

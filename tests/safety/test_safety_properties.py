@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, assume, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
-from control.orders import Do, Order, Severity, State, TargetSource
+from control.orders import BY_PLACE, Do, Order, Severity, State, TargetSource
 from control.readings import DriveCommand
 from control.safety import (
     ALARMS,
@@ -312,7 +312,7 @@ class Rules(RuleBasedStateMachine):
                 "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s, and START not held"
             self.launched_s = self.now_s if self.launched_s is None else self.launched_s
             assert self.now_s - self.launched_s < 3.0, "a launch has its time"
-        assert s.position_ok or s.target_source not in (TargetSource.MAP, TargetSource.POINT)
+        assert s.position_ok or s.target_source not in BY_PLACE
         assert s.landing_inside is not False or self.outside_allowed
         assert s.log_ok or self.unlogged_allowed
         assert 0.0 <= s.target_rate_kg_ha <= 1000.0

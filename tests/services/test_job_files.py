@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,10 @@ from console.services.job import JobFiles, Launcher
 from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
+from control.agronomy.strips import StripValue
+from control.field.job import Job
 from control.field.totals import Sums
-from drivers.files.config import load, shipped
+from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import run_meta
@@ -40,16 +43,19 @@ def test_facts_of_what_is_shipped(desk):
 
 def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tmp_path):
     before = shipped("jobs")["demo"].read_bytes()
-    path = Path(desk.take_strip(0.71))
+    path = Path(desk.take_strip(StripValue("nrich", 0.71, 0.004, 38)))
+    assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
     facts = desk.facts()
     assert facts.ndvi_nrich == 0.71 and facts.nrich_from == "job" and facts.job_file == str(path)
+    both = load(Path(desk.take_strip(StripValue("check", 0.55))), JOB).model
+    assert (both.ndvi_nrich, both.ndvi_check) == (0.71, 0.55) and desk.facts().ndvi_check == 0.55
 
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
     desk.take("job", str(shipped("jobs")["map_demo"]))
-    new = load(Path(desk.take_strip(0.7)), JOB).model
+    new = load(Path(desk.take_strip(StripValue("nrich", 0.7))), JOB).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 
@@ -151,6 +157,19 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     stick.unlink()                                          # the stick is pulled
     facts = desk.facts()
     assert facts.source == "map" and facts.map_trouble == "" and facts.map_check is not None
+
+
+def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tmp_path):
+    """A map has its own mean; a job that lets the heads move around a map goes on doing so with another one."""
+    for target, source in (({"hold_mean_kg_ha": 250.0}, "map"),
+                           ({"source": "map_and_canopy", "map": "old.geojson"}, "map_and_canopy")):
+        data = load("demo", JOB).model.model_dump(mode="json")
+        job = Job.model_validate(data | {"target": data["target"] | target})
+        save(tmp_path / "job.yaml", job, JOB)
+        shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
+        desk.take("job", str(tmp_path / "job.yaml"))
+        new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), Reading()))), JOB).model
+        assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
 
 def test_a_map_with_two_columns_asks_and_names_them(desk, tmp_path):

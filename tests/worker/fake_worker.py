@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from console.worker.parts import Assembly, Names
 from console.worker.program import Clock, Options, main
+from control.agronomy.strips import Strips
 from control.field.totals import Totaliser, Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Do, Order, SectionState, Severity
@@ -50,6 +51,7 @@ class FakeTick:
     no_double: bool = False
     threshold_m: float | None = -0.12
     sections: tuple[SectionState, ...] = (SectionState(True), SectionState(False, "done"))
+    strips: Strips = field(default_factory=lambda: Strips(0.66, None))
 
 
 class FakeBench:

@@ -12,13 +12,16 @@ from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
 from console.locale import N_, _
+from control.agronomy.strips import Strips, doubt, measured_index
 from control.field.totals import Totals
+from control.orders import BY_CANOPY, BY_MAP
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
 SILENT_S = 2.0              # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
+SCALES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
 DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
                 "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor")}
 
@@ -39,8 +42,8 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [*_who(facts), _crop(facts), _strip(facts, units), _limits(facts, units), _field(facts, units),
-                  *_map(facts, units), _machine(facts)]
+        found += [*_who(facts), _crop(facts), *_growth(facts), _strip(facts, frame), *_response(facts, frame),
+                  *_product(facts), _limits(facts, units), _field(facts, units), *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -94,10 +97,80 @@ def _crop(facts: Facts) -> Check:
     return Check(_("crop"), OK, facts.crop, (facts.crop_file,))
 
 
-def _strip(facts: Facts, units: Units) -> Check:
+def _growth(facts: Facts) -> tuple[Check, ...]:
+    """Of a crop whose rule was made for some stages."""
+    growth = facts.growth
+    if growth is None:
+        return ()
+    label, scale = _("growth stage"), _(SCALES[growth.scale])
+    first, last = f"{growth.first:g}", f"{growth.last:g}"
+    if growth.stage is None:
+        return (Check(label, LOOK, _("not said; the rule holds from {scale} {first} to {last}").format(
+            scale=scale, first=first, last=last)),)
+    if growth.is_outside:
+        return (Check(label, LOOK, _("{scale} {stage}: the rule holds from {first} to {last} only").format(
+            scale=scale, stage=f"{growth.stage:g}", first=first, last=last)),)
+    return (Check(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
+
+
+def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
+    """As they count now: those of the worker, which knows what was measured since it began; else of the files."""
+    live = frame.strips if frame is not None else Strips()
+    if facts is None:
+        return live
+    return Strips(live.nrich or facts.ndvi_nrich, live.check or facts.ndvi_check)
+
+
+def strip_begins(which: str) -> str:
+    return (_("farmer check begins here; N again at its end, after {least} or more") if which == "check" else
+            _("N-rich strip begins here; N again at its end, after {least} or more"))
+
+
+def strip_runs(which: str) -> str:
+    return (_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   N ends it") if which == "check" else
+            _("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   N ends it"))
+
+
+def strip_title(which: str) -> str:
+    return (_("NDVI {ndvi} as the farmer check of this job?") if which == "check" else
+            _("NDVI {ndvi} as the N-rich strip of this job?"))
+
+
+def doubt_words(strips: Strips) -> str:
+    """Why the response index of the field is not to be believed as it stands; empty where nothing speaks against it."""
+    index, why = measured_index(strips), doubt(strips)
+    if index is None or not why:
+        return ""
+    said = (_("RI {index}: the N-rich strip is no greener than the check. No response: nothing will be given.")
+            if why == "below_1" else
+            _("RI {index}: above 3 is not to be believed. Were both strips of this crop, on this day?"))
+    return said.format(index=f"{index:.2f}")
+
+
+def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
+    """Of a job that goes by the response index of the field."""
+    if facts.response_index != "field" or facts.source not in BY_CANOPY:
+        return ()
+    label, strips = _("response index"), strips_now(frame, facts)
+    index = measured_index(strips)
+    if index is None:
+        missing = _("farmer check missing: drive one with N") if strips.nrich is not None else (
+            _("no strips yet: drive both with N"))
+        return (Check(label, LOOK, missing),)
+    said = doubt_words(strips)
+    if said:
+        return (Check(label, LOOK, said),)
+    return (Check(label, OK, _("RI {index}: N-rich {nrich} over check {check}").format(
+        index=f"{index:.2f}", nrich=f"{strips.nrich:.3f}", check=f"{strips.check:.3f}")),)
+
+
+def _strip(facts: Facts, frame: Frame | None) -> Check:
     label = _("N-rich strip")
-    if facts.source != "canopy":
+    if facts.source not in BY_CANOPY:
         return Check(label, OK, _("not needed: {source}").format(source=words.source_word(facts.source)))
+    live = frame.strips.nrich if frame is not None else None
+    if live is not None and live != facts.ndvi_nrich:
+        return Check(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
     if facts.ndvi_nrich is not None:
         where = _("of the job") if facts.nrich_from == "job" else _("of the crop file, not of this field")
         level = OK if facts.nrich_from == "job" else LOOK
@@ -106,6 +179,19 @@ def _strip(facts: Facts, units: Units) -> Check:
         return Check(label, LOOK, _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
             yield_t_ha=f"{facts.fixed_yield_t_ha:g}"))
     return Check(label, LOOK, _("none: drive one with N"))
+
+
+def _product(facts: Facts) -> tuple[Check, ...]:
+    """Of a job that takes a product of the library."""
+    if not facts.product_file:
+        return ()
+    label, percent = _("product"), f"{100.0 * facts.product_n_fraction:.0f}"
+    if not facts.product_test:
+        return (Check(label, LOOK, _("{product}, {percent} % N: no catch test with this machine, whose own file "
+                                     "counts").format(product=facts.product, percent=percent), (facts.product_file,)),)
+    return (Check(label, OK, _("{product}, {percent} % N, {grams} g a turn and mm (catch test of {date})").format(
+        product=facts.product, percent=percent, grams=f"{facts.product_grams:.2f}", date=facts.product_test),
+        (facts.product_file,)),)
 
 
 def _limits(facts: Facts, units: Units) -> Check:
@@ -123,7 +209,7 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
     """Of a job that names one."""
     label, name = _("map"), file_name(facts.map_file)
     if facts.map_trouble:
-        return (Check(label, STOP if facts.source == "map" else LOOK, facts.map_trouble),)
+        return (Check(label, STOP if facts.source in BY_MAP else LOOK, facts.map_trouble),)
     if facts.map_check is None:
         return ()
     said = map_words(facts.map_check, units)

@@ -9,6 +9,8 @@ from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
+from control.agronomy.growth import Growth
+from control.agronomy.strips import StripValue
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
@@ -33,12 +35,20 @@ class Facts:
     source: str = "canopy"
     ndvi_nrich: float | None = None
     nrich_from: str = ""                # job, crop; empty: no strip
+    ndvi_check: float | None = None     # farmer check
+    response_index: str = "paper"       # or field
     fixed_yield_t_ha: float | None = None
     max_rate_kg_ha: float = 0.0
     fallback_rate_kg_ha: float = 0.0
     client: str = ""
     farm: str = ""
     product: str = ""
+    product_file: str = ""              # empty: machine and crop say what is spread
+    product_n_fraction: float = 0.0
+    product_grams: float = 0.0          # per turn and mm of opening, as it is metered
+    product_test: str = ""              # day of the catch test with this machine; empty: none
+    products: tuple[File, ...] = ()
+    growth: Growth | None = None        # None: the crop file has no window
     operator: str = ""
     field: str = ""
     field_ha: float | None = None       # None: no boundary known
@@ -89,13 +99,14 @@ class MapPreview:
 
 
 class Who(NamedTuple):
-    """Whose job it is, where, of what, by whom."""
+    """Whose job it is, where, of what, by whom. product_file: of the library, what `product` names; "": none."""
 
     client: str = ""
     farm: str = ""
     field: str = ""
     product: str = ""
     operator: str = ""
+    product_file: str = ""
 
 
 class Offer(NamedTuple):
@@ -132,8 +143,8 @@ class JobDesk(Protocol):
     def take(self, kind: str, value: str) -> None:
         """Another job, crop or machine for the next start; checked first."""
 
-    def take_strip(self, ndvi: float) -> str:
-        """A new job file with this NDVI of the N-rich strip, for the next start; returns where it stands."""
+    def take_strip(self, strip: StripValue) -> str:
+        """A new job file with this NDVI of a strip, for the next start; returns where it stands."""
 
     def maps(self) -> tuple[MapFile, ...]:
         """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""

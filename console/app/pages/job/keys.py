@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Literal
 
 from console.app.action import JOB, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
-from console.app.pages.job.day import checks
+from console.app.pages.job.day import checks, doubt_words, strip_begins, strip_title
 from console.app.pages.job.desk import File, JobDesk
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.small_map import outline
 from console.locale import N_, _
+from control.agronomy.strips import StripValue
 from control.orders import Do, State
 
 if TYPE_CHECKING:
@@ -31,9 +32,7 @@ def details(page: JobScreen) -> None:
 
 def strip(page: JobScreen) -> None:
     if page.strip is None:
-        page.strip = StripRun()
-        page.app.notice(_("N-rich strip begins here; N again at its end, after {least} or more").format(
-            least=page.app.units.distance.full(LEAST_M)))
+        _begin_strip(page)
         return
     so_far = page.strip.strip
     if not so_far.enough or so_far.ndvi is None:
@@ -42,17 +41,37 @@ def strip(page: JobScreen) -> None:
         question = Confirm(_("Give the strip up?"), text)
         page.app.push_screen(question, lambda yes: _forget_strip(page) if yes else None)
         return
-    ndvi, cv = round(so_far.ndvi, 3), so_far.cv_percent or 0.0
+    value = page.strip.value
 
     def answer(yes: bool | None) -> None:
-        if yes:
+        if yes and value is not None:
             page.strip = None
-            _store_strip(page, ndvi)
+            _use_strip(page, value)
 
-    text = _("Mean over {way}, CV {cv} %. It goes into a new job file and is used after the worker's next "
-             "start.").format(way=page.app.units.distance.full(so_far.length_m), cv=f"{cv:.1f}")
-    title = _("NDVI {ndvi} as the N-rich strip of this job?").format(ndvi=f"{ndvi:.3f}")
-    page.app.push_screen(Confirm(title, text), answer)
+    text = _("Mean over {way}, CV {cv} %, standard error {se}, {samples} samples. It counts from the next decision on, "
+             "and goes into a new job file.").format(
+        way=page.app.units.distance.full(so_far.length_m), cv=f"{so_far.cv_percent or 0.0:.1f}",
+        se="--" if so_far.se is None else f"{so_far.se:.3f}", samples=so_far.samples)
+    title = strip_title(page.strip.which).format(ndvi=f"{so_far.ndvi:.3f}")
+    doubtful = doubt_words(page.strips_with(value))
+    page.app.push_screen(Confirm(title, " ".join(part for part in (text, doubtful) if part)), answer)
+
+
+def _begin_strip(page: JobScreen) -> None:
+    """Where the response index of the field counts, there are two strips: which one is asked first."""
+    def begin(which: str | None) -> None:
+        if which is not None:
+            page.strip = StripRun("check" if which == "check" else "nrich")
+            page.app.notice(strip_begins(page.strip.which).format(
+                least=page.app.units.distance.full(LEAST_M)))
+            page.hurry()
+
+    if page.facts is None or page.facts.response_index != "field":
+        begin("nrich")
+        return
+    choices = [Choice("nrich", _("N-rich strip: got enough nitrogen")),
+               Choice("check", _("farmer check: got what the field got"))]
+    page.app.push_screen(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin)
 
 
 def _forget_strip(page: JobScreen) -> None:
@@ -60,12 +79,12 @@ def _forget_strip(page: JobScreen) -> None:
     page.hurry()
 
 
-def _store_strip(page: JobScreen, ndvi: float) -> None:
+def _use_strip(page: JobScreen, value: StripValue) -> None:
+    """At once by an order; and into a job file, for the next start."""
+    page.app.give(Do.STRIP, value.text)
     desk = page.desk
-    if desk is None:
-        page.app.notice(_("files are not available here"))
-    else:
-        page.take(lambda: desk.take_strip(ndvi))
+    if desk is not None:
+        page.keep(lambda: desk.take_strip(value))
 
 
 def refill(page: JobScreen) -> None:
@@ -191,8 +210,8 @@ ACTIONS = (
            JOB, 5),
     Action("job_who", "w", "W", N_("whose"), N_("Client, farm, field, product and operator of the job."), who, JOB),
     Action("job_strip", "n", "N", N_("N strip"),
-           N_("Begins at the strip's start, ends at its end: the mean NDVI between is stored to the job."), strip, JOB,
-           7),
+           N_("Begins at the strip's start, ends at its end: the mean NDVI between counts at once, and is kept."),
+           strip, JOB, 7),
     Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
            refill, JOB, 8, asks="number"),
     Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,

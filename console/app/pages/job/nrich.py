@@ -1,21 +1,28 @@
-"""The N-rich strip: mean NDVI between two key presses. Pure."""
+"""A strip between two key presses, N-rich or farmer check: mean NDVI, its standard error, how many samples. Pure."""
 from __future__ import annotations
 
+from itertools import pairwise
 from math import sqrt
-from typing import NamedTuple
+from statistics import median
+from typing import Literal, NamedTuple
 
-from control.log_row import LogRow
+from control.agronomy.strips import StripValue
+from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 LEAST_M = 20.0
 MOST_STEP_S = 2.0           # a longer step between frames is a gap: nothing is counted in it
+MOST_ALIKE = 0.95           # of neighbouring samples: the error of the mean is not let grow beyond all bounds
 
 
 class Strip(NamedTuple):
-    """What was driven so far; ndvi None before any. cv_percent: of the fused NDVI along the way."""
+    """What was driven so far; ndvi None before any. cv_percent: of the fused NDVI along the way. se: standard error of
+    the mean; None for fewer than three samples."""
 
     length_m: float
     ndvi: float | None
     cv_percent: float | None
+    se: float | None = None
+    samples: int = 0
 
     @property
     def enough(self) -> bool:
@@ -25,22 +32,27 @@ class Strip(NamedTuple):
 class StripRun:
     """Fed with rows while the strip is driven. Every metre with an NDVI counts alike."""
 
-    def __init__(self) -> None:
+    def __init__(self, which: Literal["nrich", "check"] = "nrich") -> None:
+        self.which = which
         self._before_s: float | None = None
         self._length_m = self._sum = self._sum2 = 0.0
+        self._samples: list[float] = []         # decisions: a value that stays is one sample
 
     def add(self, row: LogRow) -> None:
         """A row of the run; rows without NDVI or speed add no length."""
         before_s, self._before_s = self._before_s, row.time_s
-        if before_s is None or row.ndvi is None or row.speed_used_mps is None:
+        ndvi = reading_of(row)
+        if before_s is None or ndvi is None or row.speed_used_mps is None:
             return
         step_s = row.time_s - before_s
         if not 0.0 < step_s <= MOST_STEP_S:
             return
         step_m = max(0.0, row.speed_used_mps) * step_s
+        if step_m > 0.0 and (not self._samples or self._samples[-1] != ndvi):
+            self._samples.append(ndvi)
         self._length_m += step_m
-        self._sum += step_m * row.ndvi
-        self._sum2 += step_m * row.ndvi * row.ndvi
+        self._sum += step_m * ndvi
+        self._sum2 += step_m * ndvi * ndvi
 
     @property
     def strip(self) -> Strip:
@@ -48,4 +60,40 @@ class StripRun:
             return Strip(0.0, None, None)
         mean = self._sum / self._length_m
         variance = max(0.0, self._sum2 / self._length_m - mean * mean)
-        return Strip(self._length_m, mean, 100.0 * sqrt(variance) / mean if mean > 0.0 else None)
+        return Strip(self._length_m, mean, 100.0 * sqrt(variance) / mean if mean > 0.0 else None,
+                     standard_error(self._samples), len(self._samples))
+
+    @property
+    def value(self) -> StripValue | None:
+        """As it is ordered; None before any NDVI."""
+        strip = self.strip
+        if strip.ndvi is None or not 0.0 < round(strip.ndvi, 4) <= 1.0:
+            return None
+        return StripValue(self.which, round(strip.ndvi, 4), strip.se, strip.samples)
+
+
+def reading_of(row: LogRow) -> float | None:
+    """What the heads read: the fused value of the decision; where another source of the target leaves it empty, their
+    middle one. None: they are silent."""
+    if row.ndvi is not None or row.ndre is not None:
+        return row.ndvi if row.ndvi is not None else row.ndre
+    known = [value for name in (*HEAD_COLUMNS, *NDRE_COLUMNS) if (value := getattr(row, name)) is not None]
+    return median(known) if known else None
+
+
+def standard_error(samples: list[float]) -> float | None:
+    """Of the mean of samples along a way, where neighbours are alike: n counts as n (1 - r) / (1 + r), r their
+    correlation (Bayley and Hammersley 1946, J. R. Stat. Soc. Suppl. 8:184-197, for a first-order process).
+
+    None for fewer than three samples."""
+    n = len(samples)
+    if n < 3:
+        return None
+    mean = sum(samples) / n
+    off = [sample - mean for sample in samples]
+    square = sum(one * one for one in off)
+    if square <= 0.0:
+        return 0.0
+    alike = sum(a * b for a, b in pairwise(off)) / square
+    alike = min(MOST_ALIKE, max(0.0, alike))
+    return sqrt(square / (n - 1) / n * (1.0 + alike) / (1.0 - alike))

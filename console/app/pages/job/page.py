@@ -12,7 +12,7 @@ from console.app.action import JOB, Action, bindings
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.job.check_list import CheckList, ChecksView
-from console.app.pages.job.day import checks, file_name, refills, totals
+from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
 from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading, Who
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
@@ -24,6 +24,7 @@ from console.app.view import RunView
 from console.app.widgets.items import Items
 from console.frame import Frame
 from console.locale import _, in_use
+from control.agronomy.strips import Strips, StripValue
 from control.orders import Do
 
 LOOK_S = 30.0                   # free disk space and files are looked at this often
@@ -114,7 +115,7 @@ class JobScreen(Page):
             strip = self.strip.strip
             ndvi = "--" if strip.ndvi is None else f"{strip.ndvi:.3f}"
             cv = "--" if strip.cv_percent is None else f"{strip.cv_percent:.1f}"
-            notes.append(JobNote(_("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   N ends it").format(
+            notes.append(JobNote(strip_runs(self.strip.which).format(
                 way=units.distance.full(strip.length_m), ndvi=ndvi, cv=cv), True))
         if self.refill.seen_kg is not None:
             notes.append(JobNote(_("the scale saw {kg} filled in: F records it").format(
@@ -178,6 +179,16 @@ class JobScreen(Page):
         self.app.push_screen(Confirm(_("Start the control worker again with it?"),
                                      _("The log ends and a new one begins; state is off.")), answer)
 
+    def strips_with(self, value: StripValue | None) -> Strips:
+        """The strips that will count, with the one just measured."""
+        frame, facts = self.app.arrival.frame, self.facts
+        now = strips_now(frame, facts)
+        return now if value is None else now._replace(**{value.which: value.ndvi})
+
+    def keep(self, work: Callable[[], str]) -> None:
+        """A file for the next start, written by `work`; what runs now knows already."""
+        self.run_worker(work, group="job-keep", name="keep", thread=True, exit_on_error=False)
+
     def take(self, work: Callable[[], str]) -> None:
         """Another file for the job: written by `work`, which gives its name; then a new start is asked."""
         self.run_worker(work, group="job-take", name="take", thread=True, exit_on_error=False)
@@ -234,24 +245,49 @@ class JobScreen(Page):
         if facts is None:
             self.app.notice(self.trouble or _("being read"))
             return
-        self._ask_name(desk, Who(facts.client, facts.farm, facts.field, facts.product, facts.operator))
+        self._ask_name(desk, Who(facts.client, facts.farm, facts.field, facts.product, facts.operator,
+                                 facts.product_file))
 
     def _ask_name(self, desk: JobDesk, who: Who) -> None:
-        labels = dict(zip(Who._fields, (_("client"), _("farm"), _("field"), _("product"), _("operator")), strict=True))
+        labels = {"client": _("client"), "farm": _("farm"), "field": _("field"), "product": _("product"),
+                  "operator": _("operator")}
         choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
         choices.append(Choice("", _("write the job with these names")))
 
         def named(name: str, text: str | None) -> None:
-            self._ask_name(desk, who if text is None else who._replace(**{name: text[:80]}))
+            if text is None:
+                self._ask_name(desk, who)
+                return
+            file = "" if name == "product" else who.product_file      # a typed name is none of the library's
+            self._ask_name(desk, who._replace(**{name: text[:80]})._replace(product_file=file))
 
         def answer(name: str | None) -> None:
             if name == "":
                 self.take(lambda: desk.take_who(who))
+            elif name == "product" and self.facts is not None and self.facts.products:
+                self._ask_product(desk, who, lambda: self.app.push_screen(
+                    NameDialog(labels[name].capitalize(), who.product), lambda text: named(name, text)))
             elif name is not None:
                 self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)),
                                      lambda text: named(name, text))
 
         self.app.push_screen(ChoiceDialog(_("Whose job is it?"), choices, ""), answer)
+
+    def _ask_product(self, desk: JobDesk, who: Who, type_name: Callable[[], object]) -> None:
+        """Of the library, with its flow and its N share; or a name that is typed."""
+        products = self.facts.products if self.facts is not None else ()
+        choices = [*(Choice(one.value, one.label) for one in products), Choice("", _("another name: machine and crop "
+                                                                                     "file say the rest"))]
+
+        def answer(value: str | None) -> None:
+            if value == "":
+                type_name()
+            else:
+                label = next((one.label for one in products if one.value == value), who.product)
+                self._ask_name(desk, who if value is None else who._replace(product=label, product_file=value))
+
+        self.app.push_screen(ChoiceDialog(_("Which product? Its flow and its share of N come with it."), choices,
+                                          who.product_file), answer)
 
     def ask_use(self, machine: str) -> None:
         """A machine file that was just written: take it for the job?"""
@@ -304,27 +340,42 @@ class JobScreen(Page):
         worker = event.worker
         if event.state not in (WorkerState.SUCCESS, WorkerState.ERROR):
             return
+        done = event.state is WorkerState.SUCCESS
         if worker is self._work:
-            self._work, self.progress = None, ""
-            if event.state is WorkerState.ERROR:
-                self.say(_("not written: {why}").format(why=_one_line(worker.error)))
-            for path in worker.result or () if event.state is WorkerState.SUCCESS else ():
-                name = file_name(path)
-                self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
-        elif worker.group == "job-look" and event.state is WorkerState.SUCCESS and worker.result is not None:
+            self._end_work(worker, done)
+        elif worker.group == "job-look" and done and worker.result is not None:
             self.facts, self.trouble, self.free_bytes = worker.result
         elif worker.group == "job-bring":
-            if event.state is WorkerState.ERROR:
-                self.say(_("cannot be used: {why}").format(why=_one_line(worker.error)))
-                self.app.notice(_one_line(worker.error))
-            else:
-                self._then(worker.result)
+            self._brought(worker, done)
+        elif worker.group == "job-keep":
+            self._kept(worker, done)
+        elif worker.group == "job-take" and not done:
+            self.say(_("not taken: {why}").format(why=_one_line(worker.error)))
         elif worker.group == "job-take":
-            if event.state is WorkerState.ERROR:
-                self.say(_("not taken: {why}").format(why=_one_line(worker.error)))
-            else:
-                self.ask_restart(str(worker.result))
+            self.ask_restart(str(worker.result))
         self.hurry()
+
+    def _end_work(self, worker: Worker[Any], done: bool) -> None:
+        self._work, self.progress = None, ""
+        if not done:
+            self.say(_("not written: {why}").format(why=_one_line(worker.error)))
+        for path in worker.result or () if done else ():
+            name = file_name(path)
+            self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
+
+    def _brought(self, worker: Worker[Any], done: bool) -> None:
+        if done:
+            self._then(worker.result)
+        else:
+            self.say(_("cannot be used: {why}").format(why=_one_line(worker.error)))
+            self.app.notice(_one_line(worker.error))
+
+    def _kept(self, worker: Worker[Any], done: bool) -> None:
+        if done:
+            self._looked_s = None
+            self.say(_("counts now; for the next start: {name}").format(name=file_name(str(worker.result))))
+        else:
+            self.say(_("not written: {why}").format(why=_one_line(worker.error)))
 
 
 def _after_cut(model_kg: float, scale_kg: float | None) -> str:

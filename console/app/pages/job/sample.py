@@ -17,6 +17,7 @@ from console.app.pages.job.desk import (
     Who,
 )
 from console.app.source import FrameSource
+from control.agronomy.strips import StripValue
 from control.targets.map_check import MapCheck
 
 FACTS = Facts(
@@ -60,8 +61,8 @@ class SampleDesk:
         self.asked.append(("take", kind, value))
         self._fail()
 
-    def take_strip(self, ndvi: float) -> str:
-        self.asked.append(("strip", f"{ndvi:.3f}"))
+    def take_strip(self, strip: StripValue) -> str:
+        self.asked.append(("strip", strip.which, f"{strip.ndvi:.3f}"))
         self._fail()
         return "jobs/division-2-strip.yaml"
 

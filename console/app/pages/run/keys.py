@@ -11,7 +11,7 @@ from console.app.pages.run.allowing import SECTIONS, allow_choices
 from console.app.pages.run.section_bar import GIVE_ALL_BACK, section_choices
 from console.app.reasons import why_no_start, why_not_ready
 from console.locale import N_, _
-from control.orders import Do, Strategy, TargetSource
+from control.orders import BY_MAP, Do, Strategy, TargetSource
 
 if TYPE_CHECKING:
     from console.app.pages.run.page import RunScreen
@@ -57,7 +57,7 @@ def source(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     picture = page.app.fields.of(frame)
     no_map = "" if picture is None or picture.planned is not None else _("this job has no map; F10, P takes one")
-    choices = [Choice(one.value, words.source_word(one.value), no_map if one is TargetSource.MAP else "")
+    choices = [Choice(one.value, words.source_word(one.value), no_map if one in BY_MAP else "")
                for one in TargetSource if one is not TargetSource.NONE]
     _ask_choice(page, _("Target from"), choices, (frame.row.target_source if frame else None) or "", Do.SOURCE)
 

@@ -1,0 +1,81 @@
+"""Is the crop at the stage for which its rule was made? A warning, never a stop.
+
+A yield curve over NDVI was fitted at certain stages: OSU's wheat curves at Feekes 4 to 6 (nue.okstate.edu/NLS/
+NLS_Non_N_Limiting_Strip.htm), best between 87 and 112 days above 4.4 degC (nue.okstate.edu/GSchart.htm). Earlier the
+crop has not yet told what it will be, later it has closed and NDVI says little.
+"""
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Scale = Literal["feekes", "bbch", "days"]
+SCALE_RANGE: dict[str, tuple[float, float]] = {"feekes": (1.0, 11.4), "bbch": (0.0, 99.0), "days": (1.0, 400.0)}
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class GrowthWindow(_Part):
+    """From which stage to which the crop's rule holds. days: as the rule counts them, above its base temperature."""
+
+    scale: Scale
+    first: float
+    last: float
+    source: str = Field(default="", description="who says so")
+
+    @model_validator(mode="after")
+    def _on_its_scale(self) -> Self:
+        low, high = SCALE_RANGE[self.scale]
+        if not low <= self.first <= self.last <= high:
+            raise ValueError(f"first {self.first:g} and last {self.last:g}: allowed is {low:g} to {high:g} on the "
+                             f"scale {self.scale}, first not after last")
+        return self
+
+
+class GrowthStage(_Part):
+    """The crop's stage on the day of work, as somebody saw it."""
+
+    scale: Literal["feekes", "bbch"]
+    stage: float
+
+    @model_validator(mode="after")
+    def _on_its_scale(self) -> Self:
+        low, high = SCALE_RANGE[self.scale]
+        if not low <= self.stage <= high:
+            raise ValueError(f"stage {self.stage:g}: allowed is {low:g} to {high:g} on the scale {self.scale}")
+        return self
+
+
+class Growth(NamedTuple):
+    """The window in the crop file's own terms, and the stage in them; None: nobody has said it."""
+
+    scale: Scale
+    first: float
+    last: float
+    stage: float | None
+
+    @property
+    def is_outside(self) -> bool:
+        return self.stage is not None and not self.first <= self.stage <= self.last
+
+    @property
+    def text(self) -> str:
+        """As a log's event says it: `feekes 8 (4 to 6)`."""
+        stage = "?" if self.stage is None else f"{self.stage:g}"
+        return f"{self.scale} {stage} ({self.first:g} to {self.last:g})"
+
+
+def growth_of(window: GrowthWindow | None, seen: GrowthStage | None, days: int) -> Growth | None:
+    """The stage in the terms of the window; None where the crop file has no window. A stage told on another scale is
+    not known on this one. days: of the rule."""
+    if window is None:
+        return None
+    stage = None
+    if window.scale == "days":
+        stage = float(days)
+    elif seen is not None and seen.scale == window.scale:
+        stage = seen.stage
+    return Growth(window.scale, window.first, window.last, stage)

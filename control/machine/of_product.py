@@ -1,0 +1,31 @@
+"""A machine as it meters a product: by the flow of that product's newest catch test with it."""
+from __future__ import annotations
+
+from control.agronomy.product import Product
+
+from .machine import Adopted, Machine
+
+REPLACED = ("flow.grams_per_rev_mm", "flow.gain", "flow.zero_offset", "flow.fill_falloff")     # what a catch test tells
+
+
+def with_product(machine: Machine, product: Product) -> Machine:
+    """The machine with the product's flow; without a catch test with this machine as it is.
+
+    Raises ValueError in one line where a test does not fit the machine.
+    """
+    test = product.newest_test(machine.id)
+    if test is None:
+        return machine
+    stage = machine.flow._replace(
+        grams_per_rev_mm=test.grams_per_rev_mm, gain_percent=0.0, zero_offset_g_rev=test.zero_offset_g_rev,
+        fill_falloff_percent=test.fill_falloff_percent)
+    try:
+        checked = Machine.model_validate({**dict(machine), "flow": stage})
+    except ValueError as error:
+        raise ValueError(f"product {product.id}: catch test of {test.date} with {machine.id}: "
+                         f"{str(error).splitlines()[-1].strip()}") from None
+    said = Adopted(id="flow.grams_per_rev_mm", size=test.grams_per_rev_mm, low=test.low, high=test.high,
+                   unit="g per revolution and mm", data=test.data or product.id, sha256=test.sha256,
+                   date=test.date.isoformat())
+    kept = tuple(one for one in machine.adopted if one.id not in REPLACED)
+    return checked.model_copy(update={"adopted": (*kept, said)})

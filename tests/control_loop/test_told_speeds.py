@@ -1,0 +1,110 @@
+"""Speeds told by the tractor are in the log, so that a rerun has them; the job's planned speed may differ by pass."""
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from console.services.rerun import rerun
+from control.field.job import Ground, Job
+from control.field.planned_speed import pass_number, planned_mps
+from control.readings import SpeedTold, told_of, told_text
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import simulated_run
+from drivers.files.read_log import read_log
+from drivers.files.replay import measurements
+from drivers.files.run_log import write_log
+from drivers.files.run_meta import run_meta
+from drivers.files.setup import load_setup
+
+FIELD = Ground(boundary_m=((0, 0), (24, 0), (24, 100), (0, 100)))
+
+
+@pytest.mark.parametrize("told", [SpeedTold(10.0, ((0.0, 1.25),), 0.5),
+                                  SpeedTold(9.93, ((0.0, 1.25), (0.7, 1.1), (2.2, 0.30000000000000004)), 1.0 / 3.0)])
+def test_a_told_speed_comes_back_to_the_last_digit(told):
+    found = told_of(told_text(told, 10.0), 10.0)
+    assert found.points == told.points and found.acceleration_mps2 == told.acceleration_mps2
+    assert found.time_s == pytest.approx(told.time_s, abs=1e-12)
+
+
+def test_points_that_say_nothing_new_are_left_out():
+    told = SpeedTold(0.0, ((0.0, 1.0), (0.1, 1.0), (0.2, 1.5), (0.3, 1.5)), 0.5)
+    assert told_text(told, 0.0) == "0.0 0.5 0.0 1.0 0.2 1.5"
+
+
+@pytest.mark.parametrize("text", ["", "x", "0.0 0.5", "0.0 0.5 1.0", "0.0 0.5 0.1 1.0", "0.0 -1.0 0.0 1.0",
+                                  "0.0 0.5 0.0 1e9", "nan 0.5 0.0 1.0"])
+def test_what_is_no_told_speed(text):
+    assert told_of(text, 10.0) is None
+
+
+def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
+    """A tractor that tells its plan, and brakes: without the column the rerun forecasts otherwise."""
+    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    changes = [{"at_s": 25.0, "speed_kmh": 3.0}, {"at_s": 32.0, "speed_kmh": 5.5}]
+    sim = type(setup.job.simulated).model_validate(setup.job.simulated.model_dump() | {
+        "begin_m": 30.0, "speed_told": "plan", "speed_changes": changes})
+    job = with_simulated_field(setup.job.model_copy(update={"simulated": sim}), setup.machine)
+    plant = simulated_machine(setup.machine, job, 1, 0.05)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+    rows = [step.tick.row for step in simulated_run(plant, loop, 45.0)]
+    log = read_log(write_log(tmp_path / "run.csv", run_meta(setup.machine, setup.crop, job), rows))
+    told = [m.speed_told for m in measurements(log)]
+    assert all(one is not None for one in told[1:]) and len({one.points for one in told[1:]}) > 50
+    replace = type(setup)(setup.machine, setup.crop, setup.rule, job, {}, tmp_path, None)
+    with_it = off(rows, log, replace)
+    assert with_it < 0.1
+    log.columns["speed_told"] = np.full(len(log), "", object)
+    assert off(rows, log, replace) > 5.0 * max(with_it, 0.02)
+
+
+def off(rows, log, setup) -> float:
+    """Mean |opening as ordered again - as it was ordered|, mm, from 20 s on."""
+    again = [tick.row for tick in rerun(log, setup)]
+    return float(np.mean([abs(a.opening_mm_cmd - b.opening_mm_cmd) for a, b in zip(again, rows, strict=True)
+                          if b.time_s > 20.0]))
+
+
+def test_a_log_without_the_column_is_read_as_before(tmp_path):
+    (tmp_path / "old.csv").write_text("time_s,speed_mps\n0.0,1.25\n0.5,1.27\n")
+    assert [m.speed_told for m in measurements(read_log(tmp_path / "old.csv"))] == [None, None]
+
+
+def test_passes_are_counted_from_the_origin_to_the_right():
+    job = Job(field=FIELD)
+    assert [pass_number(job, 2.4, east, 50.0, 1.0) for east in (0.1, 1.2, 2.3, 2.5, 23.9)] == [1, 1, 1, 2, 10]
+    assert pass_number(job, 2.4, 3.6, 50.0, 181.0) == 2 and pass_number(job, 2.4, 3.6, 50.0, 90.0) is None
+    assert pass_number(job, 2.4, -0.1, 50.0, 0.0) is None
+    east = Job(field=FIELD.model_copy(update={"pass_heading_deg": 90.0}))
+    assert pass_number(east, 2.4, 50.0, -3.6, 88.0) == 2, "heading east, the right is south"
+
+
+def test_the_planned_speed_of_the_pass():
+    by_pass = Job(field=FIELD, planned_speed_kmh=(3.6, 7.2))
+    found = [planned_mps(by_pass, 2.4, place, heading) for place, heading in (
+        ((1.2, 5.0), 0.0), ((3.6, 5.0), 180.0), ((20.0, 5.0), 0.0), ((1.2, 5.0), 90.0), (None, 0.0),
+        ((1.2, 5.0), None))]
+    assert found == [1.0, 2.0, 2.0, None, None, None], "the last one holds for all beyond"
+    assert planned_mps(Job(planned_speed_kmh=3.6), 2.4, None, None) == 1.0
+    assert planned_mps(Job(), 2.4, None, 0.0) is None
+    assert planned_mps(Job(planned_speed_kmh=(3.6,)), 2.4, (1.2, 5.0), 0.0) is None, "no field, no pass"
+    for wrong in ((), (0.0,), (3.0, 31.0)):
+        with pytest.raises(ValidationError):
+            Job(planned_speed_kmh=wrong)
+
+
+def test_the_loop_is_told_the_speed_of_its_pass():
+    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    sim = setup.job.simulated.model_copy(update={"begin_m": 30.0})
+    job = with_simulated_field(setup.job.model_copy(update={"simulated": sim, "planned_speed_kmh": (4.5, 6.0)}),
+                               setup.machine)
+    plant = simulated_machine(setup.machine, job, 1, 0.05)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+    asked = []
+    inner = loop._forecaster.update
+    loop._forecaster.update = lambda *a: (asked.append(a[-1]), inner(*a))[1]
+    list(simulated_run(plant, loop, 10.0))
+    assert asked[-1].points == ((0.0, 4.5 / 3.6),)
