@@ -27,7 +27,8 @@ import yaml
 from verdict import exit_code
 
 from console.frame import Frame
-from console.link import Link, Where, WorkerFailed, WorkerGone, find_running
+from console.link import Link, WorkerGone
+from console.running import Where, WorkerFailed, find_running
 from drivers.files.read_log import read_log
 
 SIZE = (120, 40)

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
 
+from console import quick_start
 from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
@@ -44,10 +44,12 @@ from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
 from console.link import WorkerGone
 from console.locale import _, use
+from console.running import WorkerFailed
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order
 
 NOTICE_S = 4.0
+FIRST_S = 0.02                 # how often the first frame is looked for
 _HERE = Path(__file__).parent
 Connect = Callable[[], Awaitable[FrameSource]]
 
@@ -94,6 +96,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
         self.gone = ""
+        self.not_started = ""              # why the worker that this console began with never came up
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
         self.pages = all_pages(replay, self.services)
@@ -155,8 +158,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
         if self.live:
+            self._until_first = self.set_interval(FIRST_S, self._first)
             self.set_interval(NUMBERS_S, self.tick)
-            self.call_after_refresh(gc.freeze)
+            self.call_after_refresh(quick_start.done)
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
@@ -202,6 +206,8 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def tick(self) -> None:
         """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
+        if self.not_started:                # it closes, and its page may never have been composed
+            return
         now_s = self.clock()
         if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
             self.history.add(self.arrival.frame)
@@ -217,6 +223,13 @@ class TopdressApp(App[None], inherit_bindings=False):
                 self.notice(_("That was the tour. Ctrl+T shows it again."))
         if self.page.is_mounted:            # not between its being turned to and its being composed
             self.page.tick(now_s)
+
+    def _first(self) -> None:
+        """The first frame is shown when it comes, not with the next of the ticks."""
+        if self.source is not None and self.source.newest is not None:
+            self._until_first.stop()
+            self.page.hurry()
+            self.tick()
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of and self.services.job is not None:
@@ -269,6 +282,9 @@ class TopdressApp(App[None], inherit_bindings=False):
     async def _run_source(self, source: FrameSource) -> None:
         try:
             await source.run()
+        except WorkerFailed as error:
+            self.not_started = str(error)
+            self.exit()
         except WorkerGone as error:
             self._say_gone(str(error))
         except Exception as error:      # a link that fails in any other way is as useless as one that is gone

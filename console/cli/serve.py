@@ -33,7 +33,7 @@ def serve(
         from console.serve.server import TabletServer
     except ImportError:
         raise CommandError("serve needs textual-serve: pip install 'topdress[serve]'") from None
-    from console.link import WorkerFailed, find_running
+    from console.running import WorkerFailed, find_running
     command = [sys.executable, "-P", "-m", "console.cli.tablet"]
     if token_file is not None:
         made = prepare_token(token_file)

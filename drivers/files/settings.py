@@ -7,7 +7,8 @@ from typing import Annotated, Literal, NamedTuple
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.files.config import ConfigError, Kind, load, save
+from drivers.files.config import Kind, load, save
+from drivers.files.config_error import ConfigError
 
 MOST_RATE_KG_HA = 2000.0
 

@@ -18,7 +18,8 @@ from console.cli import serve as serve_command
 from console.cli import tablet
 from console.cli.plain_errors import CommandError
 from console.cli.tablet import TAB_BYTES, SharedWaits, TabLink, options_of, token_in
-from console.link import Link, Where, WorkerFailed, start_worker
+from console.link import Link
+from console.running import Where, WorkerFailed, start_worker
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from console.app.pages.job.desk import Reading, Who
-from console.services.job import JobFiles, Launcher
+from console.services.job import JobFiles
+from console.services.launcher import Launcher
 from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
