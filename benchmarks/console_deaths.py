@@ -233,7 +233,7 @@ def at_work(console: Console) -> tuple[Where, Watcher]:
     watcher = Watcher(where)
     wait(lambda: bool(watcher.frames), 10.0, "frames", console.terminal)
     for key, state in (("r", "ready"), ("s", "working")):
-        wait(lambda: console.terminal.shows("NDVI"), 20.0, "the Run screen", console.terminal)
+        wait(lambda: console.terminal.shows("NDVI 0."), 20.0, "the Run screen", console.terminal)
         console.terminal.type(key)
         wait(lambda state=state: watcher.frames[-1][1].row.state == state, 10.0, state,      # type: ignore[misc]
              console.terminal)

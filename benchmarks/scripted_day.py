@@ -114,7 +114,7 @@ class Day:
     def morning(self) -> None:
         self.watch()
         self.first_log = Path(self.console.where().log_path).name
-        self.shows("NDVI", 30.0)
+        self.shows("NDVI 0.", 30.0)
         self.picture("start")
         self.press("F10")
         self.shows("before work")

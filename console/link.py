@@ -149,7 +149,10 @@ class ComingLink(Link):
         await super().run()
 
     async def _asked(self, message: dict[str, Any], timeout_s: float) -> Answer:
-        """Before the worker is there nothing is gone: it does not answer yet."""
+        """Before the worker is there nothing is gone: it is waited for as long as for an answer."""
         if self._writer is None and not self._gone.is_set():
-            return Answer(False, "no_answer")
+            try:
+                await asyncio.wait_for(self.attached.wait(), timeout_s)
+            except TimeoutError:
+                return Answer(False, "no_answer")
         return await super()._asked(message, timeout_s)

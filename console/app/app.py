@@ -49,6 +49,7 @@ from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order
 
 NOTICE_S = 4.0
+STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
 FIRST_S = 0.02                 # how often the first frame is looked for
 _HERE = Path(__file__).parent
 Connect = Callable[[], Awaitable[FrameSource]]
@@ -88,6 +89,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
         self.sound = live
+        self.sounds: dict[int, str] = {}        # strokes of the bell -> the command in their place
         self.alarm_book, self.ring = AlarmBook(), Bell()
         self.live = live
         self.services = services or Services()
@@ -237,8 +239,27 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.run_worker(self._learn_earlier(self.services.job, frame.log_path), group="earlier",
                             exit_on_error=False)
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
-        if self.ring.due(now_s, frame.alarms) and self.sound:
-            self.bell()
+        strokes = self.ring.due(now_s, frame.alarms)
+        if strokes and self.sound:
+            self._be_heard(strokes)
+
+    def _be_heard(self, strokes: int) -> None:
+        command, play = self.sounds.get(strokes, ""), self.services.play
+        if command and play is not None:
+            self.run_worker(self._played(play, command, strokes), group="sound", exit_on_error=False)
+        else:
+            self._strike(strokes)
+
+    async def _played(self, play: Callable[[str], str], command: str, strokes: int) -> None:
+        why = await asyncio.to_thread(play, command)
+        if why:
+            self._strike(strokes)
+            self.notice(_("no sound: {why}").format(why=why))
+
+    def _strike(self, strokes: int) -> None:
+        self.bell()
+        for number in range(1, strokes):
+            self.set_timer(number * STROKE_S, self.bell)
 
     async def _learn_earlier(self, desk: JobDesk, log_path: str) -> None:
         """Alarms and track from before this console looked."""

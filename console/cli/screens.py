@@ -48,6 +48,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.services.job import JobFiles
     from console.services.live_checker import LiveChecker
     from console.services.settings import settings_store
+    from console.services.sound import Player
 
     async def attach() -> Link:
         where = await asyncio.to_thread(find_running)
@@ -65,7 +66,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                       hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
                       services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
-                                       model_check=LiveChecker().latest if model_check else None))
+                                       play=Player(), model_check=LiveChecker().latest if model_check else None))
     app.run()
     if app.not_started:
         raise CommandError(app.not_started)

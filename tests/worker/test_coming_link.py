@@ -19,7 +19,11 @@ async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Wher
     await asyncio.sleep(0.05)
     assert link.newest is None
     assert (await link.order(Order(Do.HOLD))).why == "no_answer", "not gone: nobody is there yet"
-    coming.set_result(await asyncio.to_thread(running))
+    where = await asyncio.to_thread(running)
+    early = asyncio.create_task(link.order(Order(Do.HOLD), 20.0))
+    await asyncio.sleep(0.05)
+    coming.set_result(where)
+    assert (await early).why != "no_answer", "asked as soon as somebody is there"
     async with asyncio.timeout(20.0):
         await link.attached.wait()
     assert link.newest is not None
