@@ -124,7 +124,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap(keys)
-        self._bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
+        self.bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
         self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
@@ -169,7 +169,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """A key as it is meant. F12, and Ctrl with the key of hold, come first even where a text field has the focus,
         which takes what can be printed; a click on hold and STOP in sight works also while a dialog is open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
-            key = pressed.meant(event.key, self._bound_keys[self.page.where], self._urgent_keys)
+            key = pressed.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
             typing = isinstance(self.focused, Input)
             if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
                 await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")

@@ -35,6 +35,9 @@ class TourBar(Panel[TourView | None]):
         return [line((fit(f" {view.text}", width), f"bold {style}")),
                 line((lead, style), (skip, "bold reverse"), (end, "bold reverse"))]
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((start, 1) for _action, _text, start in ends(self.content_size.width)) if self.view else ()
+
     async def on_click(self, event: events.Click) -> None:
         event.stop()
         if event.y != 1:

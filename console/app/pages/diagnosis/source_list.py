@@ -52,6 +52,10 @@ class SourceList(Panel[SourcesView]):
     def _row(changed: str, kind: str, size: str, name: str, width: int, mark: str = " ") -> str:
         return fit(f"{mark}{fit(changed, 17)} {fit(kind, 13)} {right(size, 9)}  {name}", width)
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        shown = min(len(self.view.sources), max(1, self.content_size.height - HEAD_ROWS))
+        return tuple((0, HEAD_ROWS + row) for row in range(shown))
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         room = max(1, self.content_size.height - HEAD_ROWS)
