@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from console.app.pages.job.desk import Reading, Who
+from console.app.pages.job.desk import Reading
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
 from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.field.totals import Sums
+from control.field.who import Who
 from drivers.files.config import load, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter

@@ -9,6 +9,7 @@ from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
+from control.field.who import Who
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
@@ -86,16 +87,6 @@ class MapPreview:
     picture: FieldPicture | None = None
     check: MapCheck | None = None
     kept: str = ""
-
-
-class Who(NamedTuple):
-    """Whose job it is, where, of what, by whom."""
-
-    client: str = ""
-    farm: str = ""
-    field: str = ""
-    product: str = ""
-    operator: str = ""
 
 
 class Offer(NamedTuple):
