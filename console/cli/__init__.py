@@ -40,7 +40,7 @@ calibrations = typer.Typer(rich_markup_mode=None,
 
 @app.callback(invoke_without_command=True)
 def console(context: typer.Context,
-            version: Annotated[bool, typer.Option("--version", help="Say the version and end.")] = False) -> None:
+            version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False) -> None:
     """Terminal console of a variable-rate fertilizer applicator. Without a command: the console on the simulated
     machine."""
     if version:

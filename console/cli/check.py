@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def check(
     files: Annotated[list[str] | None, typer.Argument(metavar="CFG...", help="Configuration files, or names of shipped "
                                                       "ones.")] = None,
-    schema: Annotated[str | None, typer.Option(metavar="KIND", help="Say the JSON schema of a kind of file instead: "
+    schema: Annotated[str | None, typer.Option(metavar="KIND", help="Show the JSON schema of a kind of file instead: "
                                                "machine, crop, job, cab, ...")] = None,
     write_schemas: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there "
                                                        "instead.")] = None,

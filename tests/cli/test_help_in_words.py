@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from console.cli import app, plain_output
 from console.cli.examples import EXAMPLES
 from console.cli.plain_errors import OUR_FAULT, guarded
+from console.cli.plain_help import ranges_in_words
 
 TYPES = re.compile(r"<(str|int|float|path|list|Path)|int range|float range")
 
@@ -119,3 +120,15 @@ def test_complaints_are_in_colour_and_colour_can_be_refused(monkeypatch):
 
 def test_nothing_in_a_line_steers_the_terminal(monkeypatch):
     assert "\x1b[2J" not in drawn("a\x1b[2Jb\n", 80, True, monkeypatch)
+
+
+def test_ranges_are_told_in_words_and_texts_stay_in_their_column():
+    assert ranges_in_words("[default: 10; 1<=x<=100]") == "[default: 10; from 1 to 100]"
+    assert ranges_in_words("[0.2<=x<=60.0] [x>=0] [x<=9.5]") == "[from 0.2 to 60] [0 or more] [at most 9.5]"
+    assert ranges_in_words("[300<=x<=4000000]") == "[from 300 to 4000000]"
+    for name in EXAMPLES:
+        text = said(*name.split(), "--help")
+        assert "<=x" not in text and "x>=" not in text and "None:" not in text, name
+    arguments = said("decode", "--help").split("Arguments:")[1].split("Options:")[0].strip().splitlines()
+    starts = {re.search(r"\S+ +", line.strip()).end() for line in arguments}
+    assert len(starts) == 1, "both descriptions begin in one column"
