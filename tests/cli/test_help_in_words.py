@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from console.cli import app, plain_output
+from console.cli import app, asked, plain_output
 from console.cli.examples import EXAMPLES
 from console.cli.plain_errors import OUR_FAULT, guarded
 from console.cli.plain_help import ranges_in_words
@@ -132,3 +132,18 @@ def test_ranges_are_told_in_words_and_texts_stay_in_their_column():
     arguments = said("decode", "--help").split("Arguments:")[1].split("Options:")[0].strip().splitlines()
     starts = {re.search(r"\S+ +", line.strip()).end() for line in arguments}
     assert len(starts) == 1, "both descriptions begin in one column"
+
+
+@pytest.mark.parametrize("words", [["run", "--help"], ["map", "-h"], ["--version"], ["calibrate", "lag", "--help"],
+                                   ["rnu"], ["run", "--hz", "500"], ["decode"]])
+def test_one_command_alone_says_what_the_whole_says(words):
+    env = {"COLUMNS": "120"}
+    alone, whole = (CliRunner().invoke(one, words, env=env, prog_name="topdress") for one in (asked(words, {}), app))
+    assert (alone.exit_code, alone.output) == (whole.exit_code, whole.output)
+
+
+def test_only_the_command_that_is_asked_for_is_made_ready():
+    assert [one.name for one in asked(["run", "--hz", "20"], {}).registered_commands] == ["run"]
+    assert [one.name for one in asked([], {}).registered_commands] == ["run"], "without a command: the console"
+    for words, environment in ((["--help"], {}), (["rnu"], {}), (["calibrate"], {}), ([], {"_TOPDRESS_COMPLETE": "x"})):
+        assert asked(words, environment) is app
