@@ -347,3 +347,22 @@ async def test_a_worker_that_never_came_up_ends_the_console_with_its_line():
     async with app.run_test() as pilot:
         await pilot.pause(0.1)
     assert app.not_started == "the control worker did not start: no such port"
+
+
+async def test_a_page_that_a_small_terminal_cannot_show_says_that_it_is_open(app, shown):
+    async with app.run_test(size=(60, 20)) as pilot:
+        await pilot.pause()
+        assert not any("shows the whole page" in row for row in shown(app)[:6]), "the numbers are the Run page's own"
+        for where, name in (("map", "map"), ("settings", "settings")):
+            app.turn_to(where)
+            await pilot.pause()
+            await pilot.pause()
+            assert any(f" {name}: 80 x 24 shows the whole page" in row for row in shown(app))
+
+
+async def test_the_replay_page_without_a_log_waits_for_none(app, shown):
+    async with app.run_test(size=(100, 30)) as pilot:
+        app.turn_to("replay")
+        await pilot.pause()
+        await pilot.pause()
+        assert "no log is open" in shown(app)[0] and "waiting" not in shown(app)[0]
