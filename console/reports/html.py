@@ -7,8 +7,9 @@ from html import escape as _escape
 from console.reports.picture import Picture
 
 GENERATOR = '<meta name="generator" content="topdress">'       # in the head of every page: whose it is
-# No page may fetch or run anything, whatever words a hostile file has put into it.
-POLICY = """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">"""
+# No page may fetch or run anything, whatever words a hostile file has put into it; scales of colour are pictures in it.
+POLICY = ('<meta http-equiv="Content-Security-Policy" '
+          """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">""")
 
 
 def escape(text: object) -> str:

@@ -22,3 +22,9 @@ def test_every_page_may_fetch_nothing() -> None:
 def test_no_report_has_a_head_of_its_own() -> None:
     heads = [path.name for path in SOURCES if "<!doctype" in path.read_text(encoding="utf-8").lower()]
     assert heads == ["html.py"]
+
+
+def test_pictures_that_stand_in_a_page_are_shown() -> None:
+    """The scale of colours beside a map is a picture in the page itself."""
+    policy = html.page("", "", "").partition("Content-Security-Policy")[2].partition(">")[0]
+    assert "img-src data:" in policy and "http" not in policy and "*" not in policy
