@@ -27,7 +27,8 @@ import yaml
 from verdict import exit_code
 
 from console.frame import Frame
-from console.link import Link, Where, WorkerFailed, WorkerGone, find_running
+from console.link import Link, WorkerGone
+from console.running import Where, WorkerFailed, find_running
 from drivers.files.read_log import read_log
 
 SIZE = (120, 40)
@@ -232,7 +233,7 @@ def at_work(console: Console) -> tuple[Where, Watcher]:
     watcher = Watcher(where)
     wait(lambda: bool(watcher.frames), 10.0, "frames", console.terminal)
     for key, state in (("r", "ready"), ("s", "working")):
-        wait(lambda: console.terminal.shows("NDVI"), 20.0, "the Run screen", console.terminal)
+        wait(lambda: console.terminal.shows("NDVI 0."), 20.0, "the Run screen", console.terminal)
         console.terminal.type(key)
         wait(lambda state=state: watcher.frames[-1][1].row.state == state, 10.0, state,      # type: ignore[misc]
              console.terminal)

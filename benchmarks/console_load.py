@@ -19,7 +19,8 @@ from console_deaths import Console, at_work
 from verdict import exit_code
 
 from console.frame import Frame
-from console.link import Link, Where, WorkerGone
+from console.link import Link, WorkerGone
+from console.running import Where
 
 SAMPLE_S = 10.0
 SETTLE_S = 60.0            # not counted in the slope: caches fill, Python's heap finds its size

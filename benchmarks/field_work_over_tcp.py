@@ -22,7 +22,8 @@ from pathlib import Path
 import yaml
 
 from console.frame import Frame
-from console.link import Link, WorkerGone, start_worker
+from console.link import Link, WorkerGone
+from console.running import start_worker
 from control.orders import Do, Order
 from drivers.files.read_log import read_log
 

@@ -33,7 +33,8 @@ from typing import Any
 import yaml
 from verdict import exit_code
 
-from console.link import Link, WorkerGone, start_worker
+from console.link import Link, WorkerGone
+from console.running import start_worker
 from console.worker import resume
 from console.worker.resume_tail import with_tail
 from control.orders import Do, Order

@@ -31,7 +31,8 @@ from typing import Any
 from thread_host import ThreadHost
 from verdict import exit_code
 
-from console.link import Link, start_worker
+from console.link import Link
+from console.running import start_worker
 from console.worker.assemble import assemble
 from console.worker.host import Host
 from console.worker.program import Options

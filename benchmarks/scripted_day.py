@@ -31,6 +31,9 @@ KEYS = {"F2": "\x1bOQ", "F3": "\x1bOR", "F5": "\x1b[15~", "F7": "\x1b[18~", "F9"
         "Enter": "\r", "Space": " ", "Down": "\x1b[B", "Ctrl+Q": "\x11", "Esc": "\x1b"}
 
 
+STANDS_S = 120.0              # work that says nothing new for so long has come to a stop
+
+
 class DayConsole(Console):
     """A machine of its own behind TCP: its hopper will be empty soon, and it is not what its file says."""
 
@@ -97,6 +100,18 @@ class Day:
     def shows(self, words: str, most_s: float = 30.0) -> None:
         self.until(f"the screen says {words!r}", lambda: self.console.terminal.shows(words), most_s)
 
+    def goes_on_until(self, words: str, at_work: str) -> None:
+        """However long it takes on a busy machine: given up where the lines that tell of the work stand still."""
+        told, moved_s, begun_s = "", time.monotonic(), time.monotonic()
+        while not self.console.terminal.shows(words):
+            lines = "".join(row for row in self.console.terminal.text().splitlines() if at_work in row or "░" in row)
+            if lines != told:
+                told, moved_s = lines, time.monotonic()
+            elif time.monotonic() - moved_s > STANDS_S:
+                raise TimeoutError(f"{words!r}: no progress for {STANDS_S:g} s")
+            time.sleep(0.2)
+        self.say(f"       the screen says {words!r}: after {time.monotonic() - begun_s:.1f} s")
+
     def picture(self, name: str) -> None:
         time.sleep(1.3)                       # plots are drawn twice a second, maps once
         self.pictures += 1
@@ -114,7 +129,7 @@ class Day:
     def morning(self) -> None:
         self.watch()
         self.first_log = Path(self.console.where().log_path).name
-        self.shows("NDVI", 30.0)
+        self.shows("NDVI 0.", 30.0)
         self.picture("start")
         self.press("F10")
         self.shows("before work")
@@ -216,7 +231,7 @@ class Day:
                 break
             self.press("Down")
         self.press("Enter")
-        self.shows("against huanghai", 120.0)
+        self.goes_on_until("against huanghai", "Esc cancels")
         self.picture("diagnosis")
         self.press("k")
         self.shows("machine file")

@@ -40,6 +40,16 @@ def test_the_console_end_needs_no_configuration_code() -> None:
     assert not loaded_by("console.link") & {"numpy", "pydantic", "yaml", "serial"}
 
 
+@pytest.mark.parametrize("start", ["console.cli", "console.cli.screens", "console.services.launcher"])
+def test_the_worker_is_started_before_anything_heavy_is_imported(start: str) -> None:
+    """It takes as long to come up as the console, beside it: what is imported before comes on top of both."""
+    assert not loaded_by(start) & {*HEAVY, "numpy", "pydantic", "yaml", "serial", "shapely", "shapefile"}
+
+
+def test_the_worker_reads_no_shapes_before_a_job_names_some() -> None:
+    assert not loaded_by("console.worker.__main__") & {"shapefile", "http"}
+
+
 def test_control_is_ours() -> None:
     """python-control on PyPI installs into the same folder `control/`."""
     import control

@@ -19,7 +19,7 @@ ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTION
                                *map.ACTIONS, *trends.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)
 _NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comma": ",", "full_stop": ".", "left": "<",
           "right": ">", "up": "Up", "down": "Down", "equals_sign": "=", "slash": "/", "semicolon": ";",
-          "exclamation_mark": "!"}
+          "exclamation_mark": "!", "apostrophe": "'"}
 _shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one
 BY_ID = {action.id: action for action in ACTIONS}
 

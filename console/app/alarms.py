@@ -15,6 +15,7 @@ from console.worker.resume_alarms import AlarmRecord
 from control.orders import Alarm, Severity
 
 LEAST_APART_S = 5.0         # between two bells
+STROKES = {Severity.AMBER: 1, Severity.RED: 3}      # a terminal has one bell: how often it strikes tells which
 AGAIN_S = 30.0              # while a red alarm stands that nobody has acknowledged
 CAME_BACK_S = 10.0          # an alarm that was away for less is not new to the ear
 
@@ -25,15 +26,16 @@ class Bell:
     def __init__(self) -> None:
         self._gone_s: dict[str, float | None] = {}      # id -> when it went; None: it stands
         self._rang_s = float("-inf")
-        self._owed = False
+        self._owed = 0                      # strokes
 
-    def due(self, now_s: float, alarms: Iterable[Alarm]) -> bool:
-        """Look at what stands, a few times a second; true where the bell is to ring now."""
+    def due(self, now_s: float, alarms: Iterable[Alarm]) -> int:
+        """Look at what stands, a few times a second; how often the bell is to strike now, for the worst that is new;
+        0: not at all."""
         standing = {alarm.id: alarm for alarm in alarms}
-        for name in standing:
+        for name, alarm in standing.items():
             gone_s = self._gone_s.get(name, float("-inf"))
             if gone_s is not None and now_s - gone_s >= CAME_BACK_S:
-                self._owed = True
+                self._owed = max(self._owed, STROKES[alarm.severity])
             self._gone_s[name] = None
         for name, gone_s in self._gone_s.items():
             if gone_s is None and name not in standing:
@@ -41,13 +43,13 @@ class Bell:
         urgent = any(alarm.severity is Severity.RED and not alarm.acknowledged for alarm in standing.values())
         waited_s = now_s - self._rang_s
         if urgent and waited_s >= AGAIN_S:
-            self._owed = True
+            self._owed = STROKES[Severity.RED]
         if not standing:
-            self._owed = False
+            self._owed = 0
         if not self._owed or waited_s < LEAST_APART_S:
-            return False
-        self._owed, self._rang_s = False, now_s
-        return True
+            return 0
+        strokes, self._owed, self._rang_s = self._owed, 0, now_s
+        return strokes
 
 
 class AlarmEntry(NamedTuple):

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
 
+from console import quick_start
 from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
@@ -44,10 +44,13 @@ from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
 from console.link import WorkerGone
 from console.locale import _, use
+from console.running import WorkerFailed
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order
 
 NOTICE_S = 4.0
+STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
+FIRST_S = 0.02                 # how often the first frame is looked for
 _HERE = Path(__file__).parent
 Connect = Callable[[], Awaitable[FrameSource]]
 
@@ -86,6 +89,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
         self.sound = live
+        self.sounds: dict[int, str] = {}        # strokes of the bell -> the command in their place
         self.alarm_book, self.ring = AlarmBook(), Bell()
         self.live = live
         self.services = services or Services()
@@ -94,6 +98,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
         self.gone = ""
+        self.not_started = ""              # why the worker that this console began with never came up
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
         self.pages = all_pages(replay, self.services)
@@ -119,7 +124,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap(keys)
-        self._bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
+        self.bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
         self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
@@ -155,15 +160,16 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
         if self.live:
+            self._until_first = self.set_interval(FIRST_S, self._first)
             self.set_interval(NUMBERS_S, self.tick)
-            self.call_after_refresh(gc.freeze)
+            self.call_after_refresh(quick_start.done)
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
         """A key as it is meant. F12, and Ctrl with the key of hold, come first even where a text field has the focus,
         which takes what can be printed; a click on hold and STOP in sight works also while a dialog is open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
-            key = pressed.meant(event.key, self._bound_keys[self.page.where], self._urgent_keys)
+            key = pressed.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
             typing = isinstance(self.focused, Input)
             if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
                 await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
@@ -202,6 +208,8 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def tick(self) -> None:
         """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
+        if self.not_started:                # it closes, and its page may never have been composed
+            return
         now_s = self.clock()
         if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
             self.history.add(self.arrival.frame)
@@ -218,14 +226,40 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page.is_mounted:            # not between its being turned to and its being composed
             self.page.tick(now_s)
 
+    def _first(self) -> None:
+        """The first frame is shown when it comes, not with the next of the ticks."""
+        if self.source is not None and self.source.newest is not None:
+            self._until_first.stop()
+            self.page.hurry()
+            self.tick()
+
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of and self.services.job is not None:
             self._earlier_of = frame.log_path
             self.run_worker(self._learn_earlier(self.services.job, frame.log_path), group="earlier",
                             exit_on_error=False)
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
-        if self.ring.due(now_s, frame.alarms) and self.sound:
-            self.bell()
+        strokes = self.ring.due(now_s, frame.alarms)
+        if strokes and self.sound:
+            self._be_heard(strokes)
+
+    def _be_heard(self, strokes: int) -> None:
+        command, play = self.sounds.get(strokes, ""), self.services.play
+        if command and play is not None:
+            self.run_worker(self._played(play, command, strokes), group="sound", exit_on_error=False)
+        else:
+            self._strike(strokes)
+
+    async def _played(self, play: Callable[[str], str], command: str, strokes: int) -> None:
+        why = await asyncio.to_thread(play, command)
+        if why:
+            self._strike(strokes)
+            self.notice(_("no sound: {why}").format(why=why))
+
+    def _strike(self, strokes: int) -> None:
+        self.bell()
+        for number in range(1, strokes):
+            self.set_timer(number * STROKE_S, self.bell)
 
     async def _learn_earlier(self, desk: JobDesk, log_path: str) -> None:
         """Alarms and track from before this console looked."""
@@ -269,6 +303,9 @@ class TopdressApp(App[None], inherit_bindings=False):
     async def _run_source(self, source: FrameSource) -> None:
         try:
             await source.run()
+        except WorkerFailed as error:
+            self.not_started = str(error)
+            self.exit()
         except WorkerGone as error:
             self._say_gone(str(error))
         except Exception as error:      # a link that fails in any other way is as useless as one that is gone

@@ -31,7 +31,8 @@ class Dialog(ModalScreen[R], Generic[R]):
     """
 
     AUTO_FOCUS = ""
-    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False)]
+    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False),
+                          Binding("apostrophe", "app.do('jump')", id="jump", show=False)]
 
     def __init__(self, title: str, text: str = "") -> None:
         super().__init__()

@@ -22,10 +22,12 @@ from console.app.action import (
 )
 from console.app.alarms import entries
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
+from console.app.jump import labels, letters
 from console.app.pages.replay import keys as replay
 from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
+from console.app.screens.jump import JumpScreen, Place, places_of, press
 from console.app.tour import Tour
 from console.app.units import UNITS
 from console.locale import N_, _, in_use, languages, use
@@ -180,6 +182,19 @@ def start_from_any_page(app: TopdressApp) -> None:
     app.push_screen(Confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves.")), answer)
 
 
+def jump(app: TopdressApp) -> None:
+    """Letters over what can be clicked on the screen as it is, a dialog included."""
+    if isinstance(app.screen, JumpScreen):
+        return
+    places = places_of(app.screen)
+
+    def there(place: Place | None) -> None:
+        if place is not None:
+            press(place)
+
+    app.push_screen(JumpScreen(places, labels(len(places), letters(app.bound_keys))), there)
+
+
 def take_back(app: TopdressApp) -> None:
     change = app.undo.newest
     assert change is not None, "said by why_no_undo"
@@ -244,6 +259,8 @@ ACTIONS = (
            locked=True),
     Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), next_theme, bar=12, locked=True),
     Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), palette, bar=13),
+    Action("jump", "apostrophe", "'", N_("letters"), N_("Letters over what can be clicked; typing them clicks it."),
+           jump, locked=True),
     Action("tour", "ctrl+t", "^T", N_("guided tour"), N_("A minute on the simulated machine, key by key."), begin_tour),
     Action("tour_next", "ctrl+n", "^N", N_("tour: next"), N_("Skips a step of the guided tour."), next_step,
            why=why_no_tour),

@@ -35,3 +35,5 @@ class Services:
     layers: LayerFiles | None = None
 
     model_check: Callable[[str], Departure | None] | None = None     # of the log at a path, so far; returns at once
+
+    play: Callable[[str], str] | None = None      # begins a command that plays a sound; why it did not, empty: it did

@@ -11,9 +11,11 @@ from textual.theme import Theme
 
 from console.app import actions, themes
 from console.app.action import ANYWHERE
+from console.app.alarms import STROKES
 from console.app.pressed import ALWAYS_STOP
 from console.app.units import UNITS
 from console.locale import _, preferred, use
+from control.orders import Severity
 from drivers.files.settings import Settings
 from drivers.files.settings_theme import ThemeData
 
@@ -96,6 +98,7 @@ def apply(app: TopdressApp, settings: Settings) -> str:
         trouble = trouble or _("key theme: value {name}: allowed {known}").format(name=settings.theme, known=known)
     app.use_keymap({} if trouble and keymap_problem(settings.keymap) else settings.keymap)
     app.sound = settings.sound
+    app.sounds = {STROKES[Severity.RED]: settings.sounds.alarm, STROKES[Severity.AMBER]: settings.sounds.caution}
     low, high = app.crop_limits_kg_ha
     app.limits_kg_ha = (min(max(low, settings.manual_rate.low_kg_ha), high), min(high, settings.manual_rate.high_kg_ha))
     rates = settings.console

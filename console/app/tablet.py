@@ -73,9 +73,9 @@ class Key:
     def wrong(self, typed: str) -> str:
         """Why this does not open the machine, in one line; empty where it does."""
         if self._text is None:
-            return _("There is no key: this server was started to look only.")
+            return _("There is no key: this server was started for viewing only.")
         with self._waits.taken() as waits:
-            return _("Wrong before: wait {seconds} s.").format(seconds=1) if waits is None else self._judged(
+            return _("The last key was wrong: wait {seconds} s.").format(seconds=1) if waits is None else self._judged(
                 typed, self._text, waits)
 
     def _judged(self, typed: str, text: str, waits: Waits) -> str:
@@ -83,7 +83,7 @@ class Key:
         wait_s, until_s = waits.read()
         left_s = until_s - now_s
         if 0.0 < left_s <= MOST_WAIT_S:             # more than that was told by the clock of another day
-            return _("Wrong before: wait {seconds} s.").format(seconds=int(left_s) + 1)
+            return _("The last key was wrong: wait {seconds} s.").format(seconds=int(left_s) + 1)
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
             waits.write(0.0, now_s)
             return ""
@@ -120,7 +120,7 @@ class TabletApp(TopdressApp):
             self.call_after_refresh(self._say_gone, _(NONE_RUNS))
 
     def marks(self) -> tuple[str, ...]:
-        return (_("LOOKS ONLY"),) if self.looking else (_("TABLET"),)
+        return (_("VIEW ONLY"),) if self.looking else (_("TABLET"),)
 
     async def action_do(self, name: str) -> None:
         if self.looking and name in URGENT:
@@ -136,7 +136,7 @@ class TabletApp(TopdressApp):
         return tuple(action for action in shown if self.may(action)) if self.looking else shown
 
     def why_no_stop(self) -> str:
-        return _("looks only: hold and STOP are at the machine's console") if self.looking else ""
+        return _("view only: hold and STOP are at the machine's console") if self.looking else ""
 
     def may(self, action: Action) -> bool:
         """Whether a tab that only looks may do this."""
@@ -156,7 +156,7 @@ class TabletApp(TopdressApp):
         if self.key.exists:
             self.action_tab_key()
         else:
-            self.notice(_("this tab only looks: hold, stop and all else are at the machine's console"))
+            self.notice(_("view only: hold, stop and all else are at the machine's console"))
 
     def action_tab_key(self) -> None:
         """The key turns a tab that looks into one that operates."""
@@ -165,7 +165,7 @@ class TabletApp(TopdressApp):
         elif not self.key.exists:
             self.refuse()
         elif not isinstance(self.screen, KeyDialog):
-            self.push_screen(KeyDialog(_("This tab only looks"), "", _(
+            self.push_screen(KeyDialog(_("This tab is for viewing only"), "", _(
                 "The tablet's key lets it operate the machine. Hold and stop, too, are at the machine's console until "
                 "then. Esc: go on looking."), self.key.wrong), self._opened)
 

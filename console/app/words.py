@@ -42,7 +42,7 @@ NOTES = {
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK")}
 
 ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
-    "no_lag_rig": N_("No lag rig is heard."),
+    "no_lag_rig": N_("No signal from the lag rig."),
     "no_such_device": N_("There is no device {device}."),
     "device_in_use": N_("Not possible in state {state}."),
     "device_disconnected": N_("The device {device} is disconnected."),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def check(
     files: Annotated[list[str] | None, typer.Argument(metavar="CFG...", help="Configuration files, or names of shipped "
                                                       "ones.")] = None,
-    schema: Annotated[str | None, typer.Option(metavar="KIND", help="Say the JSON schema of a kind of file instead: "
+    schema: Annotated[str | None, typer.Option(metavar="KIND", help="Show the JSON schema of a kind of file instead: "
                                                "machine, crop, job, cab, ...")] = None,
     write_schemas: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there "
                                                        "instead.")] = None,
@@ -67,7 +67,8 @@ def write_all(folder: Path) -> None:
 
 
 def _check(files: list[str]) -> None:
-    from drivers.files.config import ConfigError, load_any
+    from drivers.files.config import load_any
+    from drivers.files.config_error import ConfigError
     from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
     from drivers.files.setup import disagreements
     wrong: list[str] = []
@@ -109,7 +110,8 @@ def _of_job(loaded: Any) -> list[str]:
 def _map_of(loaded: Any) -> list[str]:
     """Says what of a job's map will not be applied as it stands. Returns what is wrong, a line each."""
     from console.cli.map_notes import told_map
-    from drivers.files.config import ConfigError, load
+    from drivers.files.config import load
+    from drivers.files.config_error import ConfigError
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
     from drivers.files.prescriptions.words import PrescriptionError
@@ -130,7 +132,7 @@ def _notes_of(loaded: Any) -> list[str]:
     import datetime as dt
 
     from control.agronomy.strips import doubt, measured_index
-    from drivers.files.config import ConfigError
+    from drivers.files.config_error import ConfigError
     from drivers.files.setup import growth_note, load_setup
     try:
         setup = load_setup("huanghai", loaded.path, dt.date.today())
@@ -151,7 +153,8 @@ def _notes_of(loaded: Any) -> list[str]:
 
 def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     """Whether the heads of each cab, or where none is given the simulated ones, give what the job's crop needs."""
-    from drivers.files.config import ConfigError, load
+    from drivers.files.config import load
+    from drivers.files.config_error import ConfigError
     from drivers.files.kinds import CROP
     from drivers.files.setup import index_disagreements
     try:
@@ -163,7 +166,7 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
 
 def _product_of(loaded: Any) -> list[str]:
     """What is wrong with the product file that a job names, a line each."""
-    from drivers.files.config import ConfigError
+    from drivers.files.config_error import ConfigError
     from drivers.files.setup import product_of
     try:
         product_of(loaded.model, loaded.path.parent)
@@ -174,7 +177,7 @@ def _product_of(loaded: Any) -> list[str]:
 
 def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
     """What is to be known of the jobs' products on this machine."""
-    from drivers.files.config import ConfigError
+    from drivers.files.config_error import ConfigError
     from drivers.files.setup import product_note, product_of
     found = []
     for job in jobs:

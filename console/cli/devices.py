@@ -9,8 +9,8 @@ import typer
 
 def devices(
     ports: Annotated[list[str] | None, typer.Argument(metavar="[PORT...]", help="Serial ports, socket://HOST:PORT or "
-                                                      "udp://HOST:PORT. None: every serial port of this computer, and "
-                                                      "rate modules on the network.")] = None,
+                                                      "udp://HOST:PORT. Without it: every serial port of this "
+                                                      "computer, and rate modules on the network.")] = None,
     baud: Annotated[int | None, typer.Option(metavar="NUMBER", min=300, max=4_000_000,
                                              help="Listen at this rate only.")] = None,
     seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.2, max=60.0,

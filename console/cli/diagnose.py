@@ -42,7 +42,7 @@ def diagnose(
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the draws behind the probabilities.")] = 0,
     force: Force = False,
 ) -> None:
-    """Say none, named, ambiguous or unexplained; with sizes, probabilities, what it costs and what to do.
+    """Find what is wrong with the machine: the cause, its size, how sure it is, what it costs and what to do.
 
     Exit code 3: nothing of the data could be judged.
     """
@@ -208,6 +208,6 @@ def _write(found: Diagnosis, as_json: Path | None, report: Path | None, tools: d
         if as_json is not None:
             write_atomically(as_json, json.dumps(found.to_json(), indent=1) + "\n")
     if report is not None:
-        from console.reports.diagnosis_html import page
-        write_atomically(report, page(found, tools | {"date": dt.date.today().isoformat()}))
+        from console.reports.diagnosis_html import diagnosis_page
+        write_atomically(report, diagnosis_page(found, tools | {"date": dt.date.today().isoformat()}))
         typer.echo(f"report: {report}", err=True)

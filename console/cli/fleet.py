@@ -23,16 +23,16 @@ def fleet(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Report, data, and what was done already: a second run "
                                       "diagnoses only what is new.")],
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, as tcp://host:8786. "
-                                                  "None: workers on this computer.")] = None,
+                                                  "Without it: workers on this computer.")] = None,
     workers: Annotated[int, typer.Option(min=1, metavar="NUMBER",
                                          help="On this computer.")] = max(1, os.cpu_count() or 1),
-    machine: Annotated[str, typer.Option(help="Machine file, or name of a shipped one, for logs that name "
-                                         "none.")] = "huanghai",
+    machine: Annotated[str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one, for logs "
+                                         "that name none.")] = "huanghai",
     about: Annotated[str | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (file "
                                                "name or path), and unit, product, operator, field, time.")] = None,
     price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts "
                                                 "money.")] = None,
-    currency: Annotated[str, typer.Option(help="Its name.")] = "CNY",
+    currency: Annotated[str, typer.Option(metavar="NAME", help="Of the money.")] = "CNY",
     force: Force = False,
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what products, operators and

@@ -18,7 +18,7 @@ def history(
                                              "the file itself stays as it is.")] = None,
     force: Force = False,
 ) -> None:
-    """Say what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
+    """List what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
     from console.reports.history_words import side_by_side
     from control.machine.history import last_change, undone
     from drivers.files.config import load, save

@@ -24,7 +24,7 @@ def map_files(
                                            "(.csv).")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
                                              "folder (ISOXML task); of a run log also .csv and .html (the job's "
-                                             "report). None: IN is only told.")
+                                             "report). Without it: IN is only told.")
                    ] = None,
     column: Annotated[str | None, typer.Option(metavar="NAME",
                                                help="Rate column of a shapefile, GeoJSON or CSV.")] = None,

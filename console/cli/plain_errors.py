@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import typer
 
-from drivers.files.config import ConfigError
+from drivers.files.config_error import ConfigError
 from drivers.plain_text import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -71,7 +71,11 @@ def _kept_trace() -> str:
     return f"its trace is in {kept.name}: please report it"
 
 
+def has_terminal() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()
+
+
 def need_terminal(command: str, instead: str) -> None:
     """Refuses a command that draws on a terminal where there is none, and says what works there."""
-    if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
+    if not has_terminal():
         raise CommandError(f"{command} needs a terminal; without one: {instead}")

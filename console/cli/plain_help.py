@@ -1,4 +1,4 @@
-"""Help in words: what an argument is called says what it is; Python's name for its type is left out."""
+"""Help in words: what an argument is called says what it is, ranges are told; Python's names and signs are left out."""
 from __future__ import annotations
 
 import re
@@ -6,9 +6,24 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-_TYPES = re.compile(r" <(?:str|int|float|path|list\[\w+\])>")
+_TYPES = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
+_RANGE = re.compile(r"(?P<low>-?[\d.]+)<=x<=(?P<high>-?[\d.]+)|x>=(?P<least>-?[\d.]+)|x<=(?P<most>-?[\d.]+)")
+
+
+def ranges_in_words(text: str) -> str:
+    """`1<=x<=100` as from 1 to 100, `x>=0.0` as 0 or more, `x<=9` as at most 9."""
+    def words(found: re.Match[str]) -> str:
+        number = {name: value.removesuffix(".0") for name, value in found.groupdict().items() if value is not None}
+        if "low" in number:
+            return f"from {number['low']} to {number['high']}"
+        return f"{number['least']} or more" if "least" in number else f"at most {number['most']}"
+
+    return _RANGE.sub(words, text)
 
 
 class PlainCommand(TyperCommand):
     def get_help(self, ctx: Any) -> str:
-        return _TYPES.sub("", super().get_help(ctx))
+        """What is left out leaves its room: the texts behind stay in their column."""
+        said = _TYPES.sub(lambda found: found[1] + " " * len(found[2]) + found[3] if found[3] else found[1],
+                          super().get_help(ctx))
+        return ranges_in_words(said)

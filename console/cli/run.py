@@ -8,14 +8,14 @@ import typer
 
 def run(
     config: Annotated[list[str] | None, typer.Option("--config", metavar="CFG", help="Job, machine, crop or cab file; "
-                                                     "repeatable. None: the simulated machine.")] = None,
+                                                     "repeatable. Without it: the simulated machine.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE", help="Plant an effect in the simulated machine "
                                                      "(repeatable).")] = None,
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated machine.")] = 1,
     hz: Annotated[float, typer.Option(metavar="HZ", min=5.0, max=100.0, help="Control ticks a second.")] = 20.0,
-    log: Annotated[str | None, typer.Option(metavar="NAME.csv", help="Run log. None: a new file in the user's data "
-                                            "folder.")] = None,
-    model_check: Annotated[bool, typer.Option(help="Hold the log against the machine model while it grows, in a "
+    log: Annotated[str | None, typer.Option(metavar="NAME.csv", help="Run log. Without it: a new file in the user's "
+                                            "data folder.")] = None,
+    model_check: Annotated[bool, typer.Option(help="Compare the log with the machine model while it grows, in a "
                                               "process of its own.")] = True,
 ) -> None:
     """The console. Attaches to the control worker that runs, or starts one."""

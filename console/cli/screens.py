@@ -3,14 +3,15 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.cli.plain_errors import CommandError, need_terminal
+from console import quick_start
+from console.cli.plain_errors import CommandError, has_terminal, need_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from console.app.services import Services
-    from console.link import Where
+    from console.running import Where
     from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
@@ -27,14 +28,27 @@ if TYPE_CHECKING:
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None,
              model_check: bool = False) -> None:
     """The console on the worker that runs, or on one started for it."""
-    from console.link import Link, WorkerFailed, find_running
-    from console.services.job import JobFiles, Launcher
-    from drivers.files.setup import by_kind, setup_of
-    found = by_kind(config)
-    setup = setup_of(found, dt.date.today())
-    need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
+    quick_start.begin()
+    from console.running import WorkerFailed, find_running
+    from console.services.launcher import Launcher
     launcher = Launcher(config, effects, seed, hz, log, trouble_path())
-    job = JobFiles(launcher)
+    coming: Future[Where] | None = None
+    running: Where | None = None
+    try:
+        if has_terminal():
+            running = find_running()
+            if running is None and not launcher.may_go_on():
+                coming = _begun(launcher.start)
+        setup, found = _setup(config, coming)
+        need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
+    except WorkerFailed as error:
+        raise CommandError(str(error)) from None
+    from console.app.app import TopdressApp
+    from console.link import ComingLink, Link
+    from console.services.job import JobFiles
+    from console.services.live_checker import LiveChecker
+    from console.services.settings import settings_store
+    from console.services.sound import Player
 
     async def attach() -> Link:
         where = await asyncio.to_thread(find_running)
@@ -42,34 +56,42 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
             raise WorkerFailed("no control worker runs")
         return Link(where)
 
-    try:
-        running = find_running()
-        source = None
-        if running is not None:
-            launcher.adopt(running.log_path)
-            source = Link(running)
-        elif job.offer() is None:           # else the console asks whether to go on with it
-            source = Link(_beside(launcher.start))
-    except WorkerFailed as error:
-        raise CommandError(str(error)) from None
-    from console.app.app import TopdressApp
-    from console.services.live_checker import LiveChecker
-    from console.services.settings import settings_store
-    TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
-                hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
-                services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
-                                 model_check=LiveChecker().latest if model_check else None)).run()
+    job = JobFiles(launcher)
+    source: Link | None = None
+    if running is not None:
+        launcher.adopt(running.log_path)
+        source = Link(running)
+    elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
+        source = ComingLink(coming or _begun(launcher.start))
+    app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
+                      hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
+                      services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
+                                       play=Player(), model_check=LiveChecker().latest if model_check else None))
+    app.run()
+    if app.not_started:
+        raise CommandError(app.not_started)
 
 
-def _beside(start: Callable[[], Where]) -> Where:
+def _begun(start: Callable[[], Where]) -> Future[Where]:
     """The worker comes up, a process of its own, while this one imports the console: each takes about as long."""
-    with ThreadPoolExecutor(max_workers=1) as beside:
-        started = beside.submit(start)
-        import console.app.app
-        import console.services.calibrate
-        import console.services.diagnosis
-        import console.services.layers  # noqa: F401
-        return started.result()
+    beside = ThreadPoolExecutor(max_workers=1)
+    coming = beside.submit(start)
+    beside.shutdown(wait=False)
+    return coming
+
+
+def _setup(config: tuple[str, ...], coming: Future[Where] | None) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:
+    """The files as the console needs them. Raises ConfigError; the worker that comes up refuses such files too, and is
+    waited for: its last words are no concern of whoever reads the line about the file."""
+    from drivers.files.config_error import ConfigError
+    from drivers.files.setup import by_kind, setup_of
+    try:
+        found = by_kind(config)
+        return setup_of(found, dt.date.today()), found
+    except ConfigError:
+        if coming is not None:
+            wait((coming,))
+        raise
 
 
 def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> Services:

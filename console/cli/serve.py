@@ -25,15 +25,15 @@ def serve(
                     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Port to listen on.")] = 8000,
     token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Its first line is the key that lets a tab "
-                                                    "operate the machine; made where it does not exist. None: tabs "
-                                                    "only look.")] = None,
+                                                    "operate the machine; made where it does not exist. Without it: "
+                                                    "tabs only look.")] = None,
 ) -> None:
     """Serve the console to browsers. A tab attaches to the control worker that runs; it never starts one."""
     try:
         from console.serve.server import TabletServer
     except ImportError:
         raise CommandError("serve needs textual-serve: pip install 'topdress[serve]'") from None
-    from console.link import WorkerFailed, find_running
+    from console.running import WorkerFailed, find_running
     command = [sys.executable, "-P", "-m", "console.cli.tablet"]
     if token_file is not None:
         made = prepare_token(token_file)

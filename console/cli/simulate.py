@@ -44,7 +44,7 @@ def simulate(
     seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1.0, help="Simulated time.")] = 600.0,
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
     out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; beside it LOG.truth.csv. "
-                                             "None: nothing is written.")] = None,
+                                             "Without it: nothing is written.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
                                                      "the controller does not know (repeatable).")] = None,
     term: Annotated[list[str] | None, typer.Option(metavar="TERM", help="Plant a term that the controller does not "
@@ -62,7 +62,7 @@ def simulate(
     from control.machine.planting import parse_planted
     from control.simulation.assembly import with_simulated_field
     from drivers.files.atomic import write_atomically
-    from drivers.files.config import ConfigError
+    from drivers.files.config_error import ConfigError
     from drivers.files.prescriptions.for_job import check_of_job, placed_of_job
     from drivers.files.setup import index_disagreements, load_setup
 

@@ -13,8 +13,9 @@ from typing import Any
 
 from console.app.services import Services
 from console.app.tablet import NONE_RUNS, Key, TabletApp
-from console.link import Link, Where, WorkerFailed, default_run_file, find_running
+from console.link import Link
 from console.locale import _
+from console.running import Where, WorkerFailed, default_run_file, find_running
 from console.worker.system import private_folder, write_private
 from drivers.files.lock import take_lock
 

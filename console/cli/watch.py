@@ -11,12 +11,12 @@ import typer
 def watch(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A run log that grows, of this machine or any other; or "
                                         "one that is done.")],
-    machine: Annotated[str | None, typer.Option(help="Machine file, or name of a shipped one; default: the one that "
-                                                "the log names, else huanghai.")] = None,
+    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one; "
+                                                "default: the one that the log names, else huanghai.")] = None,
     to_end: Annotated[bool, typer.Option("--to-end", help="End with the log instead of waiting for more of "
                                          "it.")] = False,
 ) -> None:
-    """Say in one line when the machine departs from its model, and when it no longer does. Ctrl-C ends."""
+    """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C ends."""
     from console.cli.plain_errors import CommandError
     from console.reports.live_words import departure_line, todo
     from console.services.live_check import POLL_S, followed, lower_priority

@@ -8,7 +8,7 @@ from typing import Any
 
 from console.reports.bars import interval_bar, share_bar
 from console.reports.figure import need_matplotlib
-from console.reports.html import GENERATOR, escape, facts, figure, folded, items, paragraph, section, table
+from console.reports.html import escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
@@ -21,12 +21,10 @@ from console.reports.words import headlined, left_facts, tied, when
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
 from control.machine.machine import CATALOGUE
 
-# The page may fetch nothing, whatever words a hostile file has put into it.
-POLICY = """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">"""
 STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
 
 
-def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
+def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     """The page.
 
     `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable], "machine": Machine};
@@ -37,7 +35,6 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     need_matplotlib()
     found = headlines_first(found)
     pictures = pictures_of(found, tools)
-    name = escape(found.data.path or "data")
     parts = (
         _head(found),
         _next_run(found.next_run) if found.verdict == "ambiguous" else "",
@@ -51,11 +48,7 @@ def page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
                section("Gain on data that the naming never saw", _gains(found.gain)),
                section("Channels", _channels(found)), _not_shown(found)),
         _provenance(found, tools))
-    body = "\n".join(part for part in parts if part)
-    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"{GENERATOR}<title>Diagnosis of {name}</title>\n"
-            f"<style>{STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
+    return page(f"Diagnosis of {found.data.path or 'data'}", STYLE, "\n".join(part for part in parts if part))
 
 
 def _head(found: Diagnosis) -> str:

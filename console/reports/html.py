@@ -7,6 +7,9 @@ from html import escape as _escape
 from console.reports.picture import Picture
 
 GENERATOR = '<meta name="generator" content="topdress">'       # in the head of every page: whose it is
+# No page may fetch or run anything, whatever words a hostile file has put into it; scales of colour are pictures in it.
+POLICY = ('<meta http-equiv="Content-Security-Policy" '
+          """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">""")
 
 
 def escape(text: object) -> str:
@@ -15,9 +18,10 @@ def escape(text: object) -> str:
 
 def page(title: str, style: str, body: str) -> str:
     """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML."""
-    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-            f'content="width=device-width">{GENERATOR}<title>{escape(title)}</title>'
-            f"<style>{style}</style></head>\n<body>{body}</body></html>\n")
+    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"{GENERATOR}<title>{escape(title)}</title>\n"
+            f"<style>{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
 
 
 def paragraph(text: str, kind: str = "") -> str:

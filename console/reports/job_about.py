@@ -6,6 +6,7 @@ from typing import NamedTuple
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
 from console.reports.html import escape, facts
 from console.reports.picture import Picture
+from control.field.who import Who
 from control.orders import Severity
 from control.safety import ALARMS
 from drivers.files.read_log import RunLog
@@ -31,12 +32,8 @@ class Happened(NamedTuple):
 class About(NamedTuple):
     """Empty: nobody said so."""
 
-    client: str = ""
-    farm: str = ""
-    field: str = ""
+    who: Who = Who()
     crop: str = ""
-    product: str = ""
-    operator: str = ""
     map: str = ""
     simulated: bool = False
     happened: Happened = Happened()
@@ -55,8 +52,9 @@ def about_of(log: RunLog) -> About:
         return str(of.get(name) or "")
 
     field, target = dict(job.get("field") or {}), dict(job.get("target") or {})
-    return About(said(job, "client"), said(job, "farm"), said(field, "title"), said(crop, "name"),
-                 said(job, "product"), said(job, "operator"), said(target, "map").replace("\\", "/").rpartition("/")[2],
+    who = Who(said(job, "client"), said(job, "farm"), said(field, "title"), said(job, "product"),
+              said(job, "operator"))
+    return About(who, said(crop, "name"), said(target, "map").replace("\\", "/").rpartition("/")[2],
                  meta is not None and meta.seed is not None, happened(log))
 
 
@@ -101,8 +99,9 @@ def _number(text: str) -> float:
 
 def named(about: About, product: str) -> str:
     """The sheet's head: what is not known is a line to be filled in by hand."""
-    pairs = [("Client", about.client), ("Farm", about.farm), ("Field", about.field), ("Crop", about.crop),
-             ("Product", product), ("Operator", about.operator), ("Map", about.map),
+    who = about.who
+    pairs = [("Client", who.client), ("Farm", who.farm), ("Field", who.field), ("Crop", about.crop),
+             ("Product", product), ("Operator", who.operator), ("Map", about.map),
              ("Growth stage", f"outside the crop's rule: {about.happened.growth}" if about.happened.growth else "")]
     return facts([(name, escape(value) if value else '<span class="blank"></span>') for name, value in pairs
                   if value or name not in ("Map", "Growth stage")])

@@ -48,7 +48,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
     when = "" if begun is None else f", {begun:%Y-%m-%d %H:%M} UTC"
     return page(applied.title, STYLE, (
             f'<h1>{escape(applied.title + when)}</h1>{simulated_band(about)}'
-            f'<p class="verdict">{escape(said)}</p>\n{named(about, about.product or applied.product.name)}\n'
+            f'<p class="verdict">{escape(said)}</p>\n{named(about, about.who.product or applied.product.name)}\n'
             f'{section("Sums", sums)}\n{section("Wanted and applied", figure(applied_map(applied)))}\n'
             f'{section("What happened", figure(time_line(about)))}\n'
             f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'

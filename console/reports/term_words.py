@@ -44,10 +44,10 @@ def compensation(plain: Mapping[str, Any]) -> str:
     """What control does about a term once the machine file has it."""
     term = Term.model_validate(plain)
     if why := not_compensated(term):
-        return _("Control cannot take it back: {why}").format(why=_(WHY_NOT.get(why, why)))
+        return _("Control cannot correct for it: {why}").format(why=_(WHY_NOT.get(why, why)))
     if partly := partly_compensated(term):
-        return _("Control takes it back {how}").format(how=_(WHY_NOT.get(partly, partly)))
-    return _("Control takes it back")
+        return _("Control corrects for it {how}").format(how=_(WHY_NOT.get(partly, partly)))
+    return _("Control corrects for it")
 
 
 def variable_name(name: str) -> str:

@@ -147,11 +147,11 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
 
 def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     """Without matplotlib there is no report; the page says so when one is asked for."""
-    from console.reports.diagnosis_html import page
+    from console.reports.diagnosis_html import diagnosis_page
     from console.reports.figure import NoPictures
     from drivers.files.atomic import write_atomically
     try:
-        write_atomically(path, page(found, tools | {"date": dt.date.today().isoformat()}))
+        write_atomically(path, diagnosis_page(found, tools | {"date": dt.date.today().isoformat()}))
     except NoPictures:
         path.unlink(missing_ok=True)
 
@@ -194,7 +194,7 @@ def _say(what: dict[str, Any]) -> None:
 
 
 def main(path: str) -> int:
-    from drivers.files.config import ConfigError
+    from drivers.files.config_error import ConfigError
     if hasattr(os, "nice"):
         os.nice(NICE)
     try:

@@ -1,16 +1,12 @@
 """What the Job screen has done: facts of the configuration, other files, exports, and going on after a power cut."""
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import datetime as dt
 import shutil
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
-
-import platformdirs
 
 from console.app.field_picture import Ring
 from console.app.pages.job.desk import (
@@ -26,17 +22,19 @@ from console.app.pages.job.desk import (
     Offer,
     Progress,
     Reading,
-    Who,
 )
+from console.services.launcher import Launcher, data_folder
 from console.worker import resume
+from control.field.who import Who
 from control.orders import BY_MAP, TargetSource
-from drivers.files.config import ConfigError, Loaded, load, load_any, save, shipped
-from drivers.files.kinds import CAB, CROP, JOB, KINDS, MACHINE, PRODUCT
+from drivers.files.config import Loaded, load, save, shipped
+from drivers.files.config_error import ConfigError
+from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from console.link import Link, Where
+    from console.link import Link
     from control.agronomy.strips import StripValue
     from control.field.job import Job
     from control.machine.machine import Machine
@@ -45,56 +43,6 @@ if TYPE_CHECKING:
 
 OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
 MOST_FILES = 11             # in one list of choices
-
-
-def data_folder() -> Path:
-    return Path(platformdirs.user_data_dir("topdress", appauthor=False))
-
-
-class Launcher:
-    """Starts control workers, with the files as they were last chosen."""
-
-    def __init__(self, config: Sequence[str], effects: Sequence[str], seed: int, hz: float, log: str | None,
-                 trouble: Path) -> None:
-        self.config, self.effects, self.seed, self.hz, self.log = tuple(config), tuple(effects), seed, hz, log
-        self.trouble = trouble
-
-    def start(self, resumed: Path | None = None) -> Where:
-        """Raises WorkerFailed."""
-        from console.link import start_worker
-        arguments = [*_pairs("--config", self.config), *_pairs("--effect", self.effects), "--seed", str(self.seed),
-                     "--hz", f"{self.hz:g}"]
-        if self.log is not None:
-            arguments += ["--log", self.log]
-        if resumed is not None:
-            arguments += ["--resume", str(resumed)]
-        return start_worker(arguments, self.trouble)
-
-    async def link(self, resumed: Path | None = None) -> Link:
-        from console.link import Link
-        return Link(await asyncio.to_thread(self.start, resumed))
-
-    @property
-    def logs(self) -> Path:
-        """The folder in which logs are written."""
-        return data_folder() / "logs" if self.log is None else Path(self.log).parent
-
-    def adopt(self, log_path: str) -> None:
-        """Take the files of a worker that runs already: its log's sidecar names them."""
-        from drivers.files.run_meta import meta_from_yaml
-        try:
-            meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return
-        found = []
-        for file in meta.sha256:
-            try:
-                kind, _loaded = load_any(Path(file), KINDS)
-            except ConfigError:
-                continue
-            if kind in (JOB, MACHINE, CAB):
-                found.append(file)
-        self.config = tuple(found)
 
 
 class JobFiles:
@@ -488,7 +436,3 @@ def _from(beside: Path, name: str) -> str:
 
 def _is_path(name: str) -> bool:
     return "/" in name or "\\" in name or name.lower().endswith((".yaml", ".yml"))
-
-
-def _pairs(option: str, values: Sequence[str]) -> list[str]:
-    return [word for value in values for word in (option, value)]

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import gc
 import os
 import secrets
 import sys
@@ -12,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from console import quick_start
 from console.worker import run_file
 from console.worker.host import Host
 from console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, ORPHAN_S
@@ -86,8 +86,7 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
             return _refused(error)
         said.start()
         link.start()
-        gc.collect()
-        gc.freeze()
+        quick_start.done()
         try:
             host.run()
         finally:

@@ -11,14 +11,13 @@ from typing import Any
 
 from console.worker.resume_alarms import AlarmRecord, plain_records, records_of
 from console.worker.resume_ground import NOTHING_DONE, Spot, packed, unpacked
+from console.worker.snapshots import ENDING, FORMAT, newest_first, saved_ns
 from control.field.coverage import Raster
 from control.field.totals import NOTHING, Sums
 from control.orders import Strategy
 from drivers.files.atomic import write_atomically
 from drivers.files.limits import RESUME, held_to
 
-FORMAT = "topdress-resume/1"
-ENDING = ".resume.json"
 WORTH_HA = 0.001            # less done than this: nothing to go on with
 
 Place = tuple[float, float]
@@ -86,8 +85,8 @@ def write(path: Path, snapshot: Snapshot) -> None:
     own |= {"sums": snapshot.sums._asdict(), "alarms": plain_records(snapshot.alarms),
             "ground": packed(snapshot.ground)}
     write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
-    others = max((_saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0)
-    if others >= _saved_ns(path):
+    others = max((saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0)
+    if others >= saved_ns(path):
         os.utime(path, ns=(others + 1_000_000, others + 1_000_000))
 
 
@@ -110,20 +109,13 @@ def finish(path: Path) -> None:
 
 def newest(folder: Path) -> tuple[Path, Snapshot] | None:
     """The job that was saved last in a folder, if it was cut off. Files that cannot be read are passed over."""
-    for path in sorted(folder.glob(f"*{ENDING}"), key=_saved_ns, reverse=True):
+    for path in newest_first(folder):
         try:
             snapshot = read(path)
         except (ValueError, OSError):
             continue
         return (path, snapshot) if snapshot.worth_going_on and not snapshot.quit else None
     return None
-
-
-def _saved_ns(path: Path) -> int:
-    try:
-        return path.stat().st_mtime_ns
-    except OSError:
-        return 0
 
 
 def _snapshot(data: Mapping[str, Any]) -> Snapshot:

@@ -36,9 +36,9 @@ class CanopyField:
         x = CELL_M * np.minimum(np.arange(columns), columns - np.arange(columns))
         y = CELL_M * np.minimum(np.arange(rows), rows - np.arange(rows))
         covariance = np.exp(-np.hypot(x[None, :], y[:, None]) / canopy.correlation_m)
-        spectrum = np.sqrt(np.maximum(0.0, np.fft.fft2(covariance).real))
-        white = np.fft.fft2(rng.standard_normal((rows, columns)))
-        field = np.fft.ifft2(spectrum * white).real
+        spectrum = np.sqrt(np.maximum(0.0, np.fft.rfft2(covariance).real))
+        white = np.fft.rfft2(rng.standard_normal((rows, columns)))
+        field = np.fft.irfft2(spectrum * white, s=(rows, columns))
         field = (field - field.mean()) / field.std()
         ndvi = canopy.mean_ndvi * (1.0 + canopy.cv_percent / 100.0 * field)
         self.ndvi: Array = np.clip(ndvi, 0.02, 0.98)

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Protocol
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
+def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> None:
     """Replaces `path` by `content` (text as UTF-8) in one step: after a power loss the old or the new file is there.
 
-    Raises OSError where the folder cannot be written; the old file is then untouched.
+    kept: returns when that is so; else `keep` is still to be called. Raises OSError where the folder cannot be
+    written; the old file is then untouched.
     """
     data = content.encode() if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
@@ -20,13 +21,22 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if kept:
+                os.fsync(file.fileno())
         os.chmod(name, 0o666 & ~_UMASK)
         os.replace(name, path)
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(name)
         raise
+    if kept:
+        _sync_folder(path.parent)
+
+
+def keep(path: Path) -> None:
+    """Returns when a file that was written, and its name, survive a power loss. Raises OSError."""
+    with open(path, "r+b") as file:
+        os.fsync(file.fileno())
     _sync_folder(path.parent)
 
 

@@ -17,22 +17,14 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from drivers.files.atomic import write_atomically
+from drivers.files.config_error import ConfigError
 from drivers.files.config_words import explain, nearest
 from drivers.files.limits import CONFIG
 from drivers.files.plain import plain, schema_of
 from drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
-from drivers.plain_text import one_line
 
 M = TypeVar("M", bound=BaseModel)
 Model = TypeVar("Model", bound=BaseModel, covariant=True)
-
-
-class ConfigError(Exception):
-    """`lines`: one sentence for each thing that is wrong, ready to be shown."""
-
-    def __init__(self, lines: Iterable[str]) -> None:
-        self.lines = tuple(map(one_line, lines))
-        super().__init__("\n".join(self.lines))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from control.log_row import LogRow
-from drivers.files.atomic import LogFile, NewFile, create, sidecar, write_atomically
+from drivers.files.atomic import LogFile, NewFile, create, keep, sidecar, write_atomically
 from drivers.files.log_text import RowText, columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
@@ -27,16 +27,19 @@ _BLOCK_BYTES = 1 << 20
 Create = Callable[[Path, bool], LogFile]
 
 
-def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create) -> LogFile:
-    """A new log with its sidecar and its header, kept on the disk. Raises OSError.
+def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create,
+              kept: bool = True) -> LogFile:
+    """A new log with its sidecar and its header. Raises OSError.
 
-    An existing log or sidecar is left alone and NAME-2, NAME-3, ... taken, unless `overwrite`.
+    kept: on the disk when it returns; a disk may take a second for that. An existing log or sidecar is left alone and
+    NAME-2, NAME-3, ... taken, unless `overwrite`.
     """
     file = create(path, overwrite)
     try:
-        write_atomically(sidecar(file.path), meta_to_yaml(meta))
+        write_atomically(sidecar(file.path), meta_to_yaml(meta), kept)
         _write_all(file, bytearray(_header(meta)))
-        file.sync()
+        if kept:
+            file.sync()
     except BaseException:
         file.close()
         file.path.unlink(missing_ok=True)
@@ -97,7 +100,8 @@ class RunLogWriter:
     def __init__(self, path: Path, meta: RunMeta, *, overwrite: bool = False,
                  clock: Callable[[], float] = time.monotonic, create: Create = create, flush_s: float = FLUSH_S,
                  sync_s: float = SYNC_S, max_waiting_rows: int = MAX_WAITING_ROWS) -> None:
-        """Creates the files here, on the caller's thread: before the loop starts. Never raises OSError.
+        """Creates the files here, on the caller's thread: before the loop starts. That they are kept is the other
+        thread's first work: a slow disk delays no start. Never raises OSError.
 
         `beside` may be set later: it is called on the log's thread after each turn of writing, with whether it was
         the last one, and must not raise.
@@ -118,7 +122,8 @@ class RunLogWriter:
         self._lost = 0
         self._good_at_s = self._synced_at_s = clock()
         self._closing = threading.Event()
-        self._open()
+        self._begun_kept = False
+        self._open(kept=False)
         self._thread = threading.Thread(target=self._run, name="run-log", daemon=True)
         self._thread.start()
 
@@ -185,11 +190,16 @@ class RunLogWriter:
 
     def _write(self, closing: bool) -> None:
         if self._file is None:
-            self._open()
+            self._open(kept=True)
         if self._file is None:
             return
         now_s = self._clock()
         try:
+            if not self._begun_kept:
+                with contextlib.suppress(FileNotFoundError):        # somebody took it away: the log goes on
+                    keep(sidecar(self._file.path))
+                self._file.sync()
+                self._begun_kept = True
             if self._trouble and not self._file.stands:
                 self._file = self._gone_on_with(self._file)
             waiting = bytes(self._formatted)
@@ -230,10 +240,10 @@ class RunLogWriter:
             before.close()
         return file
 
-    def _open(self) -> None:
+    def _open(self, kept: bool) -> None:
         try:
-            self._file = begin_log(self._wanted, self._meta, self._overwrite, self._create)
-            self._trouble = ""
+            self._file = begin_log(self._wanted, self._meta, self._overwrite, self._create, kept)
+            self._begun_kept, self._trouble = kept, ""
         except OSError as error:
             self._trouble = _in_words(self._wanted, error)
             self._good_at_s = self._clock()

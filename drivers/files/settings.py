@@ -7,7 +7,8 @@ from typing import Annotated, Literal, NamedTuple
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.files.config import ConfigError, Kind, load, save
+from drivers.files.config import Kind, load, save
+from drivers.files.config_error import ConfigError
 
 MOST_RATE_KG_HA = 2000.0
 
@@ -39,6 +40,16 @@ class Rates(Part):
     maps_hz: Annotated[float, Field(ge=0.1, le=1.0)] = 1.0
 
 
+Command = Annotated[str, Field(max_length=500, description="command that plays it; empty: the terminal's bell")]
+
+
+class Sounds(Part):
+    """What is heard in place of the terminal's bell, where `sound` is on."""
+
+    alarm: Command = ""         # flow is stopped or about to be
+    caution: Command = ""       # work goes on
+
+
 class Settings(Part):
     """Settings file "topdress-settings/1"; every key may be left out."""
 
@@ -46,6 +57,7 @@ class Settings(Part):
     language: Literal["auto", "en", "zh"] = "auto"
     theme: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")] = "day"
     sound: bool = True
+    sounds: Sounds = Sounds()
     manual_rate: ManualRate = ManualRate()
     console: Rates = Rates()
     keymap: dict[str, Keys] = Field(default={}, description="action -> keys, where other than the built-in ones")

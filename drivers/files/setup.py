@@ -17,7 +17,8 @@ from control.machine.machine import Machine
 from control.machine.of_product import with_product
 from control.orders import BY_CANOPY
 from drivers.cab_config import BoardConfig, CabConfig
-from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
+from drivers.files.config import Loaded, load, load_any, sha256_of
+from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days

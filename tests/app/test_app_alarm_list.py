@@ -1,13 +1,17 @@
 """When the bell rings, and the list of alarms."""
 from __future__ import annotations
 
+import sys
+import threading
+import time
 from dataclasses import replace
 
 from console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
 from console.app.screens.alarm_list import AlarmList
 from console.app.units import METRIC
+from console.services.sound import Player
 from console.worker.resume_alarms import AlarmBook
-from control.orders import Alarm, Severity
+from control.orders import Alarm, Do, Severity
 
 RED = Alarm("shaft_silent", Severity.RED, 0.0)
 OTHER = Alarm("speed_silent", Severity.RED, 0.0)
@@ -99,3 +103,52 @@ async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown
         await pilot.press("escape", "end", "exclamation_mark")
         await pilot.pause()
         assert any("does not answer" in row for row in shown(app))
+
+
+def test_an_alarm_strikes_three_times_and_a_caution_once():
+    bell = Bell()
+    assert bell.due(0.0, (AMBER,)) == 1
+    assert bell.due(6.0, (AMBER, RED)) == 3
+    assert bell.due(6.0 + AGAIN_S, (AMBER, RED)) == 3, "again while nobody acknowledged it"
+    both = Bell()
+    assert both.due(0.0, (AMBER, RED)) == 3, "the worst of what is new"
+
+
+async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_console(app, source, clock, monkeypatch):
+    heard, played, waited = [], [], threading.Event()
+
+    def play(command):
+        waited.wait(20.0)                       # a sound server that does not answer
+        played.append(command)
+        return "no such player" if len(played) > 1 else ""
+
+    monkeypatch.setattr(app, "bell", lambda: heard.append(clock.now_s))
+    app.services = replace(app.services, play=play)
+    async with app.run_test() as pilot:
+        app.sound, app.sounds = True, {3: "play siren", 1: ""}
+        source.newest = replace(source.newest, seq=source.newest.seq + 1, alarms=(RED,))
+        app.tick()
+        await pilot.press("space")
+        await pilot.pause(0.05)
+        assert [order.do for order in source.orders] == [Do.HOLD] and not heard and not played
+        waited.set()
+        await pilot.pause(0.1)
+        assert played == ["play siren"] and not heard
+        clock.now_s += 40.0
+        source.newest = replace(source.newest, seq=source.newest.seq + 1, alarms=(RED,))
+        app.tick()
+        await pilot.pause(0.1)
+        assert heard and "no sound: no such player" in app.notice_text, "the bell rings where nothing can be played"
+
+
+def test_a_player_begins_a_command_and_does_not_wait(tmp_path):
+    player = Player()
+    assert "no-such-player" in player("no-such-player siren.oga")
+    assert player('"unclosed') != ""
+    slow = f"{sys.executable} -c 'import time; time.sleep(30)'"
+    begun_s = time.monotonic()
+    assert player(slow) == "" and time.monotonic() - begun_s < 15.0
+    first = player._playing
+    assert player(slow) == "" and player._playing is first, "one at a time"
+    first.kill()
+    first.wait()

@@ -153,9 +153,9 @@ def test_what_a_test_heard_in_words(frames):
     device = many_devices(frames[-1]).devices[0]
     heard = replace(device, test=DeviceTest(False, "nmea0183", 38400, 12, 1, "$GNGGA"))
     rows = {row.label: row.text for row in device_view.details(heard, 0.0).rows}
-    assert rows["test"] == "nmea0183 speaks; at 38400 Bd; 12 understood, 1 rejected; $GNGGA"
+    assert rows["test"] == "nmea0183 is heard; at 38400 Bd; 12 understood, 1 rejected; $GNGGA"
     nothing = replace(device, test=DeviceTest(False, said="silent"))
-    assert device_view.details(nothing, 0.0).rows[5].text.startswith("nothing known speaks here")
+    assert device_view.details(nothing, 0.0).rows[5].text.startswith("no known device is heard here")
 
 
 async def test_without_a_machine_nothing_breaks(clock, shown):

@@ -123,7 +123,7 @@ async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown
         await pilot.pause()
         assert isinstance(desk.screen, ChoiceDialog) and service.asked[1:] == []
         text = " ".join("\n".join(shown(desk)).split())
-        assert "This data cannot tell them apart: which is taken up?" in text
+        assert "This data cannot tell them apart: which one is adopted?" in text
         assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, True, True, False]
         assert "The running job keeps its machine file" in text
         assert desk.screen.at == 3, "what is sure, until somebody chooses otherwise"
@@ -433,7 +433,7 @@ def test_cost_in_both_units_and_where_nothing_is_known():
     assert diagnosis_words.cost(cause, METRIC) == "-6.1 % = -20 kg/ha   +0.50 m"
     assert diagnosis_words.cost(cause, IMPERIAL) == "-6.1 % = -18 lb/ac   +1.64 ft"
     assert diagnosis_words.cost(cause._replace(rate_percent=None, place_m=None), METRIC) == "not known"
-    assert diagnosis_words.cost(cause._replace(rate_percent=0.0, place_m=None), METRIC) == "no dose, no metres"
+    assert diagnosis_words.cost(cause._replace(rate_percent=0.0, place_m=None), METRIC) == "no effect on rate or place"
 
 
 def test_steps_of_a_counted_plan():

@@ -14,6 +14,7 @@ from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import Panel
 from console.app.widgets.rates import Rates
 from console.link import WorkerGone
+from console.running import WorkerFailed
 from control.orders import Alarm, Do, Order, Severity
 from control.safety import Allowances
 
@@ -320,3 +321,48 @@ async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown)
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "WORKING" in text and "█" in text and "STOP" in text
+
+
+async def test_the_first_frame_waits_for_no_tick(frames, monkeypatch, shown):
+    monkeypatch.setattr("console.app.app.NUMBERS_S", 3600.0)
+    source = StillSource(None)
+    app = TopdressApp(source, utc_offset_s=0.0)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await pilot.pause(0.1)
+        assert "NO DATA" in "".join(shown(app))
+        source.newest = frames[-1]
+        for _ in range(200):
+            await pilot.pause(0.05)
+            if "WORKING" in "".join(shown(app)):
+                break
+        assert "WORKING" in "".join(shown(app))
+
+
+async def test_a_worker_that_never_came_up_ends_the_console_with_its_line():
+    class NeverThere(StillSource):
+        async def run(self):
+            raise WorkerFailed("the control worker did not start: no such port")
+
+    app = TopdressApp(NeverThere(None), live=False, utc_offset_s=0.0)
+    async with app.run_test() as pilot:
+        await pilot.pause(0.1)
+    assert app.not_started == "the control worker did not start: no such port"
+
+
+async def test_a_page_that_a_small_terminal_cannot_show_says_that_it_is_open(app, shown):
+    async with app.run_test(size=(60, 20)) as pilot:
+        await pilot.pause()
+        assert not any("shows the whole page" in row for row in shown(app)[:6]), "the numbers are the Run page's own"
+        for where, name in (("map", "map"), ("settings", "settings")):
+            app.turn_to(where)
+            await pilot.pause()
+            await pilot.pause()
+            assert any(f" {name}: 80 x 24 shows the whole page" in row for row in shown(app))
+
+
+async def test_the_replay_page_without_a_log_waits_for_none(app, shown):
+    async with app.run_test(size=(100, 30)) as pilot:
+        app.turn_to("replay")
+        await pilot.pause()
+        await pilot.pause()
+        assert "no log is open" in shown(app)[0] and "waiting" not in shown(app)[0]

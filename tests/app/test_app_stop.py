@@ -24,6 +24,7 @@ from console.app.sample import sample_services
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
+from console.app.screens.jump import JumpScreen
 from console.app.settings import keymap_problem
 from console.app.tablet import Key, KeyDialog, TabletApp
 from console.app.units import METRIC
@@ -53,6 +54,7 @@ DIALOGS = {
     GoneScreen: lambda: GoneScreen("gone", True, True),
     AlarmList: lambda: AlarmList("Alarms", ()),
     HelpScreen: lambda: HelpScreen(actions.at("run")),
+    JumpScreen: lambda: JumpScreen((), ()),
     settings_page.ThemeDialog: lambda: settings_page.ThemeDialog("Theme", [Choice("day", "Day"), Choice("night", "N")],
                                                                  "day"),
     settings_page.KeyDialog: lambda: settings_page.KeyDialog("start", "S"),

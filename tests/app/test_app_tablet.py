@@ -36,7 +36,7 @@ async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, so
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.pause()
         app.tick()
-        assert "LOOKS ONLY" in shown(app)[0]
+        assert "VIEW ONLY" in shown(app)[0]
         for page in [name for name in app.pages if name not in CLOSED]:
             app.turn_to(page)
             await pilot.pause()
@@ -54,7 +54,7 @@ async def test_a_refusal_is_said_in_words(tab, shown):
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("s")
         await pilot.pause()
-        assert "this tab only looks" in shown(app)[-1]
+        assert "view only: hold" in shown(app)[-1]
         assert len(app.screen_stack) == 1
 
 
@@ -128,11 +128,11 @@ async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
 def test_wrong_keys_make_one_wait_longer_each_time(clock):
     key = Key("abcd2345", clock)
     assert key.wrong("abcd2346") == "This is not the tablet's key."
-    assert key.wrong("abcd2345") == "Wrong before: wait 2 s."
+    assert key.wrong("abcd2345") == "The last key was wrong: wait 2 s."
     clock.now_s += 1.0
     assert key.wrong("") == "This is not the tablet's key."
     clock.now_s += 1.5
-    assert key.wrong("abcd2345").startswith("Wrong before")
+    assert key.wrong("abcd2345").startswith("The last key was wrong")
     clock.now_s += 0.5
     assert key.wrong(" abcd2345\n") == ""
-    assert Key(None, clock).wrong("") == "There is no key: this server was started to look only."
+    assert Key(None, clock).wrong("") == "There is no key: this server was started for viewing only."

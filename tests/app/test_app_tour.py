@@ -7,6 +7,7 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.tour import READ_S, STEPS, Tour
+from console.app.widgets.tour_bar import TourBar
 
 SIZE = (120, 40)
 
@@ -79,3 +80,18 @@ async def test_a_click_ends_it(frame_of, source, clock):
         await pilot.click(bar, offset=(bar.size.width - 3, 1))
         await pilot.pause()
         assert app.tour is None
+
+
+@pytest.mark.parametrize("size", [(160, 50), (80, 24), (60, 20)])
+async def test_every_step_is_read_to_its_end_at_any_size(app, source, shown, size):
+    source.newest = None                        # no step is done by itself
+    async with app.run_test(size=size) as pilot:
+        app.tour = Tour()
+        for step in app.tour.steps:
+            app.look()
+            await pilot.pause()
+            await pilot.pause()
+            bar = app.page.query_one(TourBar)
+            rows = shown(app)[bar.region.y:bar.region.bottom]
+            assert " ".join(" ".join(rows[:-1]).split()) == step.text and "end the tour" in rows[-1]
+            app.tour.next()

@@ -12,10 +12,13 @@ import pytest
 import console.app
 from console.app import words
 from console.app.gallery import Picture, settle, still_app
+from console.app.pages.job.day import crop_note
 from console.locale import N_, _, catalogue, in_use, languages, preferred, use
 from console.locale.po import read_po
 from control.orders import Alarm, Severity, State, Strategy, TargetSource
 from control.safety import ALARMS, INTERLOCKS, REFUSALS
+from drivers.files.config import load, shipped
+from drivers.files.kinds import CROP
 
 APP = Path(console.app.__file__).parent
 
@@ -36,7 +39,13 @@ def all_texts() -> dict[str, str]:
     texts = marked()
     for kind in ALARMS.values():
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
-    return texts | dict.fromkeys(REFUSALS.values(), "refusals")
+    return texts | dict.fromkeys(REFUSALS.values(), "refusals") | dict.fromkeys(crop_notes(), "crop notes")
+
+
+def crop_notes() -> set[str]:
+    """What the shipped crops note about themselves, the names of keys left out."""
+    notes = {note for place in shipped(CROP.folder).values() for note in load(place, CROP).model.warnings}
+    return {note.partition(": ")[0] if note.startswith("example values") else note for note in notes}
 
 
 def fields(text: str) -> set[str]:
@@ -132,3 +141,13 @@ def test_a_refusal_names_the_alarm_in_words():
 
 def test_a_missing_detail_leaves_its_braces():
     assert "{hopper_kg}" in words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text
+
+
+def test_notes_of_crops_are_told_in_the_language_in_use():
+    use("zh")
+    try:
+        assert crop_note("example values, not of this field: days, ndvi_nrich").endswith(": days, ndvi_nrich")
+        assert not any(note in crop_note(note) for note in crop_notes())
+        assert crop_note("written by a grower: sandy soil") == "written by a grower: sandy soil"
+    finally:
+        use("en")

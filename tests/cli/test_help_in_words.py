@@ -10,9 +10,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from console.cli import app, plain_output
+from console.cli import app, asked, plain_output
 from console.cli.examples import EXAMPLES
 from console.cli.plain_errors import OUR_FAULT, guarded
+from console.cli.plain_help import ranges_in_words
 
 TYPES = re.compile(r"<(str|int|float|path|list|Path)|int range|float range")
 
@@ -119,3 +120,30 @@ def test_complaints_are_in_colour_and_colour_can_be_refused(monkeypatch):
 
 def test_nothing_in_a_line_steers_the_terminal(monkeypatch):
     assert "\x1b[2J" not in drawn("a\x1b[2Jb\n", 80, True, monkeypatch)
+
+
+def test_ranges_are_told_in_words_and_texts_stay_in_their_column():
+    assert ranges_in_words("[default: 10; 1<=x<=100]") == "[default: 10; from 1 to 100]"
+    assert ranges_in_words("[0.2<=x<=60.0] [x>=0] [x<=9.5]") == "[from 0.2 to 60] [0 or more] [at most 9.5]"
+    assert ranges_in_words("[300<=x<=4000000]") == "[from 300 to 4000000]"
+    for name in EXAMPLES:
+        text = said(*name.split(), "--help")
+        assert "<=x" not in text and "x>=" not in text and "None:" not in text, name
+    arguments = said("decode", "--help").split("Arguments:")[1].split("Options:")[0].strip().splitlines()
+    starts = {re.search(r"\S+ +", line.strip()).end() for line in arguments}
+    assert len(starts) == 1, "both descriptions begin in one column"
+
+
+@pytest.mark.parametrize("words", [["run", "--help"], ["map", "-h"], ["--version"], ["calibrate", "lag", "--help"],
+                                   ["rnu"], ["run", "--hz", "500"], ["decode"]])
+def test_one_command_alone_says_what_the_whole_says(words):
+    env = {"COLUMNS": "120"}
+    alone, whole = (CliRunner().invoke(one, words, env=env, prog_name="topdress") for one in (asked(words, {}), app))
+    assert (alone.exit_code, alone.output) == (whole.exit_code, whole.output)
+
+
+def test_only_the_command_that_is_asked_for_is_made_ready():
+    assert [one.name for one in asked(["run", "--hz", "20"], {}).registered_commands] == ["run"]
+    assert [one.name for one in asked([], {}).registered_commands] == ["run"], "without a command: the console"
+    for words, environment in ((["--help"], {}), (["rnu"], {}), (["calibrate"], {}), ([], {"_TOPDRESS_COMPLETE": "x"})):
+        assert asked(words, environment) is app

@@ -29,7 +29,8 @@ from control.simulation.tractor import Leg
 from control.simulation.tractor import Path as Way
 from control.targets.fence import Fence
 from control.targets.section_ground import DONE, OUTSIDE, Ground, SectionGround
-from drivers.files.config import ConfigError, load
+from drivers.files.config import load
+from drivers.files.config_error import ConfigError
 from drivers.files.kinds import MACHINE
 from drivers.files.setup import Setup, load_setup
 

@@ -128,7 +128,7 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=-0.5"), Machine())
     term = found.terms[0].term
     assert sentence(term).startswith("Shaft speed falls by 0.51 % for each deg of roll; seen between -")
-    assert compensation(term) == "Control takes it back"
+    assert compensation(term) == "Control corrects for it"
     assert any(sentence(term) in line for line in summary(found))
     assert len(found.terms[0].seen) > 5
     _, seen, told = np.array(found.terms[0].seen).T

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from console.link import Link, WorkerGone, start_worker
+from console.link import Link, WorkerGone
+from console.running import start_worker
 from control.orders import Do, Order
 from drivers.files.config import shipped
 from drivers.files.read_log import read_log

@@ -21,7 +21,7 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path):
         where = console.where()
         assert Path(where.log_path).is_relative_to(tmp_path), "a developer's own runs are left alone"
         watcher = deaths.Watcher(where)
-        wait(lambda: watcher.frames and terminal.shows("NDVI"), 20.0, "the Run screen", terminal)
+        wait(lambda: watcher.frames and terminal.shows("NDVI 0."), 20.0, "the Run screen", terminal)
 
         def row():
             return watcher.frames[-1][1].row

@@ -1,5 +1,6 @@
 import csv
 import errno
+import os
 import subprocess
 import sys
 import threading
@@ -320,3 +321,17 @@ def test_writing_needs_no_heavy_library() -> None:
             "sys.exit(' '.join(sorted(heavy)) or None)")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_slow_disk_delays_no_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                       full_row: MakeRow) -> None:
+    """A disk may take a second to say that a file is kept: the log's own thread waits for it."""
+    kept_by: list[str] = []
+    fsync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda handle: (kept_by.append(threading.current_thread().name), fsync(handle))[1])
+    log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.0)
+    begun = (tmp_path / "run.csv").read_bytes(), (tmp_path / "run.yaml").read_bytes()
+    log.append(full_row(0.0))
+    assert log.close()
+    assert all(begun), "the names are taken at once"
+    assert set(kept_by) == {"run-log"} and len(kept_by) >= 3, "header, sidecar and folder are kept"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.files.bench_table import read_bench_table
-from drivers.files.config import ConfigError
+from drivers.files.config_error import ConfigError
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log

@@ -15,7 +15,8 @@ from console.cli import app
 from console.services.job import JobFiles, Launcher
 from control.agronomy.product import CatchTest, Product
 from control.machine.of_product import with_product
-from drivers.files.config import ConfigError, load, save, shipped
+from drivers.files.config import load, save, shipped
+from drivers.files.config_error import ConfigError
 from drivers.files.kinds import JOB, MACHINE, PRODUCT
 from drivers.files.setup import load_setup, product_note
 

@@ -20,7 +20,8 @@ from console.app.units import METRIC
 from console.app.words import alarm_words
 from console.cli import app
 from console.locale import use
-from console.services.job import JobFiles, Launcher
+from console.services.job import JobFiles
+from console.services.launcher import Launcher
 from control.field.boundary import Boundary
 from control.geodesy import TangentPlane
 from control.orders import Alarm, Severity

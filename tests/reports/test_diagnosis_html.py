@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from console.reports.diagnosis_html import page
+from console.reports.diagnosis_html import diagnosis_page
 from console.reports.run_pictures import cause_pictures
 from console.reports.run_views import View, parts_of, run_views
 from console.reports.verdict import cost, sentence
@@ -86,7 +86,7 @@ def harmless(text: str) -> Reader:
 
 
 def test_page_holds_everything(full: Diagnosis, run_columns: dict[str, Any], machine: Machine) -> None:
-    text = page(full, {"columns": run_columns, "machine": machine, "date": "2026-05-01", "sha256": "ab12",
+    text = diagnosis_page(full, {"columns": run_columns, "machine": machine, "date": "2026-05-01", "sha256": "ab12",
                        "version": "9.9"})
     read = harmless(text)
     said = read.said()
@@ -108,7 +108,7 @@ def test_the_same_page_twice(bench_tables: dict[str, BenchTable], machine: Machi
                              found_of: Callable[..., Diagnosis]) -> None:
     tools = {"tables": [bench_tables["weigh"]], "machine": machine}
     found = found_of(cause_of("flow.gain"), kind="weigh")
-    assert page(found, tools) == page(found, tools)
+    assert diagnosis_page(found, tools) == diagnosis_page(found, tools)
 
 
 @pytest.mark.parametrize("kind", OF_TABLES)
@@ -118,7 +118,8 @@ def test_each_kind_of_table(kind: str, bench_tables: dict[str, BenchTable], mach
     left = (Unexplained("place" if kind == "place" else "lag" if kind == "lag" else "heads" if kind == "heads"
                         else "flow", "target_kg" if kind == "weigh" else "ndvi_reference" if kind == "heads"
                         else "shaft_rpm", 0.4),)
-    text = page(found_of(*causes, kind=kind, unexplained=left), {"tables": [bench_tables[kind]], "machine": machine})
+    text = diagnosis_page(found_of(*causes, kind=kind, unexplained=left),
+                          {"tables": [bench_tables[kind]], "machine": machine})
     said = harmless(text).said()
     assert all(cause.id in said for cause in causes)
     assert text.count("<figure>") == 2 + ("lag.coarse_clock" in OF_TABLES[kind])
@@ -127,7 +128,7 @@ def test_each_kind_of_table(kind: str, bench_tables: dict[str, BenchTable], mach
 def test_two_tables_and_nothing_found(bench_tables: dict[str, BenchTable], machine: Machine,
                                       found_of: Callable[..., Diagnosis]) -> None:
     found = found_of(kind="lag+place")
-    text = page(found, {"tables": [bench_tables["lag"], bench_tables["place"]], "machine": machine})
+    text = diagnosis_page(found, {"tables": [bench_tables["lag"], bench_tables["place"]], "machine": machine})
     said = harmless(text).said()
     assert "Nothing beyond noise" in said and "lag and place table" in said
     assert text.count("<figure>") == 2
@@ -157,7 +158,7 @@ def test_unexplained_shows_the_smooth_function(run_columns: dict[str, Any], mach
     nodes = tuple(np.linspace(12.3, 13.7, 8).tolist())
     fit = TableFit("shaft", "supply_v", nodes, tuple(5.0 * (x - 13.5) for x in nodes))  # type: ignore[arg-type]
     found = found_of(verdict="unexplained", unexplained=(Unexplained("shaft", "supply_v", 0.9),), tables=(fit,))
-    said = harmless(page(found, {"columns": run_columns, "machine": machine})).said()
+    said = harmless(diagnosis_page(found, {"columns": run_columns, "machine": machine})).said()
     for words in ("shaft depends on supply", "90 %", "smooth function", "shaft more than nominal, %"):
         assert words in said
 
@@ -169,7 +170,8 @@ def test_hostile_words_stay_words(full: Diagnosis, bench_tables: dict[str, Bench
     found = found_of(cause_of("lag.offset", advice=HOSTILE), kind="lag", findings=(HOSTILE,), extended_machine=HOSTILE,
                      not_shown=(NotShown(HOSTILE, full.not_shown[0].smallest_detectable),))
     found = replace(found, data=replace(found.data, path=HOSTILE, machine=HOSTILE))
-    text = page(found, {"tables": [replace(lag, path=HOSTILE, label=label, label_column=HOSTILE)], "machine": machine,
+    text = diagnosis_page(found, {"tables": [replace(lag, path=HOSTILE, label=label, label_column=HOSTILE)],
+                                  "machine": machine,
                         "date": HOSTILE, "version": HOSTILE, "sha256": HOSTILE})
     said = harmless(text).said()
     assert "<script" not in text
@@ -185,16 +187,16 @@ def test_checksum_is_of_the_file(tmp_path: Path, bench_tables: dict[str, BenchTa
     path.write_bytes(b"abc")
     found = found_of(kind="lag")
     found = replace(found, data=replace(found.data, path=str(path)))
-    text = page(found, {"tables": [bench_tables["lag"]], "machine": machine})
+    text = diagnosis_page(found, {"tables": [bench_tables["lag"]], "machine": machine})
     assert "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" in text
-    assert "sha256" not in page(found_of(kind="lag"), {"tables": [bench_tables["lag"]], "machine": machine})
+    assert "sha256" not in diagnosis_page(found_of(kind="lag"), {"tables": [bench_tables["lag"]], "machine": machine})
 
 
 def test_without_matplotlib_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch,
                                                           found_of: Callable[..., Diagnosis]) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ValueError, match=r"^.*matplotlib is not installed: pip install 'topdress\[report\]'$"):
-        page(found_of(), {})
+        diagnosis_page(found_of(), {})
 
 
 def test_sentences(cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis], full: Diagnosis) -> None:

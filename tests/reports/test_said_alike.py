@@ -13,7 +13,7 @@ import pytest
 from console.app.pages.diagnosis import shown
 from console.app.units import METRIC
 from console.locale import ENGLISH, use
-from console.reports.diagnosis_html import page
+from console.reports.diagnosis_html import diagnosis_page
 from console.reports.diagnosis_text import summary
 from console.reports.verdict import sentence
 from console.reports.words import headlined, when
@@ -36,7 +36,7 @@ def english() -> Iterator[None]:
 
 def spoken(found: Diagnosis) -> dict[str, str]:
     """What each of them says, in one line of words."""
-    text = page(found, {"machine": Machine()})
+    text = diagnosis_page(found, {"machine": Machine()})
     on_page = found_of(found, {"machine": Machine()}, "run.csv", None)
     said, causes, channels = shown.said(on_page, ""), shown.causes(on_page, 0, METRIC), shown.channels(on_page)
     lines = [said.word, said.sentence, said.todo, *(words for one in causes.causes for words in one if

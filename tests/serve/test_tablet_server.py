@@ -18,7 +18,8 @@ from console.cli import serve as serve_command
 from console.cli import tablet
 from console.cli.plain_errors import CommandError
 from console.cli.tablet import TAB_BYTES, SharedWaits, TabLink, options_of, token_in
-from console.link import Link, Where, WorkerFailed, start_worker
+from console.link import Link
+from console.running import Where, WorkerFailed, start_worker
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta
@@ -110,7 +111,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
             assert refused.status == 403
         tabs = [Tab(await session.ws_connect(f"{address}/ws?width=120&height=40")) for _two in (1, 2)]
         for tab in tabs:
-            await tab.until("LOOKS ONLY")
+            await tab.until("VIEW ONLY")
         looking = Link(where.looking_only())
         task = asyncio.create_task(looking.run())
         await asyncio.wait_for(looking.attached.wait(), 10)
@@ -119,7 +120,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
             for key in ("r", "s", "x", "+"):
                 await tab.press(key)
         for tab in tabs:
-            await tab.until("this tab only looks")
+            await tab.until("view only: hold")
         assert await looking.order(Order(Do.READY), 5.0) == Answer(False, "unauthorised")
         seq = looking.newest.seq
         while looking.newest.seq < seq + 10:

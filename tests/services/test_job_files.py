@@ -8,14 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from console.app.pages.job.desk import Reading, Who
-from console.services.job import JobFiles, Launcher
+from console.app.pages.job.desk import Reading
+from console.services.job import JobFiles
+from console.services.launcher import Launcher
 from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.agronomy.strips import StripValue
 from control.field.job import Job
 from control.field.totals import Sums
+from control.field.who import Who
 from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from console.link import Link, Where, WorkerGone, start_worker
+from console.link import Link, WorkerGone
+from console.running import Where, start_worker
 from console.worker.host import Host
 from console.worker.parts import Assembly, Names
 

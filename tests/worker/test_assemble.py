@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from console.link import WorkerFailed, start_worker
+from console.running import WorkerFailed, start_worker
 from console.worker.assemble import assemble
 from console.worker.host import Host
 from console.worker.program import Options

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from console import link
+from console import running
 from console.frame import DeviceTest, DeviceView, Frame, LagTestView, from_json
 from console.worker import wire
 from control.agronomy.strips import Strips
@@ -52,4 +52,4 @@ def test_every_message_is_one_line():
 
 def test_both_ends_greet_alike():
     """The console may not import the worker: what both must say alike is held equal here."""
-    assert link.GREETING == wire.GREETING
+    assert running.GREETING == wire.GREETING

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import pytest
 
-from console.link import Link, Where, WorkerFailed, WorkerGone, find_running, start_worker
+from console.link import Link, WorkerGone
+from console.running import Where, WorkerFailed, find_running, start_worker
 from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
@@ -102,7 +103,8 @@ async def test_without_the_token_a_client_only_looks(running, attach):
 
 CONSOLE = textwrap.dedent("""
     import asyncio, json, signal, sys
-    from console.link import Link, Where
+    from console.link import Link
+    from console.running import Where
     from control.orders import Do, Order
     signal.signal(signal.SIGHUP, signal.SIG_DFL)        # a suite under nohup hands its ignoring on
     async def main():

@@ -9,7 +9,7 @@ from textual.binding import Binding
 from textual.containers import Horizontal
 from textual.screen import Screen
 
-from console.app.action import ANYWHERE, Action
+from console.app.action import ANYWHERE, REPLAY, RUN, Action
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import RunView, look
 from console.app.widgets.alarm_bar import AlarmBar
@@ -19,7 +19,7 @@ from console.app.widgets.page_bar import PageBar, PagesView
 from console.app.widgets.panel import Panel
 from console.app.widgets.small import Small, SmallView
 from console.app.widgets.status_line import StatusLine
-from console.app.widgets.tour_bar import TourBar, TourView
+from console.app.widgets.tour_bar import TourBar, TourView, rows_of
 from console.frame import Frame
 from console.locale import _, in_use
 
@@ -114,8 +114,10 @@ class Page(Screen[None]):
         self.set_class(bool(view.alarms.fault and view.alarms.lines), "-fault")
         small = self.query_one("#small", Small)
         if small.display:
+            page = "" if self.where in (RUN, REPLAY) else next(
+                (_(one.label) for one in self.app.page_actions if one.id == f"{self.where}_screen"), "")
             small.show(SmallView(view.rates, view.tiles, _("{columns} x {rows} shows the whole page").format(
-                columns=LEAST_COLUMNS, rows=LEAST_ROWS)))
+                columns=LEAST_COLUMNS, rows=LEAST_ROWS), page))
         self.show_tour()
         self.show_keys()
 
@@ -124,6 +126,7 @@ class Page(Screen[None]):
         bar, tour = self.query_one("#tour", TourBar), self.app.tour
         bar.display = tour is not None
         if tour is not None:
+            bar.styles.height = rows_of(_(tour.text), self.size.width)
             bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text), in_use()))
 
     def show_keys(self) -> None:

@@ -5,31 +5,38 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 
 from console.app.camera import Camera, fit
+from console.app.history import TREND_SPAN_S, Point
 from console.app.layers import Layer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
-from console.app.view import STALE_S, RunView, look
+from console.app.view import STALE_S, RunView, duration, look, wall_clock
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.heads import Heads
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import MapLegend, legend_of
 from console.app.widgets.map_title import MapTitle
 from console.app.widgets.rates import Rates
+from console.app.widgets.tile_graphs import CHANNELS, GraphsView, TileGraphs, graph
 from console.app.widgets.tiles import Tiles
-from console.app.widgets.trend import Trend, TrendView
+from console.app.widgets.trend import Reading, Trend, TrendView, columns_of
 from console.frame import Frame
-from console.locale import in_use
+from console.locale import _, in_use
 
 COARSEST_M = 3.0          # of a pixel: a larger field is not shown whole, the map follows the machine
+GAP_S = 2.5               # a longer time without a row is a gap
+GRAPH_POINTS = 60         # of the small graph under a tile
 
 
 class PanelScreen(LogPage):
-    """Trends go below 36 rows, then the map below 100 columns."""
+    """Trends go below 36 rows, then the map below 100 columns. cursor_s: where the trend is read off, s of the run."""
+
+    cursor_s: float | None = None
 
     def body(self) -> ComposeResult:
         view = look(None, 0.0, self.app.units)
         with Vertical(id="left"):
             yield Rates(view.rates, id="rates")
             yield Tiles(view.tiles, id="tiles")
+            yield TileGraphs(GraphsView(()), id="tile-graphs")
             yield Heads(view.heads, id="heads")
             yield Items(view.items, id="items-low")
             yield Trend(TrendView((), self.app.units.rate), id="trend")
@@ -42,10 +49,72 @@ class PanelScreen(LogPage):
     def tick(self, now_s: float) -> None:
         super().tick(now_s)
         frame, age_s = self.seen(now_s)
-        if self.plots.due(now_s) and self.query_one("#trend").display:
-            self.query_one("#trend", Trend).show(TrendView(self.points(), self.app.units.rate, age_s > STALE_S))
+        if self.plots.due(now_s):
+            self._show_trend(frame, age_s > STALE_S)
         if self.maps.due(now_s) and self.query_one("#right").display:
             self._show_map(frame, age_s)
+
+    # --- the trend, and what is read off it ---------------------------------------------------------------------
+
+    def _show_trend(self, frame: Frame | None, stale: bool) -> None:
+        if self.query_one("#trend").display:
+            points = self.points()
+            self.query_one("#trend", Trend).show(TrendView(points, self.app.units.rate, stale,
+                                                           read=self._read(points, frame)))
+        graphs = self.query_one("#tile-graphs", TileGraphs)
+        if graphs.display:
+            series = self.series()
+            end_s = frame.row.time_s if frame is not None else 0.0
+            begin_s = end_s - TREND_SPAN_S
+            drawn = (series.stretch(channel, begin_s, end_s, GRAPH_POINTS) for channel in CHANNELS)
+            graphs.show(GraphsView(tuple(graph(one.time_s.tolist(), one.mean.tolist(), begin_s, TREND_SPAN_S)
+                                         for one in drawn), stale))
+
+    def _read(self, points: tuple[Point, ...], frame: Frame | None) -> Reading | None:
+        """The values in force at the cursor; it goes where its time leaves the trend."""
+        if self.cursor_s is None or not points or frame is None:
+            return None
+        if not points[-1].time_s - TREND_SPAN_S <= self.cursor_s <= points[-1].time_s:
+            self.cursor_s = None
+            return None
+        before = [point for point in points if self.cursor_s - GAP_S <= point.time_s <= self.cursor_s]
+        target, applied = (before[-1].target_kg_ha, before[-1].applied_kg_ha) if before else (None, None)
+        unit, back_s = self.app.units.rate, frame.row.time_s - self.cursor_s
+        return Reading(self.cursor_s, wall_clock(frame.row.utc, self.app.utc_offset_s, back_s) or duration(
+            self.cursor_s), unit.text(target), unit.text(applied))
+
+    def move_cursor(self, cells: int) -> None:
+        """By so many cells of the trend; the first step takes it to the newest value."""
+        points = self.points()
+        if points:
+            end_s = points[-1].time_s
+            cell_s = TREND_SPAN_S / max(1, columns_of(self.query_one("#trend").content_size.width) - 1)
+            at_s = end_s if self.cursor_s is None else self.cursor_s
+            self._point(max(end_s - TREND_SPAN_S, points[0].time_s, min(end_s, at_s + cells * cell_s)))
+
+    def drop_cursor(self) -> None:
+        self._point(None)
+
+    def why_no_cursor(self) -> str:
+        """Why the trend cannot be read off; empty where it can."""
+        if not (self.is_mounted and self.query_one("#trend").display):
+            return _("the trend is not shown: 36 rows or more show it; F4 shows it at any size")
+        return "" if self.points() else _("no values yet")
+
+    def _point(self, time_s: float | None) -> None:
+        self.cursor_s = time_s
+        self.plots.hurry()
+        self.tick(self.app.clock())
+
+    def on_trend_pointed(self, event: Trend.Pointed) -> None:
+        points = self.points()
+        if points and not self.app.locked:
+            self._point(points[-1].time_s - (1.0 - min(1.0, event.share)) * TREND_SPAN_S)
+
+    def on_trend_left(self, event: Trend.Left) -> None:
+        self.drop_cursor()
+
+    # --- the map ------------------------------------------------------------------------------------------------
 
     def _show_map(self, frame: Frame | None, age_s: float) -> None:
         units, field_map = self.app.units, self.query_one("#map", FieldMap)

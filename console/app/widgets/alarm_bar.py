@@ -99,6 +99,9 @@ class AlarmBar(Panel[AlarmsView]):
         room = height - len(rows)
         return rows[:height] + (self._rows(others, width, room)[:room] if others and room > 0 else [])
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return ((0, 0),) if self.view.lines else ()
+
     async def on_click(self, event: events.Click) -> None:
         event.stop()
         await self.run_action("app.do('acknowledge')")

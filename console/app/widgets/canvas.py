@@ -25,6 +25,10 @@ class Canvas(Widget, Generic[V]):
         self._painted: list[Strip] = []
         self._painted_for: object = None
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """Column and row of everything in it that has one place to be clicked at."""
+        return ()
+
     def show(self, view: V) -> None:
         if view != self.view:
             self.view = view

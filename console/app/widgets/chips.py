@@ -63,6 +63,11 @@ class Chips(Panel[tuple[Chip, ...]]):
         return next((chip for chip, row, start, cells in placed(self.view, self.content_size.width)
                      if row == y and start <= x < start + cells), None)
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """None that runs only while it is held down."""
+        return tuple((start, row) for chip, row, start, _cells in placed(self.view, self.content_size.width)
+                     if not chip.held and row < self.content_size.height)
+
     async def on_click(self, event: events.Click) -> None:
         event.stop()
         chip = self.at(event.x, event.y)

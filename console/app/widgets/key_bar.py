@@ -83,6 +83,11 @@ class KeyBar(Panel[KeysView]):
                 return action.id
         return ""
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """All but hold and STOP, which have their keys at any time and are never covered."""
+        return tuple((start, 0) for action, start, _cells in self._placed(self.view, self.content_size.width)
+                     if action.id not in URGENT)
+
     async def on_click(self, event: events.Click) -> None:
         event.stop()
         name = self.action_at(event.x)

@@ -37,6 +37,9 @@ class PageBar(Panel[PagesView]):
                              for action, text, _start in laid_out(view.actions, width)]
         return [line(*parts)]
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((start, 0) for _action, _text, start in laid_out(self.view.actions, self.content_size.width))
+
     async def on_click(self, event: events.Click) -> None:
         event.stop()
         for action, text, start in laid_out(self.view.actions, self.content_size.width):

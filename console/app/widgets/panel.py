@@ -32,6 +32,10 @@ class Panel(Widget, Generic[V]):
             self.redraws += 1
             self.refresh()
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """Column and row of everything in it that can be clicked, as it is drawn now."""
+        return ((0, 0),) if hasattr(self, "on_click") else ()
+
     def render(self) -> Content:
         width, height = self.content_size
         lines = self.lines(self.view, width, height)[:height]

@@ -12,13 +12,20 @@ from console.locale import _
 
 
 class SmallView(NamedTuple):
+    """page: which one is open, where it shows something else than these numbers."""
+
     rates: RatesView
     tiles: tuple[Tile, ...]
     hint: str
+    page: str = ""
 
 
 class Small(Panel[SmallView]):
     def lines(self, view: SmallView, width: int, height: int) -> list[Content]:
+        """A page that is not seen says at the top that it is open, and what would show it."""
+        if view.page:
+            said = line((fit(f" {view.page}: {view.hint}", width), "bold reverse"))
+            return [said, *self.lines(view._replace(page="", hint=""), width, height - 1)]
         rates, half = view.rates, width // 2
         error = f"  {rates.error.text}" if rates.error.text != "--" else ""
         rows = [line((fit(f" {_('target')} {rates.unit}", half), "bold $target"),

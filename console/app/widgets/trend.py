@@ -1,4 +1,4 @@
-"""Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell."""
+"""Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell. A click reads a time off."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -6,6 +6,8 @@ from typing import ClassVar, NamedTuple
 
 from rich.segment import Segment
 from rich.style import Style
+from textual import events
+from textual.message import Message
 from textual.strip import Strip
 
 from console.app.history import TREND_SPAN_S, Point
@@ -20,11 +22,26 @@ _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))     # row, colu
 _AXIS = 6
 
 
+class Reading(NamedTuple):
+    """What the cursor reads: its time of the run, s, and in words; the values that were in force then."""
+
+    time_s: float
+    time: str
+    target: str
+    applied: str
+
+
 class TrendView(NamedTuple):
     points: tuple[Point, ...]
     unit: Unit
     stale: bool = False
     span_s: float = TREND_SPAN_S
+    read: Reading | None = None
+
+
+def columns_of(width: int) -> int:
+    """Cells of the plot itself."""
+    return width - _AXIS - 1
 
 
 Dots = dict[tuple[int, int], int]            # (column, row) of a cell -> braille bits
@@ -70,10 +87,28 @@ def _between(start: tuple[int, int] | None, end: tuple[int, int]) -> Iterator[tu
 
 class Trend(Canvas[TrendView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--target", "trend--applied", "trend--muted", "trend--title",
-                                             "trend--stale", "trend--band", "trend--stale-band"}
+                                             "trend--stale", "trend--band", "trend--stale-band", "trend--cursor"}
+
+    class Pointed(Message):
+        """The plot was clicked at this share of its span."""
+
+        def __init__(self, share: float) -> None:
+            super().__init__()
+            self.share = share
+
+    class Left(Message):
+        """The title was clicked: the cursor goes."""
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        columns = columns_of(self.content_size.width)
+        if event.y == 0:
+            self.post_message(self.Left())
+        elif _AXIS <= event.x < _AXIS + columns:
+            self.post_message(self.Pointed((2 * (event.x - _AXIS) + 0.5) / (2 * columns - 1)))
 
     def paint(self, view: TrendView, width: int, height: int) -> list[Strip]:
-        plot_rows, plot_columns = height - 2, width - _AXIS - 1
+        plot_rows, plot_columns = height - 2, columns_of(width)
         if plot_rows < 2 or plot_columns < 10:
             return []
         muted = self.style("trend--muted")
@@ -91,15 +126,24 @@ class Trend(Canvas[TrendView]):
 
         targets = trace(line(1), plot_columns, plot_rows)
         applieds = trace(line(2), plot_columns, plot_rows)
+        read, cursor = view.read, None
+        if read is not None:
+            cursor = round((1 - (now_s - read.time_s) / view.span_s) * (plot_columns - 1))
+        at = () if read is None else (("   ", muted), (f" {read.time} ", self.style("trend--cursor")))
         rows = [self.text_strip(width, (f" {_('trend')} ", self.style("trend--title")), (f"{unit.name}   ", muted),
-                                ("   ", band_style), (f" {_('target')}   ", target_style),
-                                ("⠤⠤⠤ ", applied_style), (_("applied"), applied_style))]
+                                ("   ", band_style), (f" {_('target')}{_after(read and read.target)}   ", target_style),
+                                ("⠤⠤⠤ ", applied_style), (f"{_('applied')}{_after(read and read.applied)}",
+                                                          applied_style), *at)]
         labels = {0: f"{high:.0f}", plot_rows - 1: f"{low:.0f}"}
         if plot_rows >= 5:
             labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
         for row in range(plot_rows):
             segments = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            segments += self._cells(row, plot_columns, targets, applieds, target_style + band_style, applied_style)
+            cells = list(self._cells(row, plot_columns, targets, applieds, target_style + band_style, applied_style))
+            if cursor is not None and 0 <= cursor < plot_columns:
+                cells[cursor] = Segment("│" if cells[cursor].text == " " else cells[cursor].text,
+                                        self.style("trend--cursor"))
+            segments += cells
             rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))
         start = f"-{duration(view.span_s)}"
         middle = f"-{duration(view.span_s / 2)}"
@@ -119,3 +163,8 @@ class Trend(Canvas[TrendView]):
                 yield Segment(chr(0x2800 | applied), tinted if target else applied_style)
             else:
                 yield Segment(chr(0x2800 | target) if target else " ", target_style if target else applied_style)
+
+
+def _after(value: str | None) -> str:
+    """A value behind its name; nothing where none is read."""
+    return "" if value is None else f" {value}"

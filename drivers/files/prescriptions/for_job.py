@@ -13,7 +13,6 @@ from control.targets.plants import PlantList
 from control.targets.prescription import MapData, on_plane
 from drivers.files.file_set import files_of
 from drivers.files.prescriptions.plants import read_plants
-from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
 
 
@@ -50,6 +49,7 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
 
 def _read(path: Path) -> Imported:
     """As the file alone says it. Raises PrescriptionError, OSError."""
+    from drivers.files.prescriptions.read import read_prescription  # most jobs have no map
     try:
         return read_prescription(path)
     except RateQuestion as question:

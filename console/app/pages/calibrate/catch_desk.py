@@ -65,8 +65,9 @@ class CatchDesk(Desk):
             (_("catch"), _("Enough: let go of R.") if self.test.turned.seconds >= WEIGH_S else
              _("Empty vessels of known weight under all outlets. Hold R for about {seconds} s, then let go.").format(
                  seconds=f"{WEIGH_S:.0f}")),
-            (_("weigh"), _("W: type what all outlets together gave. Not sure of it: Z settles again.")),
-            (_("fit and save"), _("F fits. More settings make it better: S and O change them.") if not rest else
+            (_("weigh"), _("W: type what all outlets together gave. If in doubt, Z settles again.")),
+            (_("fit and save"),
+             _("F fits the curve. More settings make it better: S and O change them.") if not rest else
              _("{rest} more catches: change the setting with S or O, for a wide range.").format(rest=rest)),
         )
         return GuideView(_("Catch test: how much flows per turn"),
@@ -119,7 +120,7 @@ class CatchDesk(Desk):
                 Chip("cal_run", "R", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
                 Chip("cal_again", "Z", _("settle again"), free and test.phase == "weigh"),
                 Chip("cal_weigh", "W", _("weighed"), free and test.can_weigh, lead=step == 3),
-                Chip("cal_undo", "Bksp", _("last point away"), bool(test.points)),
+                Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
                 Chip("cal_fit", "F", _("fit"), enough and not self.bench.busy, lead=step == 4 and self.fitted is None
                      and enough),
                 self.save_chip())
@@ -179,7 +180,7 @@ class CatchDesk(Desk):
     def fit(self) -> None:
         job, points = self.bench.job, tuple(self.test.points)
         if len(points) < LEAST_POINTS:
-            self.bench.tell(_("{count} catches are needed, {have} are there").format(count=LEAST_POINTS,
+            self.bench.tell(_("{count} catches are needed, {have} are done").format(count=LEAST_POINTS,
                                                                                     have=len(points)))
         elif job is not None:
             self.bench.compute(lambda: job.fit_catch(points), self.take)

@@ -144,7 +144,7 @@ class Desk:
             rows.append(_("holds from {low} to {high} r/min").format(low=f"{low:g}", high=f"{high:g}"))
         if self.saved:
             rows.append(_("saved: {path}").format(path=short_path(self.saved)))
-            rows.append(_("in use after: topdress run --config FILE"))
+            rows.append(_("use it with: topdress run --config FILE"))
         return tuple(rows)
 
     def save_chip(self) -> Chip:

@@ -39,7 +39,8 @@ class HeadsDesk(Desk):
         texts = (
             (_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
             (_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
-            (_("act"), _("Clean what is marked, then check again with B. What stays off is the maker's to mend.")))
+            (_("act"), _("Clean the marked heads, then check again with B. A head that still reads off goes back to "
+                         "the maker.")))
         return GuideView(_("Heads check: do all six see the same?"),
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
                          "" if seen.frame is not None else _("No control worker is connected."), self._found())

@@ -107,7 +107,7 @@ ACTIONS = (
            settle_again, CALIBRATE),
     Action("cal_weigh", "w", "W", N_("weighed"), N_("Catch test: type what all outlets together gave."), weighed,
            CALIBRATE, asks="number"),
-    Action("cal_undo", "backspace", "Bksp", N_("last point away"), N_("Catch test: takes the last point out."), undo,
+    Action("cal_undo", "backspace", "Bksp", N_("drop last point"), N_("Catch test: takes the last point out."), undo,
            CALIBRATE),
     Action("cal_begin", "b", "B", N_("begin / end"), N_("Lag, heads, wheel: begins or ends the measuring."),
            begin_or_end, CALIBRATE),

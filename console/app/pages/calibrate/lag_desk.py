@@ -19,7 +19,7 @@ OTHER = "other file"
 MOST_TABLES = 7
 ENDED = "ended"                # by hand, before all was measured
 OVER = ("done", ENDED)
-PHASES = {"settling": N_("waiting until all is still"), "arming": N_("arming the rig"),
+PHASES = {"settling": N_("waiting until everything stands still"), "arming": N_("arming the rig"),
           "running": N_("measuring"), "done": N_("all measured"), ENDED: N_("ended")}
 
 

@@ -33,6 +33,13 @@ class TabsRow(Panel[TabsView]):
             parts += [(self._text(view, index), "bold reverse" if index == view.at else ""), " "]
         return [line(*parts, (view.hint, "$muted"))]
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        found, start = [], 1
+        for index in range(len(self.view.names)):
+            found.append((start, 0))
+            start += cell_len(self._text(self.view, index)) + 1
+        return tuple(found)
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         start = 1

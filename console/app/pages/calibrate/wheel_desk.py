@@ -45,8 +45,9 @@ class WheelDesk(Desk):
         enough = self.run.running and self.run.enough
         texts = (
             (_("begin"), _("On firm, level ground, tyres at working pressure. B begins; then drive straight.")),
-            (_("drive"), _("Enough: B ends it. Farther makes it surer.") if enough else
-             _("Straight on at an even speed, {length} m or more. Then B ends it.").format(length=f"{LEAST_M:.0f}")),
+            (_("drive"), _("Enough: B ends it. Driving farther makes it more accurate.") if enough else
+             _("Drive straight at a steady speed for {length} m or more. Then B ends it.").format(
+                 length=f"{LEAST_M:.0f}")),
             (_("save"), _("N saves the circumference as a new machine file.")))
         trouble = _(TROUBLES[self.run.drive.trouble]) if self.run.drive.trouble else ""
         return GuideView(_("Wheel: its circumference by GNSS"),

@@ -74,6 +74,10 @@ class DeviceTable(Panel[TableView]):
             (fit(f"  {rest}", width - used), "$muted" if not one.marks else "bold")]
         return line(*parts)
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        shown = min(len(self.view.lines), max(1, self.content_size.height - 1))
+        return tuple((0, 1 + row) for row in range(shown))
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         index = self.first_shown() + event.y - 1

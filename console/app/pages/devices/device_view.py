@@ -77,8 +77,8 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
 def _test_words(device: DeviceView) -> str:
     test = device.test
     assert test is not None
-    found = (_("{protocol} speaks").format(protocol=test.protocol) if test.protocol else
-             _("listening, nothing known yet") if test.running else _("nothing known speaks here"))
+    found = (_("{protocol} is heard").format(protocol=test.protocol) if test.protocol else
+             _("listening, nothing known yet") if test.running else _("no known device is heard here"))
     counts = _("{accepted} understood, {rejected} rejected").format(accepted=test.accepted, rejected=test.rejected)
     baud = _("at {baud} Bd").format(baud=test.baud) if test.baud else ""
     return "; ".join(part for part in (found, baud, counts, test.said) if part)

@@ -103,6 +103,10 @@ class Causes(Panel[CausesView]):
         row(_("do"), cause.advice)
         return block
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        first = {index: row for row, index in reversed(list(enumerate(self._row_of))) if index >= 0}
+        return tuple((0, row) for row in first.values())
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         if event.y < len(self._row_of) and self._row_of[event.y] >= 0:

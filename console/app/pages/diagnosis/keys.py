@@ -95,12 +95,12 @@ def why_no_drive(page: DiagnosisScreen) -> str:
 @_of_found
 def adopt(page: DiagnosisScreen, found: Found) -> None:
     if not found.adoptable:
-        why = "\n".join(found.refused) or _("nothing was found that a machine file could take up")
+        why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
-    lines = [_("Taken up: {what}").format(what=", ".join(found.adoptable))]
+    lines = [_("Adopted: {what}").format(what=", ".join(found.adoptable))]
     lines += [_("Machine file, before -> after:"), *found.changes] if found.changes else []
-    lines += [_("Left out: {why}").format(why=why) for why in found.refused]
+    lines += [_("Not adopted: {why}").format(why=why) for why in found.refused]
     lines.append(_("The running job keeps its machine file; the next one may use the new file."))
     doubtful = [cause for cause in found.causes if tied(cause) and cause.id in found.adoptable]
     if doubtful:
@@ -125,7 +125,7 @@ def _ask_which(page: DiagnosisScreen, found: Found, doubtful: list[CauseShown], 
     choices += [Choice(rival.id, f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
                 for cause in doubtful for rival in cause.rivals]
     sure = [one for one in found.adoptable if one not in {cause.id for cause in doubtful}]
-    nothing = "" if sure else _("then there is nothing to take up")
+    nothing = "" if sure else _("then there is nothing to adopt")
     choices.append(Choice(WITHOUT, _("none of these, only what is sure: {causes}").format(
         causes=", ".join(sure) or "--"), nothing))
 
@@ -141,7 +141,7 @@ def _ask_which(page: DiagnosisScreen, found: Found, doubtful: list[CauseShown], 
         page.app.push_screen(NameDialog(_("Why this one?"), "", _("It is kept in the machine file, for whoever reads "
                                                                   "it later.")), why)
 
-    dialog = ChoiceDialog(_("This data cannot tell them apart: which is taken up?"), choices, "", "\n".join(lines))
+    dialog = ChoiceDialog(_("This data cannot tell them apart: which one is adopted?"), choices, "", "\n".join(lines))
     dialog.at = 0 if nothing else len(choices) - 1
     page.app.push_screen(dialog, which)
 
@@ -203,7 +203,7 @@ ACTIONS = (
     Action("dia_up", "up", "Up", N_("above"), N_("Moves up one file or cause."), above, DIAGNOSIS),
     Action("dia_down", "down", "Down", N_("below"), N_("Moves down one file or cause."), below, DIAGNOSIS),
     Action("dia_begin", "enter", "Enter", N_("diagnose"),
-           N_("Looks at the chosen file; nothing of the machine is touched."), diagnose, DIAGNOSIS, 3),
+           N_("Checks the chosen file; nothing on the machine is touched."), diagnose, DIAGNOSIS, 3),
     Action("dia_pick", "p", "P", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
            4),
     Action("dia_path", "t", "T", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,

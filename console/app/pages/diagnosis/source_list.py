@@ -34,9 +34,9 @@ class SourceList(Panel[SourcesView]):
             self.index = index
 
     def lines(self, view: SourcesView, width: int, height: int) -> list[Content]:
-        rows = [line((fit(f" {_('What shall be looked at?')}", width), "bold $primary"))]
+        rows = [line((fit(f" {_('Which data is to be checked?')}", width), "bold $primary"))]
         if not view.sources:
-            said = _("the folders are being read") if view.looking else _("no log or table here; T types a path")
+            said = _("reading the folders") if view.looking else _("no log or table here; T types a path")
             return [*rows, line((f" {said}", "$muted"))]
         rows.append(line((self._row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted")))
         room = max(1, height - HEAD_ROWS)
@@ -51,6 +51,10 @@ class SourceList(Panel[SourcesView]):
     @staticmethod
     def _row(changed: str, kind: str, size: str, name: str, width: int, mark: str = " ") -> str:
         return fit(f"{mark}{fit(changed, 17)} {fit(kind, 13)} {right(size, 9)}  {name}", width)
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        shown = min(len(self.view.sources), max(1, self.content_size.height - HEAD_ROWS))
+        return tuple((0, HEAD_ROWS + row) for row in range(shown))
 
     def on_click(self, event: events.Click) -> None:
         event.stop()

@@ -122,9 +122,9 @@ def _verdict(found: Found) -> str:
     told = [cause for cause in found.causes if headlined(cause)]
     suspected = len(found.causes) - len(told)
     if found.verdict == "none":
-        return _("Everything is as the machine file says, within the noise of the sensors.")
+        return _("Everything is as the machine file says, as far as the sensors can tell.")
     if found.verdict == "not_judged":
-        return _("Nothing of this data could be held against the machine file.")
+        return _("None of this data could be compared with the machine file.")
     if found.verdict == "unexplained" and found.left:
         said = left(found.left[0])
         return said if not told else f"{said} {_('Besides:')} {title(told[0])}."
@@ -174,7 +174,7 @@ def todo(found: Found) -> str:
     if found.causes and headlined(found.causes[0]):
         return _(found.causes[0].advice)
     if found.causes:
-        return _("Take none of the suspected causes for true: look at the machine, or gather more data.")
+        return _("Do not act on a suspicion alone: look at the machine, or record more data.")
     return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
 
 
@@ -219,7 +219,7 @@ def cost(cause: CauseShown, units: Units) -> str:
         said.append(f"{_signed(cause.place_m * units.fine_distance.per_si, 2)} {units.fine_distance.name}")
     if said:
         return "   ".join(said)
-    return _("not known") if cause.rate_percent is None and cause.place_m is None else _("no dose, no metres")
+    return _("not known") if cause.rate_percent is None and cause.place_m is None else _("no effect on rate or place")
 
 
 def _signed(value: float, decimals: int) -> str:

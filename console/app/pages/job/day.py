@@ -90,10 +90,18 @@ def _who(facts: Facts) -> tuple[Check, ...]:
     return (Check(_("for"), OK, ", ".join(said)),) if said else ()
 
 
+def crop_note(note: str) -> str:
+    """What a crop file notes about itself, in the language in use; what its author wrote stays as it is. The names of
+    keys behind a colon are those of the file."""
+    head, colon, keys = note.partition(": ")
+    known = _(note)
+    return f"{_(head)}{colon}{keys}" if known == note else known
+
+
 def _crop(facts: Facts) -> Check:
     if facts.crop_warnings:
-        return Check(_("crop"), LOOK, f"{facts.crop}: {facts.crop_warnings[0]}",
-                     (f"{facts.crop} ({facts.crop_file})", *facts.crop_warnings))
+        notes = [crop_note(note) for note in facts.crop_warnings]
+        return Check(_("crop"), LOOK, f"{facts.crop}: {notes[0]}", (f"{facts.crop} ({facts.crop_file})", *notes))
     return Check(_("crop"), OK, facts.crop, (facts.crop_file,))
 
 

@@ -11,6 +11,7 @@ from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
 from control.agronomy.growth import Growth
 from control.agronomy.strips import StripValue
+from control.field.who import Who
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
@@ -96,17 +97,6 @@ class MapPreview:
     picture: FieldPicture | None = None
     check: MapCheck | None = None
     kept: str = ""
-
-
-class Who(NamedTuple):
-    """Whose job it is, where, of what, by whom. product_file: of the library, what `product` names; "": none."""
-
-    client: str = ""
-    farm: str = ""
-    field: str = ""
-    product: str = ""
-    operator: str = ""
-    product_file: str = ""
 
 
 class Offer(NamedTuple):

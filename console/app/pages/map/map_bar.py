@@ -40,6 +40,9 @@ class MapBar(Panel[MapBarView]):
                             for layer, text, _start in laid_out()]
         return [spread(left, [(f" {'   '.join(view.states)} ", "$muted")], width)]
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((start, 0) for _layer, _text, start in laid_out())
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         for layer, text, start in laid_out():

@@ -97,7 +97,8 @@ class ReplayScreen(PanelScreen):
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
-        return view._replace(status=view.status._replace(lead=_("REPLAY")))
+        silent = view.status.silent if self.job is not None else _("no log is open: O opens one")
+        return view._replace(status=view.status._replace(lead=_("REPLAY"), silent=silent))
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)

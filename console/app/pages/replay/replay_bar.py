@@ -76,6 +76,13 @@ class ReplayBar(Panel[ReplayView]):
                 parts.append(("━" if cell < at else "─", "$primary" if cell < at else "$muted"))
         return line(*parts, (fit(last, cell_len(last)), "$muted"))
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """The word that something is computed, and the ends of the log."""
+        width = self.content_size.width
+        first, last = (cell_len(text) for text in self._ends(self.view))
+        cancel = ((width - self._end_cells(self.view), 0),) if self.view.busy else ()
+        return (*cancel, (first, 1), (width - last - 1, 1))
+
     def on_click(self, event: events.Click) -> None:
         if event.y == 0 and self.view.busy and event.x >= self.content_size.width - self._end_cells(self.view):
             event.stop()

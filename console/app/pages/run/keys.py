@@ -13,6 +13,8 @@ from console.app.reasons import why_no_start, why_not_ready
 from console.locale import N_, _
 from control.orders import BY_MAP, Do, Strategy, TargetSource
 
+FAR_CELLS = 10                  # of the trend, by which its cursor goes far
+
 if TYPE_CHECKING:
     from console.app.pages.run.page import RunScreen
 
@@ -156,6 +158,26 @@ def _ask_section(page: RunScreen) -> None:
         "A section closed by hand stays closed until it is given back.")), answer)
 
 
+def cursor_back(page: RunScreen) -> None:
+    page.move_cursor(-1)
+
+
+def cursor_on(page: RunScreen) -> None:
+    page.move_cursor(1)
+
+
+def cursor_far_back(page: RunScreen) -> None:
+    page.move_cursor(-FAR_CELLS)
+
+
+def cursor_far_on(page: RunScreen) -> None:
+    page.move_cursor(FAR_CELLS)
+
+
+def cursor_away(page: RunScreen) -> None:
+    page.drop_cursor()
+
+
 def connect(page: RunScreen) -> None:
     page.app.ask_connection()
 
@@ -184,6 +206,16 @@ ACTIONS = (
     Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."),
            flow_trim, RUN),
     Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asked once."), allow, RUN),
+    Action("trend_left", "left", "<", N_("cursor back"), N_("Reads the trend at a time; also a click in it."),
+           cursor_back, RUN, why=lambda page: page.why_no_cursor()),
+    Action("trend_right", "right", ">", N_("cursor on"), N_("Reads the trend at a time; also a click in it."),
+           cursor_on, RUN, why=lambda page: page.why_no_cursor()),
+    Action("trend_far_left", "shift+left", "S-<", N_("cursor far back"), N_("Ten steps at once."), cursor_far_back,
+           RUN, why=lambda page: page.why_no_cursor()),
+    Action("trend_far_right", "shift+right", "S->", N_("cursor far on"), N_("Ten steps at once."), cursor_far_on,
+           RUN, why=lambda page: page.why_no_cursor()),
+    Action("trend_cursor_off", "escape", "Esc", N_("cursor away"), N_("Ends reading the trend."), cursor_away, RUN,
+           why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
     Action("connect", "c", "C", N_("connect"), N_("Control worker gone: start it again or attach to one that runs."),
            connect, RUN, locked=True),
 )

@@ -80,7 +80,7 @@ class SettingsScreen(Page):
                     [one for one in _choices(LANGUAGE_WORDS) if one.value in ("auto", *languages())], ""),
             _choice(general, _("theme"), ("theme",), now.theme, themes_known, _("D changes it for now")),
             _choice(general, _("sound"), ("sound",), "on" if now.sound else "off", _choices(SOUND_WORDS),
-                    _("the bell at a new alarm, at most once in 5 s")),
+                    _("the bell: once for a caution, three times for an alarm")),
             _number(limits, _("lowest"), ("manual_rate", "low_kg_ha"), now.manual_rate.low_kg_ha,
                     (0.0, now.manual_rate.high_kg_ha), rate),
             _number(limits, _("highest"), ("manual_rate", "high_kg_ha"), now.manual_rate.high_kg_ha,

@@ -70,6 +70,11 @@ class SettingsList(Panel[SettingsView]):
         first = max(0, min(at - height // 2, len(rows) - height))
         return rows[first:first + max(0, height)]
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        head = 2 if self.view.trouble else 1
+        rows = self._rows(self.view, self.content_size.height - head)
+        return tuple((0, head + row) for row, one in enumerate(rows) if isinstance(one, int))
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         head = 2 if self.view.trouble else 1

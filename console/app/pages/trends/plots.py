@@ -204,6 +204,9 @@ class Plots(Canvas[PlotsView]):
             row += count
         return found
 
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((0, row) for row in sorted(self._titles())) if self.view.plots else ((0, 0),)
+
     def on_click(self, event: events.Click) -> None:
         event.stop()
         if event.y in self._titles() or not self.view.plots:

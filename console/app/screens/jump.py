@@ -1,0 +1,85 @@
+"""Letters over whatever can be clicked; typing them clicks it. Hold and STOP work meanwhile and are never covered."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from textual import events
+from textual.app import ComposeResult
+from textual.geometry import Offset
+from textual.screen import ModalScreen, Screen
+from textual.widget import Widget
+from textual.widgets import Button, Input, Static
+
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.panel import Panel
+
+
+class Place(NamedTuple):
+    """widget: what is clicked. at: cell of the widget. seen: cell of the screen."""
+
+    widget: Widget
+    at: Offset
+    seen: Offset
+
+
+def places_of(screen: Screen[object]) -> tuple[Place, ...]:
+    """What can be clicked and is in sight, from the top left to the bottom right."""
+    found = (Place(widget, at, widget.content_region.offset + at) for widget, at in _clickable(screen))
+    seen = [one for one in found if screen.region.contains_point(one.seen) and _on_top(screen, one)]
+    return tuple(sorted(seen, key=lambda one: (one.seen.y, one.seen.x)))
+
+
+def _clickable(screen: Screen[object]) -> Iterator[tuple[Widget, Offset]]:
+    for widget in screen.query(Widget):
+        if isinstance(widget, Button | Input):
+            yield widget, Offset(0, 0)
+        elif isinstance(widget, Panel | Canvas):
+            for x, y in widget.places():
+                yield widget, Offset(x, y)
+
+
+def _on_top(screen: Screen[object], place: Place) -> bool:
+    return bool(place.widget.region.area) and screen.get_widget_at(*place.seen)[0] is place.widget
+
+
+def press(place: Place) -> None:
+    """As a click there would."""
+    if isinstance(place.widget, Button):
+        place.widget.press()
+    elif isinstance(place.widget, Input):
+        place.widget.focus()
+    else:
+        place.widget.post_message(events.Click(place.widget, place.at.x, place.at.y, 0, 0, 1, False, False, False,
+                                               place.seen.x, place.seen.y))
+
+
+class JumpScreen(ModalScreen[Place | None]):
+    """Any key that goes on with no label ends it."""
+
+    def __init__(self, places: tuple[Place, ...], labels: tuple[str, ...]) -> None:
+        super().__init__()
+        self.labelled = dict(zip(labels, places, strict=False))
+        self.typed = ""
+
+    def compose(self) -> ComposeResult:
+        for label, place in self.labelled.items():
+            shown = Static(label.upper(), classes="jump-label", markup=False, name=label)
+            shown.styles.offset = place.seen
+            yield shown
+
+    def on_key(self, event: events.Key) -> None:
+        event.stop()
+        event.prevent_default()
+        self.typed += (event.character or event.key).lower()
+        if self.typed in self.labelled:
+            self.dismiss(self.labelled[self.typed])
+        elif not any(label.startswith(self.typed) for label in self.labelled):
+            self.dismiss(None)
+        else:
+            for shown in self.query(Static):
+                shown.display = bool(shown.name and shown.name.startswith(self.typed))
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        self.dismiss(None)

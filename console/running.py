@@ -1,0 +1,182 @@
+"""The control worker as a process of its own: start it, or find the one that runs.
+
+Imported before all else by what starts one: nothing heavy is needed for it.
+"""
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from drivers.files.lock import take_lock
+
+HOST = "127.0.0.1"
+GREETING = "topdress-worker/1"
+KNOCK_S = 0.5                 # a worker greets at once, and mends its run file within half of that
+AGAIN_S = 0.02                # a run file that is not there yet is looked for this often
+START_S = 20.0                # opening devices may take its time
+LINE_BYTES = 1 << 20          # longest frame accepted
+WORKER = ("-P", "-m", "console.worker")
+
+
+class WorkerFailed(RuntimeError):
+    """The worker could not start; the message is its own last line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where a worker listens. Without the token the console only looks."""
+
+    port: int
+    token: str | None
+    pid: int
+    started: str = ""         # UTC, ISO 8601
+    log_path: str = ""
+    parent: int = 0           # the process that started it
+
+    def looking_only(self) -> Where:
+        return replace(self, token=None)
+
+
+def default_run_file() -> Path:
+    """The file in the user's runtime folder in which a running worker says where it listens."""
+    import platformdirs
+    with warnings.catch_warnings():                 # it warns on the terminal where XDG_RUNTIME_DIR is not set
+        warnings.simplefilter("ignore")
+        return Path(platformdirs.user_runtime_dir("topdress", appauthor=False)) / "worker.json"
+
+
+def find_running(run_file: Path | None = None) -> Where | None:
+    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at most.
+
+    A run file is removed only where no worker holds the lock beside it. One that is missing or wrong while a worker
+    runs is written anew by that worker, and waited for. Raises WorkerFailed where a worker runs and its file stays
+    wrong, or where it does not greet in time.
+    """
+    path = run_file or default_run_file()
+    until_s = time.monotonic() + KNOCK_S
+    while True:
+        wrong: WorkerFailed | None = None
+        try:
+            if _nobody_holds(path):
+                return None
+            return _greeted(_read(path), until_s)
+        except FileNotFoundError:
+            pass
+        except WorkerFailed as error:
+            wrong = error
+        if time.monotonic() + AGAIN_S > until_s:
+            if wrong is not None:
+                raise wrong
+            return None
+        time.sleep(AGAIN_S)
+
+
+def _greeted(where: Where, until_s: float) -> Where:
+    """The same, once it has greeted. Raises WorkerFailed."""
+    greeting = _knock(where.port, until_s)
+    if greeting is None:
+        raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it")
+    if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
+        raise WorkerFailed(f"the control worker (process {where.pid}) does not listen on its port {where.port}: end it")
+    return where
+
+
+def _nobody_holds(path: Path) -> bool:
+    """Whether no worker runs; the file that one left is then removed, while none can start."""
+    try:
+        if path.stat().st_uid != getattr(os, "getuid", int)():            # Windows: 0 on both sides
+            raise WorkerFailed(f"{path}: belongs to another user; remove it")
+    except FileNotFoundError:
+        pass
+    try:
+        lock = take_lock(path.with_suffix(".lock"))
+    except FileNotFoundError:                   # not even the folder is there
+        return True
+    if lock is None:
+        return False
+    with lock:
+        path.unlink(missing_ok=True)
+    return True
+
+
+def _read(path: Path) -> Where:
+    try:
+        said = json.loads(path.read_bytes()[:LINE_BYTES])
+        port, pid, parent = said["port"], said["pid"], said.get("parent", 0)
+        if not all(type(number) is int for number in (port, pid, parent)) or not 0 < port < 1 << 16:
+            raise ValueError
+        return Where(port, str(said["token"]), pid, str(said.get("started", "")), str(said.get("log_path", "")), parent)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise WorkerFailed(f"{path}: does not say where the control worker that runs listens: end that one") from None
+
+
+def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Path | None = None,
+                 timeout_s: float = START_S, program: Sequence[str] = WORKER) -> Where:
+    """Start a worker in a session of its own and wait until it says where it listens.
+
+    What it writes on stderr is appended to `trouble_path`, because the console draws on stderr. `program` are the
+    interpreter's arguments. Blocks: call it before the console starts, or in a thread of its own.
+    Raises WorkerFailed where one runs already, where it ends at once, or where it says nothing for `timeout_s`.
+    """
+    path = run_file or default_run_file()
+    running = find_running(path)
+    if running:
+        raise WorkerFailed(f"a control worker runs already (process {running.pid}): attach to it")
+    apart = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    with open(trouble_path, "ab") as trouble:
+        heard_before = trouble.tell()
+        child = subprocess.Popen([sys.executable, *program, "--run-file", str(path), *args],
+                                 stdin=subprocess.DEVNULL, stdout=trouble, stderr=trouble,
+                                 start_new_session=True, creationflags=apart)
+    until = time.monotonic() + timeout_s
+    while time.monotonic() < until:
+        if child.poll() is not None:
+            last = _last_line(Path(trouble_path), heard_before) or f"ended at once, code {child.returncode}"
+            raise WorkerFailed(f"the control worker did not start: {last}")
+        where = None
+        with contextlib.suppress(WorkerFailed):                    # it has the lock, and does not greet yet
+            where = find_running(path)
+        if where and child.pid in (where.pid, where.parent):       # Windows: the environment's own program starts it
+            return where
+        time.sleep(AGAIN_S)
+    child.terminate()
+    raise WorkerFailed(f"the control worker said nothing for {timeout_s:g} s; see {trouble_path}")
+
+
+def _knock(port: int, until_s: float) -> dict[str, Any] | None:
+    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None: accepted, and no whole
+    line by `until_s` (time.monotonic), however often a byte of it came."""
+    heard = b""
+    try:
+        with socket.create_connection((HOST, port), timeout=KNOCK_S) as connection:
+            while b"\n" not in heard and len(heard) < LINE_BYTES:
+                connection.settimeout(max(0.001, until_s - time.monotonic()))
+                got = connection.recv(4096)
+                if not got:
+                    break
+                heard += got
+                if time.monotonic() > until_s:
+                    return None
+        said = json.loads(heard.split(b"\n")[0])
+    except TimeoutError:
+        return None
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _last_line(path: Path, start: int) -> str:
+    with open(path, "rb") as file:
+        file.seek(start)
+        lines = file.read().decode(errors="replace").split("\n")
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")

@@ -1,0 +1,79 @@
+"""How control workers are started from the console, and with which files.
+
+Light: the worker is started before the console has imported its pages.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import platformdirs
+
+from console.running import Where, start_worker
+from console.worker.snapshots import may_go_on
+
+if TYPE_CHECKING:
+    from console.link import Link
+
+
+def data_folder() -> Path:
+    return Path(platformdirs.user_data_dir("topdress", appauthor=False))
+
+
+class Launcher:
+    """Starts control workers, with the files as they were last chosen."""
+
+    def __init__(self, config: Sequence[str], effects: Sequence[str], seed: int, hz: float, log: str | None,
+                 trouble: Path) -> None:
+        self.config, self.effects, self.seed, self.hz, self.log = tuple(config), tuple(effects), seed, hz, log
+        self.trouble = trouble
+
+    def start(self, resumed: Path | None = None) -> Where:
+        """Raises WorkerFailed."""
+        arguments = [*_pairs("--config", self.config), *_pairs("--effect", self.effects), "--seed", str(self.seed),
+                     "--hz", f"{self.hz:g}"]
+        if self.log is not None:
+            arguments += ["--log", self.log]
+        if resumed is not None:
+            arguments += ["--resume", str(resumed)]
+        return start_worker(arguments, self.trouble)
+
+    async def link(self, resumed: Path | None = None) -> Link:
+        import asyncio
+
+        from console.link import Link
+        return Link(await asyncio.to_thread(self.start, resumed))
+
+    @property
+    def logs(self) -> Path:
+        """The folder in which logs are written."""
+        return data_folder() / "logs" if self.log is None else Path(self.log).parent
+
+    def adopt(self, log_path: str) -> None:
+        """Take the files of a worker that runs already: its log's sidecar names them."""
+        from drivers.files.config import load_any
+        from drivers.files.config_error import ConfigError
+        from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+        from drivers.files.run_meta import meta_from_yaml
+        try:
+            meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return
+        found = []
+        for file in meta.sha256:
+            try:
+                kind, _loaded = load_any(Path(file), KINDS)
+            except ConfigError:
+                continue
+            if kind in (JOB, MACHINE, CAB):
+                found.append(file)
+        self.config = tuple(found)
+
+    def may_go_on(self) -> bool:
+        """Whether a job may have been cut off that `JobFiles.offer` is to look at."""
+        return may_go_on(self.logs)
+
+
+def _pairs(option: str, values: Sequence[str]) -> list[str]:
+    return [word for value in values for word in (option, value)]

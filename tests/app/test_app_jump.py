@@ -1,0 +1,127 @@
+"""One key puts letters over what can be clicked; typing them clicks it. Hold and STOP work meanwhile."""
+from __future__ import annotations
+
+import string
+
+import pytest
+from textual.widgets import Button
+
+from console.app import actions
+from console.app.app import TopdressApp
+from console.app.dialogs import ChoiceDialog
+from console.app.jump import labels, letters
+from console.app.sample import sample_services
+from console.app.screens.jump import JumpScreen, places_of
+from console.app.widgets.key_bar import KeyBar
+from console.app.widgets.page_bar import PageBar
+from control.orders import Do
+
+SIZE = (120, 40)
+PAGES = ("run", "map", "trends", "devices", "calibrate", "replay", "diagnosis", "job", "settings")
+
+
+@pytest.fixture
+def full(source, clock):
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
+
+
+async def turned(app, pilot, where):
+    app.turn_to(where)
+    for _ in range(3):
+        await pilot.pause()
+
+
+async def shown_letters(app, pilot):
+    for _ in range(3):
+        await pilot.pause()
+    await pilot.press("apostrophe")
+    await pilot.pause()
+    assert isinstance(app.screen, JumpScreen)
+    return app.screen.labelled
+
+
+def label_of(app, wanted):
+    return next(label for label, place in app.screen.labelled.items() if wanted(place))
+
+
+def test_no_label_has_a_letter_that_acts_on_the_machine():
+    bound = {where: actions.bound_at(where, {}) for where in {one.where for one in actions.ACTIONS}}
+    assert not set(letters(bound)) & (bound["run"] | bound["calibrate"] | bound["devices"])
+    other = {**bound, "run": bound["run"] | {"q"}}
+    assert "q" in letters(bound) and "q" not in letters(other), "nor one that the user's keymap gave such an action"
+    assert letters({where: frozenset(string.ascii_lowercase) for where in bound}) == "" and labels(5, "") == ()
+
+
+def test_no_label_begins_another():
+    for count in (1, 3, 6, 7, 36, 37, 90):
+        made = labels(count, "eijpqv")
+        assert len(set(made)) == count and len({len(one) for one in made}) == 1
+
+
+@pytest.mark.parametrize("where", PAGES)
+async def test_every_page_has_letters_and_stop_stays_stop(full, source, where):
+    async with full.run_test(size=SIZE) as pilot:
+        await turned(full, pilot, where)
+        bar = full.page.query_one(KeyBar)
+        stop = [(x, bar.region.y) for x in range(bar.size.width) if bar.action_at(x) in ("stop", "hold")]
+        found = await shown_letters(full, pilot)
+        assert len(found) > 8, "the tabs of the pages alone are nine"
+        covered = {(place.seen.x + cell, place.seen.y) for label, place in found.items() for cell in range(len(label))}
+        assert stop and not covered & set(stop)
+        before = len(source.orders)
+        await pilot.press("x")
+        await pilot.pause()
+        assert [order.do for order in source.orders[before:]] == [Do.STOP]
+        await pilot.press("s")
+        await pilot.pause()
+        assert full.screen is full.page and len(source.orders) == before + 1, "another letter ends it and does nothing"
+
+
+async def test_typing_a_label_clicks(full):
+    async with full.run_test(size=SIZE) as pilot:
+        await shown_letters(full, pilot)
+        page_bar = full.page.query_one(PageBar)
+        tabs = [label for label, place in full.screen.labelled.items() if place.widget is page_bar]
+        await pilot.press(*tabs[2].upper())
+        await pilot.pause()
+        await pilot.pause()
+        assert full.page.where == "trends", "Caps Lock types the same label"
+
+
+async def test_rows_of_lists_are_clicked(full):
+    async with full.run_test(size=SIZE) as pilot:
+        await turned(full, pilot, "settings")
+        lines = full.page.query_one("SettingsList")
+        await shown_letters(full, pilot)
+        rows = [label for label, place in full.screen.labelled.items() if place.widget is lines]
+        assert len(rows) > 5
+        await pilot.press(*rows[0])
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(full.screen, ChoiceDialog), "as a click on the line: its question"
+
+
+async def test_buttons_of_a_dialog_have_letters_too(full):
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.press("t")
+        await pilot.pause()
+        dialog = full.screen
+        assert len(places_of(dialog)) == len(dialog.query(Button))
+        await shown_letters(full, pilot)
+        await pilot.press(*label_of(full, lambda place: place.widget.id == "choice-2"))
+        await pilot.pause()
+        assert full.screen is dialog and dialog.at == 2
+        await shown_letters(full, pilot)
+        await pilot.press(*label_of(full, lambda place: place.widget.id == "cancel"))
+        await pilot.pause()
+        assert full.screen is full.page
+
+
+@pytest.mark.parametrize("size", [(80, 24), (60, 20), (160, 50)])
+async def test_letters_stand_only_where_something_is_in_sight(full, size):
+    async with full.run_test(size=size) as pilot:
+        found = await shown_letters(full, pilot)
+        assert found and all(0 <= one.seen.x < size[0] and 0 <= one.seen.y < size[1] for one in found.values())
+        await pilot.press("escape")
+        await pilot.pause()
+        assert full.screen is full.page

@@ -1,0 +1,116 @@
+"""The trend of the Run page is read off at a time, by keys and by a tap; small graphs stand under the tiles."""
+from __future__ import annotations
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.gallery import StillSource
+from console.app.widgets.tile_graphs import TileGraphs, graph
+from console.app.widgets.trend import Trend
+
+SIZE = (120, 40)
+
+
+@pytest.fixture
+def run(frames, clock):
+    """The Run page after 60 s of work: every frame was seen."""
+    app = TopdressApp(StillSource(frames[0]), clock, live=False, utc_offset_s=0.0)
+    app.drive = lambda: _driven(app, frames)
+    return app
+
+
+def _driven(app, frames):
+    for frame in frames:
+        app.source.newest = frame
+        app.tick()
+    app.look()
+
+
+def title_of(app, shown):
+    return next(row for row in shown(app) if " trend " in row)
+
+
+async def test_keys_read_the_trend_and_escape_ends_it(run, frames, shown):
+    async with run.run_test(size=SIZE) as pilot:
+        run.drive()
+        await pilot.pause()
+        without = shown(run)
+        await pilot.press("escape")
+        assert run.notice_text == "no cursor is set"
+        run.notice_text = ""
+        await pilot.press("left")
+        await pilot.pause()
+        page = run.page
+        near = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
+        said = title_of(run, shown)
+        assert f"target {near.target_kg_ha:.0f}" in said and f"applied {near.applied_kg_ha:.0f}" in said
+        at_s = page.cursor_s
+        await pilot.press("shift+left")
+        await pilot.pause()
+        assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), "ten steps"
+        far = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
+        assert f"target {far.target_kg_ha:.0f}" in title_of(run, shown)
+        assert any("│" in row for row in shown(run))
+        await pilot.press("escape")
+        await pilot.pause()
+        assert page.cursor_s is None and shown(run)[:-1] == without[:-1], "as it was"
+        assert run.source.orders == []
+
+
+async def test_a_tap_on_the_trend_reads_it_and_one_on_its_title_ends_it(run, shown):
+    async with run.run_test(size=SIZE) as pilot:
+        run.drive()
+        await pilot.pause()
+        trend = run.page.query_one(Trend)
+        await pilot.click(trend, offset=(trend.size.width - 12, 3))
+        await pilot.pause()
+        assert run.page.cursor_s is not None and run.page.cursor_s < run.page.points()[-1].time_s
+        await pilot.click(trend, offset=(5, 0))
+        await pilot.pause()
+        assert run.page.cursor_s is None
+
+
+async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past_it(run, frames):
+    async with run.run_test(size=SIZE) as pilot:
+        run.drive()
+        await pilot.press("shift+left")
+        page, last = run.page, frames[-1]
+        at_s = page.cursor_s
+        for later_s in (30.0, 200.0):
+            row = last.row._replace(time_s=last.row.time_s + later_s)
+            run.source.newest = type(last)(**{name: getattr(last, name) for name in last.__dataclass_fields__}
+                                           | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s})
+            run.look()
+            assert page.cursor_s == (at_s if later_s < 100.0 else None)
+
+
+async def test_where_there_is_no_trend_the_key_says_so(run):
+    async with run.run_test(size=(100, 30)) as pilot:
+        run.drive()
+        await pilot.press("left")
+        assert "36 rows" in run.notice_text and run.page.cursor_s is None
+
+
+async def test_where_there_is_no_room_tiles_stand_without_graphs(run):
+    async with run.run_test(size=SIZE) as pilot:
+        run.drive()
+        await pilot.pause()
+        assert not run.page.query_one(TileGraphs).display
+
+
+async def test_graphs_stand_under_the_tiles_of_a_large_terminal(run, shown):
+    async with run.run_test(size=(160, 50)) as pilot:
+        run.drive()
+        await pilot.pause()
+        graphs = run.page.query_one(TileGraphs)
+        assert graphs.display and len(graphs.view.graphs) == 4 and all(graphs.view.graphs)
+        first = graphs.region.y
+        assert any("\u2801" <= letter <= "\u28ff" for row in shown(run)[first:first + 2] for letter in row[:100])
+
+
+def test_a_graph_breaks_where_nothing_is_known_and_noise_is_no_mountain():
+    nan = float("nan")
+    assert graph((0.0, 60.0, 120.0), (1.0, nan, 3.0), 0.0, 120.0) == ((0.0, 0.0), (0.5, None), (1.0, 1.0))
+    level = graph((0.0, 60.0), (100.0, 100.1), 0.0, 120.0)
+    assert all(0.4 < share < 0.6 for _at, share in level)
+    assert graph((), (), 0.0, 120.0) == ()
