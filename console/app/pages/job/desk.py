@@ -9,7 +9,7 @@ from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
-from control.field.who import Who
+from control.field.who import Who as Who
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export

@@ -14,9 +14,9 @@ from console.app.pages.job.desk import (
     Offer,
     Progress,
     Reading,
+    Who,
 )
 from console.app.source import FrameSource
-from control.field.who import Who
 from control.targets.map_check import MapCheck
 
 FACTS = Facts(
