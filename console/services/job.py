@@ -27,8 +27,7 @@ from console.app.pages.job.desk import (
 from console.services.launcher import Launcher, data_folder
 from console.worker import resume
 from control.orders import TargetSource
-from drivers.files.config import Loaded, load, save, shipped
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, Loaded, load, save, shipped
 from drivers.files.kinds import CAB, CROP, JOB, MACHINE
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from control.agronomy.noa import Rule, prepare
 from control.field.job import Job
 from control.machine.machine import Machine
 from drivers.cab_config import CabConfig
-from drivers.files.config import Loaded, load, load_any, sha256_of
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, Loaded, load, load_any, sha256_of
 from drivers.files.kinds import CROP, JOB, KINDS, MACHINE
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
