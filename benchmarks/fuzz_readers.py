@@ -75,7 +75,7 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
     from drivers.devices.rate_module import ModuleAddress, RateModule
     from drivers.devices.slave_board import SlaveBoard
     from drivers.files.bench_table import read_bench_table
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError
     from drivers.files.imports.read import read_raw
     from drivers.files.prescriptions.plants import read_plants
     from drivers.files.prescriptions.read import read_prescription

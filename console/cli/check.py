@@ -67,8 +67,7 @@ def write_all(folder: Path) -> None:
 
 
 def _check(files: list[str]) -> None:
-    from drivers.files.config import load_any
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError, load_any
     from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
     from drivers.files.setup import disagreements
     wrong: list[str] = []
@@ -110,8 +109,7 @@ def _of_job(loaded: Any) -> list[str]:
 def _map_of(loaded: Any) -> list[str]:
     """Says what of a job's map will not be applied as it stands. Returns what is wrong, a line each."""
     from console.cli.map_notes import told_map
-    from drivers.files.config import load
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError, load
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
     from drivers.files.prescriptions.words import PrescriptionError

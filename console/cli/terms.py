@@ -34,7 +34,7 @@ def _valid(data: dict[str, Any]) -> Term:
     from pydantic import ValidationError
 
     from control.machine.terms import Term
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError
     from drivers.files.config_words import explain
     try:
         return Term.model_validate(data)

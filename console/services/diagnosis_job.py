@@ -194,7 +194,7 @@ def _say(what: dict[str, Any]) -> None:
 
 
 def main(path: str) -> int:
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError
     if hasattr(os, "nice"):
         os.nice(NICE)
     try:

@@ -38,7 +38,7 @@ def record(where: str, machine: Mapping[str, Any], about: Mapping[str, str]) -> 
     Whatever is wrong with it is a record too: {"error": one line}.
     """
     from control.machine.machine import Machine
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with local(where) as path:

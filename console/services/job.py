@@ -22,10 +22,10 @@ from console.app.pages.job.desk import (
     Offer,
     Progress,
     Reading,
+    Who,
 )
 from console.services.launcher import Launcher, data_folder
 from console.worker import resume
-from control.field.who import Who
 from control.orders import BY_MAP, TargetSource
 from drivers.files.config import Loaded, load, save, shipped
 from drivers.files.config_error import ConfigError

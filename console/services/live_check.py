@@ -81,7 +81,7 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
 def main(arguments: list[str]) -> int:
     lower_priority()
     threading.Thread(target=_end_with_stdin, daemon=True).start()
-    from drivers.files.config_error import ConfigError
+    from drivers.files.config import ConfigError
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
     said: object = ()
 

@@ -21,8 +21,7 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from drivers.cab import BoardConfig, Cab, CabConfig
 from drivers.cab_config import MODULE_STOPS_S
 from drivers.devices.board_frames import SILENT_HOST_S
-from drivers.files.config import Loaded
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, Loaded
 from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import Placed, placed_of_job
 from drivers.files.run_log import RunLogWriter

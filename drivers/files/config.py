@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from drivers.files.atomic import write_atomically
-from drivers.files.config_error import ConfigError
+from drivers.files.config_error import ConfigError as ConfigError
 from drivers.files.config_words import explain, nearest
 from drivers.files.limits import CONFIG
 from drivers.files.plain import plain, schema_of

@@ -7,8 +7,7 @@ from typing import Annotated, Literal, NamedTuple
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.files.config import Kind, load, save
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, Kind, load, save
 
 MOST_RATE_KG_HA = 2000.0
 

@@ -9,8 +9,7 @@ from control.orders import Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from drivers.cab import Cab, CabConfig
-from drivers.files.config import load, load_any, schema, shipped
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, load, load_any, schema, shipped
 from drivers.files.kinds import CAB, KINDS
 from drivers.files.setup import load_setup
 from drivers.ports import memory_pair

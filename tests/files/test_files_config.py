@@ -8,8 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.files.config import Kind, load, load_any, resolve, save, schema, sha256_of, validated
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, Kind, load, load_any, resolve, save, schema, sha256_of, validated
 
 Written = Callable[..., Path]
 

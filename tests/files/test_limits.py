@@ -17,7 +17,7 @@ from console.worker import resume
 from console.worker.resume_ground import unpacked
 from drivers.files import limits
 from drivers.files.bench_table import read_bench_table
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError
 from drivers.files.imports.read import read_raw
 from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
 from drivers.files.log_values import _chords

@@ -13,8 +13,7 @@ from control.machine.fall import drop_s
 from control.machine.flow import grams_per_rev
 from control.machine.machine import CATALOGUE, NOMINAL, Machine, bounds, of_nominal, unit_of, with_effect
 from control.machine.planting import Planted, schedule
-from drivers.files.config import load, shipped
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, load, shipped
 from drivers.files.kinds import MACHINE
 
 # On the nominal machine: lowest and highest size, unit. Public.

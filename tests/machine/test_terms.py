@@ -13,8 +13,7 @@ from control.machine.machine import Machine
 from control.machine.term_step import TermParams, TermState, over_rows, term_step
 from control.machine.term_sums import NOTHING, TermSums, Told, angle_over_log, over_log, told_over_log
 from control.machine.terms import COEFFICIENTS, Form, Term, needed, params_of, parse_term
-from drivers.files.config import load, save, shipped
-from drivers.files.config_error import ConfigError
+from drivers.files.config import ConfigError, load, save, shipped
 from drivers.files.kinds import MACHINE
 
 TEXTS = {

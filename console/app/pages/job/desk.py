@@ -11,7 +11,7 @@ from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
 from control.agronomy.growth import Growth
 from control.agronomy.strips import StripValue
-from control.field.who import Who
+from control.field.who import Who as Who
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export

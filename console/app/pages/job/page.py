@@ -13,7 +13,7 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.job.check_list import CheckList, ChecksView
 from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
-from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading
+from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading, Who
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
@@ -25,7 +25,6 @@ from console.app.widgets.items import Items
 from console.frame import Frame
 from console.locale import _, in_use
 from control.agronomy.strips import Strips, StripValue
-from control.field.who import Who
 from control.orders import Do
 
 LOOK_S = 30.0                   # free disk space and files are looked at this often

@@ -14,10 +14,10 @@ from console.app.pages.job.desk import (
     Offer,
     Progress,
     Reading,
+    Who,
 )
 from console.app.source import FrameSource
 from control.agronomy.strips import StripValue
-from control.field.who import Who
 from control.targets.map_check import MapCheck
 
 FACTS = Facts(
