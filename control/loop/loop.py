@@ -237,14 +237,14 @@ class ControlLoop:
             holding = self._doses.target(sensed, allow.outside)
         stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
         share = self._open_share(moment, holding, stop, reach, by_point)
-        holding = self._under_sections(holding)
-        planned = holding.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
+        wanted = holding if by_point else self._under_sections(holding, now, share)
+        planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         pair = self._planner.pair(
             Wanted(now, moment.dt_s, share * rate, self._rate_at(profile, holding, moment, share), moment.ahead),
             self._expected.pair, moment.conditions)
-        return Decision(holding, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point, share)
+        return Decision(wanted, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point, share)
 
     def _reach(self, moment: Moment, choices: Choices) -> Reach:
         now, sections = moment.m.time_s, self._ahead.sections
@@ -271,9 +271,12 @@ class ControlLoop:
         answers_s = sections.metering_s(self._setting.by_shaft, standing, self._expected.pair.opening_mm)
         return sections.share_at(now + answers_s)
 
-    def _under_sections(self, holding: Target) -> Target:
-        """Where a map wants nothing under the machine's middle, but something under the sections that are on: that."""
+    def _under_sections(self, holding: Target, now_s: float, open_share: float) -> Target:
+        """Nothing where no section is on, or about to be. Where a map wants nothing under the machine's middle, but
+        something under the sections that are on: that."""
         sections, field_map = self._ahead.sections, self._ahead.map
+        if sections is not None and not (sections.any_decided or open_share or sections.share_at(now_s)):
+            return Target(0.0, holding.source) if sections.inside(now_s) else OUTSIDE
         if (sections is None or field_map is None or holding.source is not TargetSource.MAP
                 or holding.rate_kg_ha > 0.0 or not sections.any_decided):
             return holding

@@ -180,6 +180,8 @@ def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Stra
     truths = [step.truth for step in steps]
     open_at_once = {step.tick.command.valves for step in steps}
     assert {(False,) * 3, (True, False, False), (True, True, False), (True,) * 3} <= open_at_once
+    closed = [step.tick.row for step in steps if step.truth.north_m > 70.0]
+    assert {row.target_rate_kg_ha for row in closed} == {0.0} and {row.target_source for row in closed} == {"none"}
     rates = rates_by_section(truths, setup.machine)
     for k, (inside, rate) in enumerate(rates):
         well_inside, well_outside = inside > 0.9, inside < 0.1
