@@ -11,8 +11,8 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
 from console.app.gallery import StillSource
-from console.app.pages.job.check_list import CheckList
-from console.app.pages.job.day import LOOK, OK, STOP, checks, totals, worst
+from console.app.pages.job.check_list import CheckList, with_room
+from console.app.pages.job.day import LOOK, OK, STOP, Check, checks, totals, worst
 from console.app.pages.job.desk import Earlier, Offer
 from console.app.pages.job.nrich import StripRun, standard_error
 from console.app.pages.job.refill import RefillWatch
@@ -93,6 +93,14 @@ def test_what_is_to_be_looked_at_before_work(frames):
     assert levels(replace(frame, log_path=""))["log"] == STOP
     assert levels(replace(frame, tally=Tally(trouble="a.resume.json: disk full")))["log"] == LOOK
     assert levels(frame, None, trouble="job.yaml: no such file")["job"] == STOP
+
+
+def test_what_is_well_gives_way_where_not_all_have_room():
+    """The log's STOP stands last on the list: it must not be cut off by eight lines that are well."""
+    some = tuple(Check(str(k), level, "") for k, level in enumerate((OK, LOOK, OK, OK, OK, STOP)))
+    assert with_room(some, 6) == some
+    assert [check.label for check in with_room(some, 5)] == ["0", "1", "2", "5"]
+    assert [check.label for check in with_room(some, 3)] == ["1", "5"]
 
 
 def test_every_warning_of_the_crop_stands_in_full(frames):

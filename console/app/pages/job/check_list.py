@@ -20,6 +20,16 @@ class ChecksView(NamedTuple):
     language: str
 
 
+def with_room(checks: tuple[Check, ...], rows: int) -> tuple[Check, ...]:
+    """Those that are shown in so many rows, in their order: where not all have room what is well gives way first, and
+    one row says how many are left out."""
+    if len(checks) <= rows:
+        return checks
+    ranked = sorted(range(len(checks)), key=lambda k: ((STOP, LOOK, OK).index(checks[k].level), k))
+    kept = set(ranked[:max(0, rows - 1)])
+    return tuple(check for k, check in enumerate(checks) if k in kept)
+
+
 class CheckList(Panel[ChecksView]):
     def lines(self, view: ChecksView, width: int, height: int) -> list[Content]:
         said = {OK: _("all is well"), LOOK: _("work is possible: look at what is marked"),
@@ -28,8 +38,9 @@ class CheckList(Panel[ChecksView]):
         label = max((cell_len(check.label) for check in view.checks), default=0) + 2
         word = max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4
         rows = [line(*head)]
-        spare = height - 1 - len(view.checks)
-        for check in view.checks:
+        shown = with_room(view.checks, height - 1)
+        spare = height - 1 - len(shown) - (len(shown) < len(view.checks))
+        for check in shown:
             rows.append(line((fit(f" {check.label}", label), "$muted"),
                              (fit(f" {SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}", word), STYLES[check.level]),
                              (fit(f" {check.text}", width - label - word), "")))
@@ -37,6 +48,9 @@ class CheckList(Panel[ChecksView]):
             for text in more[:max(0, spare)]:
                 rows.append(line(" " * (label + word), (fit(f" {text}", width - label - word), "$muted")))
             spare -= len(more)
+        if len(shown) < len(view.checks):
+            left = _("+{count} more").format(count=len(view.checks) - len(shown))
+            rows.append(line((fit(f" {left}", width), "$muted")))
         return rows
 
     async def on_click(self, event: events.Click) -> None:
