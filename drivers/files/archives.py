@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
-from drivers.files.limits import SHAPES
+from drivers.files.limits import DAMAGED_ZIP, SHAPES
 from drivers.plain_text import OneLine
 
 DEEPEST = 4                     # folders in one another that are looked into
@@ -63,7 +63,7 @@ class Zip:
         try:
             with zipfile.ZipFile(self.path) as archive:
                 found = [info.filename for info in archive.infolist() if info.filename and not info.is_dir()]
-        except (zipfile.BadZipFile, NotImplementedError) as error:
+        except DAMAGED_ZIP as error:
             raise ArchiveError(f"{self.path}: {error}") from None
         return sorted(name for name in found if _counts(name))
 
@@ -72,7 +72,7 @@ class Zip:
             with zipfile.ZipFile(self.path) as archive:
                 _check_size(self.label(name), archive.getinfo(name).file_size)
                 return archive.read(name)
-        except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
+        except DAMAGED_ZIP as error:
             raise ArchiveError(f"{self.label(name)}: {error}") from None
 
     def label(self, name: str) -> str:

@@ -6,7 +6,9 @@ names it, its size and what is allowed; nothing of it is unpacked first.
 from __future__ import annotations
 
 import json
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,6 +54,10 @@ _SIDES = (".shx", ".dbf", ".prj", ".cpg")
 _ZIPPED = (".zip", ".xlsx", ".xlsm", ".xlsb", ".ods")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 0x1
+
+
+# What reading a damaged, odd or locked zip raises (RuntimeError: a password, a version, a compression).
+DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError)
 
 
 class BeyondLimits(OneLine):
@@ -121,7 +127,7 @@ def _check_zip(path: Path) -> None:
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
-    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+    except (*DAMAGED_ZIP, ValueError):
         return                                  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
     held_to(whole, sum(entry.file_size for entry in entries), f"{path}, unpacked")

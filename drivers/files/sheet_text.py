@@ -4,12 +4,10 @@ from __future__ import annotations
 import csv
 import datetime as dt
 import io
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
-from drivers.files.limits import BeyondLimits
+from drivers.files.limits import DAMAGED_ZIP, BeyondLimits
 from drivers.files.sheet_limits import cells_of, check_sheets
 from drivers.plain_text import OneLine
 
@@ -27,7 +25,7 @@ def sheet_text(path: Path) -> bytes:
         check_sheets(path)
         with CalamineWorkbook.from_path(str(path)) as book:
             tables = {name: cells_of(book.get_sheet_by_name(name), f"sheet {name}") for name in book.sheet_names}
-    except (CalamineError, BeyondLimits, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+    except (CalamineError, BeyondLimits, *DAMAGED_ZIP) as error:
         raise SheetError(f"not readable as a workbook: {error}") from None
     filled = {name: rows for name, rows in tables.items() if any(cell != "" for row in rows for cell in row)}
     if len(filled) != 1:

@@ -43,6 +43,17 @@ def _of_another_version(packed: bytes) -> bytes:
     return packed[:at + 6] + b"\xed\x00" + packed[at + 8:]
 
 
+def _of_spoilt_bytes(packed: bytes) -> bytes:
+    """A task that says it is deflated, of bytes that are no such thing."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("TASKDATA/TASKDATA.XML", bytes(range(256)) * 9)
+    spoilt = bytearray(made.getvalue())
+    begin = spoilt.index(b"TASKDATA.XML") + len(b"TASKDATA.XML")
+    spoilt[begin:begin + 40] = b"\xfd\x7f" * 20
+    return bytes(spoilt)
+
+
 def _job(path: Path) -> None:
     try:
         by_kind([str(path)])
@@ -71,7 +82,7 @@ def test_a_refusal_is_one_line_whatever_it_quotes(tmp_path: Path, name: str, end
     assert str(path) in str(refused.value)
 
 
-@pytest.mark.parametrize("change", [_nameless, _of_another_version])
+@pytest.mark.parametrize("change", [_nameless, _of_another_version, _of_spoilt_bytes])
 def test_a_zip_of_which_the_library_falls_over_is_refused_in_a_line(tmp_path: Path,
                                                                    change: Callable[[bytes], bytes]) -> None:
     path = tmp_path / "x.zip"

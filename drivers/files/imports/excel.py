@@ -2,8 +2,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.limits import BeyondLimits
+from drivers.files.limits import DAMAGED_ZIP, BeyondLimits
 from drivers.files.sheet_limits import cells_of, check_sheets
 
 LEAST_ROWS = 20             # of a log: what is shorter beside a longer one are notes
@@ -28,7 +26,7 @@ def read_excel(path: Path, said: Source) -> RawTable:
     """Raises ImportTrouble, OSError. Without a sheet named, the one sheet that holds a table."""
     try:
         check_sheets(path)
-    except (BeyondLimits, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+    except (BeyondLimits, *DAMAGED_ZIP) as error:
         raise ImportTrouble(f"{path}: not readable as a workbook: {error}") from None
     try:
         with CalamineWorkbook.from_path(str(path)) as book:

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import struct
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import shapefile
 from control.targets.rate_map import Floats
 from drivers.files.archives import ArchiveError
 from drivers.files.findings import Finding, many
+from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.rings import sorted_rings
@@ -35,7 +35,7 @@ def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) ->
         raise
     except ArchiveError as error:
         raise PrescriptionError(str(error)) from None
-    except (shapefile.ShapefileException, UnicodeDecodeError, zipfile.BadZipFile, NotImplementedError) as error:
+    except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as error:
         raise PrescriptionError(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
     except KeyError as error:
         raise PrescriptionError(f"{path}: not a shapefile: type of shapes {error}: allowed POLYGON") from None
