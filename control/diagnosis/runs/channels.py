@@ -149,11 +149,13 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
 
     A few refills are filled into the model. Over many, a flow error adds up until the model's hopper runs empty or
     over: it is then set to the level that was read after each, as it is after a long gap in which nobody knows what
-    was metered.
+    was metered: unless that ends while the hopper is filled, when a reading tells no level.
     """
     count = len(h.time_s) - 1
     fills = h.jumps if len(h.jumps) > MAX_CHAINED else ()
-    begins = [0, *sorted({j for j in (*fills, *(end for end, _ in h.gaps)) if 0 < j < count})]
+    level_told = set(h.grid.rows.tolist())
+    gap_ends = {end for end, _ in h.gaps if end in level_told}
+    begins = [0, *sorted({j for j in (*fills, *gap_ends) if 0 < j < count})]
     levels = [h.start_kg, *(_level(h.reading_kg[j:j + 6], h.start_kg) for j in begins[1:])]
     return list(zip(begins, [*begins[1:], count], levels, strict=True))
 
