@@ -7,7 +7,7 @@ drive moves alone, nothing is moved, as a dead time may look the same: unless ro
 """
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,8 @@ from control.diagnosis.effects import GATE_SLOW
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import channels
-from .hypothesis import Part, Parts, schedule, stages_of
+from .channels import ChannelSeries, channels
+from .hypothesis import Part, Schedule, schedule, stages_of
 from .log import Clean
 from .stages import run_data
 
@@ -54,22 +54,24 @@ WAYS = ((READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE))      # each pair is t
 
 def in_order(log: Clean, machine: Machine) -> Clean:
     """The log with commands and answers in the rows that ours have them in, and what was moved among its findings."""
-    some = _beginning(log)
-    as_it_is = _residuals(some, machine)
+    some, nominal = _beginning(log), schedule(stages_of(machine), ())
+    seen = _channels(some, machine)
+    as_it_is = _residuals(seen, nominal)
     moved = [_moved(some, ways[0]) for ways in WAYS]
-    left = [_residuals(one, machine) for one in moved]
+    left = [_residuals(_channels(one, machine), nominal) for one in moved]
     by_way = [_gains(as_it_is, one) for one in left]
     telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE]
     alone = log.step_s >= ALONE_S
     if len(telling) < (1 if alone else 2):
         return log
     best = int(np.argmax([sum(gains.values()) for gains in by_way]))
-    further = _gains(left[best], _residuals(_moved(moved[best], WAYS[best][0]), machine))
+    further = _gains(left[best], _residuals(_channels(_moved(moved[best], WAYS[best][0]), machine), nominal))
     if not _so_far(by_way[best], by_way[1 - best], further, (telling,) if alone else [[drive] for drive in telling]):
         return log
-    if not alone and _slow_gate_gain(as_it_is, some, machine) > by_way[best]["gate"]:
+    if not alone and _slow_gate_gain(as_it_is, seen, machine) > by_way[best]["gate"]:
         return log
-    rough = [_roughness(_residuals(_moved(some, way), machine).get("scale", np.zeros(2))) for way in WAYS[best]]
+    scales = [_residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]]
+    rough = [_roughness(one.get("scale", np.zeros(2))) for one in scales]
     return _moved(log, WAYS[best][int(np.argmin(rough))])
 
 
@@ -97,18 +99,19 @@ def _moved(log: Clean, move: Move) -> Clean:
     return log._replace(columns=columns, findings=(*log.findings, move.said))
 
 
-def _residuals(log: Clean, machine: Machine, parts: Parts = ()) -> dict[str, Array]:
-    """What the nominal machine with these effects leaves of drives and scale, by channel."""
-    plan = schedule(stages_of(machine), parts)
-    seen = channels(run_data(log, machine), machine)
-    return {word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S)
-            for word in (*DRIVES, "scale") if word in seen}
+def _channels(log: Clean, machine: Machine) -> Mapping[str, ChannelSeries]:
+    return channels(run_data(log, machine), machine)
 
 
-def _slow_gate_gain(as_it_is: dict[str, Array], log: Clean, machine: Machine) -> float:
+def _residuals(seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequence[str] = DRIVES) -> dict[str, Array]:
+    """What a machine leaves of these channels, where they are seen."""
+    return {word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S) for word in words if word in seen}
+
+
+def _slow_gate_gain(as_it_is: dict[str, Array], seen: Mapping[str, ChannelSeries], machine: Machine) -> float:
     """What a gate that slews too slowly gains at most: with a shaft that is late by itself it looks like rows."""
-    slow = [_residuals(log, machine, (Part(GATE_SLOW.id, size),)) for size in GATE_SLOW.ladder]
-    return max(_gains(as_it_is, one).get("gate", 0.0) for one in slow)
+    plans = [schedule(stages_of(machine), (Part(GATE_SLOW.id, size),)) for size in GATE_SLOW.ladder]
+    return max(_gains(as_it_is, _residuals(seen, plan, ("gate",))).get("gate", 0.0) for plan in plans)
 
 
 def _gains(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
