@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from control.diagnosis.runs.quantised import noise_before_rounding, rounding_error, whole_steps
+from control.diagnosis.runs.quantised import (
+    noise_before_rounding,
+    rounding_error,
+    steps_to_the_end,
+    whole_steps,
+)
 from control.diagnosis.runs.robust import tail_excess
 
 
@@ -56,3 +61,12 @@ def test_normal_noise_and_protected_samples_are_left_alone() -> None:
     noise[4_500] = 60.0
     drawn = tail_excess(noise, free)
     assert drawn[:4_000].any() and abs(drawn[4_500]) < 1e-6
+
+
+def test_an_encoder_that_begins_to_read_in_steps_is_told_from_when_on() -> None:
+    rng = np.random.default_rng(4)
+    speed_rpm = np.repeat(rng.uniform(30.0, 90.0, 40), 100) + rng.normal(0.0, 0.3, 4000)
+    readings = np.where(np.arange(4000) < 2600, np.round(speed_rpm, 3), np.round(np.round(speed_rpm / 3.7) * 3.7, 3))
+    steps = steps_to_the_end(readings)
+    assert steps is not None and abs(steps.step_rpm - 3.7) < 1e-3 and abs(steps.first - 2600) <= 5
+    assert steps_to_the_end(np.round(speed_rpm, 3)) is None

@@ -73,6 +73,8 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     label, data = Label(Role.READING), model.data
     if channel.name == "shaft" and data.shaft is not None and data.shaft.step > 0.0:
         turning = (model.predicted(())["shaft"] > data.shaft.step).astype(np.float64)
+        if data.shaft.steps_from_s is not None:
+            turning = turning * (channel.grid.even_s >= data.shaft.steps_from_s)
         return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
     if channel.name == "scale" and data.hopper is not None:
         bins, hopper = np.arange(len(data.hopper.reading_kg)), of_nominal(model.machine, HOPPER)

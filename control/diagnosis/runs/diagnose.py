@@ -143,12 +143,18 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
 def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine
                   ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
-    log, in_steps = without_steps(in_order(gate(columns), machine), machine)
+    log = in_order(gate(columns), machine)
+    in_steps = without_steps(log, machine)
+    if in_steps is None:
+        data, in_spells = without_spells(run_data(log, machine), machine)
+        return log, data, in_spells
+    log, part = in_steps.taken_back, in_steps.seen.part
     data = run_data(log, machine)
-    if in_steps is not None and data.shaft is not None:
-        data = data._replace(shaft=data.shaft._replace(step=in_steps.part.size))
+    if data.shaft is not None:
+        data = data._replace(shaft=data.shaft._replace(step=part.size, steps_from_s=part.onset_s),
+                             hopper=run_data(in_steps.turned, machine).hopper)
     data, in_spells = without_spells(data, machine)
-    return log, data, in_spells if in_steps is None else (in_steps, *in_spells)
+    return log, data, (in_steps.seen, *in_spells)
 
 
 def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData, step: Callable[[float, str], None],

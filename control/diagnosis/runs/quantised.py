@@ -34,6 +34,9 @@ WRITTEN_RPM = 0.001         # digits of a log
 JITTER = 0.01               # of a step: counts over a time that a clock keeps to a per cent
 APART = 0.05                # of the largest gap between two readings: those of two steps are further apart
 MIN_READINGS = 200
+TAILS = (1.0, 0.6, 0.3, 0.12)       # of a log, that are tried: an encoder may begin to read in steps
+DITHERED = 2.0              # times the noise before rounding: a longer step is not averaged out; within half of it
+                            # the speed that was asked for is known better than the one that was read
 NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
 SAW_TOOTH_BIN_RPM = 0.02
 STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))
@@ -43,11 +46,49 @@ MIN_CHANCE = 1e-3           # of a reading: some were taken while the shaft chan
 
 
 class Steps(NamedTuple):
-    """Readings that are whole numbers of one step."""
+    """Readings that are whole numbers of one step, from the first of these rows on."""
 
     step_rpm: float
     sd_rpm: float
     readings: int
+    first: int = 0
+
+
+def steps_to_the_end(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
+    """The step of which every reading (n,) is a whole number, from some row to the last; None where there is none.
+
+    An encoder that lost its fine track within the log reads in steps from then on.
+    """
+    for share in TAILS:
+        begin = round((1.0 - share) * len(readings_rpm))
+        steps = whole_steps(readings_rpm[begin:], min_step_rpm)
+        if steps is None:
+            continue
+        if begin == 0:
+            return steps
+        first = _first_of(readings_rpm, steps.step_rpm, min_step_rpm)
+        steps = whole_steps(readings_rpm[first:], min_step_rpm)
+        if steps is not None:
+            return steps._replace(first=first)
+    return None
+
+
+def _first_of(readings_rpm: Array, step_rpm: float, min_step_rpm: float) -> int:
+    """Row from which readings lie on steps: the likeliest, where those before lie on them by chance only."""
+    turning = np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)
+    by_chance = min(0.5, 2.0 * _near(step_rpm) / step_rpm)
+    on = np.log(ON_STEPS / by_chance), np.log((1.0 - ON_STEPS) / (1.0 - by_chance))
+    speaks = np.where(turning, np.where(_off(readings_rpm, step_rpm) < _near(step_rpm), *on), 0.0)
+    return int(np.argmax(np.cumsum(speaks[::-1])[::-1]))
+
+
+def _near(step_rpm: float) -> float:
+    return 0.6 * WRITTEN_RPM + JITTER * step_rpm
+
+
+def _off(readings_rpm: Array, step_rpm: float) -> Array:
+    """How far readings are from the next whole step."""
+    return np.abs(readings_rpm - step_rpm * np.round(readings_rpm / step_rpm))
 
 
 def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
@@ -64,8 +105,7 @@ def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Step
         for _ in range(5):
             number = np.round(turning / step)
             step = float((turning @ number) / (number @ number))
-        off = np.abs(turning - step * np.round(turning / step))
-        if np.mean(off < 0.6 * WRITTEN_RPM + JITTER * step) >= ON_STEPS:
+        if np.mean(_off(turning, step) < _near(step)) >= ON_STEPS:
             return Steps(step, WRITTEN_RPM / float(np.max(number)), len(turning))
     return None
 
@@ -89,6 +129,17 @@ def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:
     return np.where(true_rpm > step_rpm, mean - true_rpm, 0.0)
 
 
+def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> float:
+    """Turned over asked speed in rows (n,) that are not read in steps; 1 where there are too few.
+
+    A shaft that is held at few speeds does not average its rounding out: its own readings do not say it afterwards.
+    """
+    steady = np.isfinite(readings_rpm) & (asked_rpm > step_rpm) & (np.abs(readings_rpm - asked_rpm) < 1.5 * step_rpm)
+    if steady.sum() < MIN_READINGS:
+        return 1.0
+    return float(np.median(readings_rpm[steady] / asked_rpm[steady]))
+
+
 def noise_before_rounding(readings_rpm: Array, true_rpm: Array, step_rpm: float, usual_rpm: float) -> float:
     """The noise (1 s.d.) under which readings (n,) rounded to steps are most probable at their true speeds (n,)."""
     steady = np.isfinite(readings_rpm) & (true_rpm > step_rpm) & (np.abs(readings_rpm - true_rpm) < 1.5 * step_rpm)
@@ -102,20 +153,40 @@ def noise_before_rounding(readings_rpm: Array, true_rpm: Array, step_rpm: float,
     return float(max(tried, key=log_likelihood)) if steady.any() else usual_rpm
 
 
-def without_steps(log: Clean, machine: Machine) -> tuple[Clean, ReadOff | None]:
-    """The log with the mean error of rounding taken off its shaft speeds, and the effect that it was."""
+class WithoutSteps(NamedTuple):
+    """A log whose shaft speeds were read in steps. taken_back : the mean error of rounding taken off them. turned : the
+    speeds at which the flow is predicted. seen : the effect that it was."""
+
+    taken_back: Clean
+    turned: Clean
+    seen: ReadOff
+
+
+def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
+    """None where the shaft's speed is not read in steps."""
     if "shaft" not in log.stages:
-        return log, None
+        return None
     readings = log.columns["shaft_rpm"]
-    steps = whole_steps(readings, of_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
+    steps = steps_to_the_end(readings, of_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
     if steps is None:
-        return log, None
+        return None
     channel = drive_channel(whole_drives(log, machine)["shaft"], machine)
     asked = np.interp(log.time_s, channel.grid.even_s, channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S))
-    noise = noise_before_rounding(readings, asked, steps.step_rpm, machine.noise.shaft_rpm)
-    columns = {**log.columns, "shaft_rpm": readings - rounding_error(asked, steps.step_rpm, noise)}
-    return (log._replace(columns=columns),
-            ReadOff(Part(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm), steps.sd_rpm, float(steps.readings)))
+    there = slice(steps.first, None)
+    true = asked[there] * ratio_before(readings[:steps.first], asked[:steps.first], steps.step_rpm)
+    noise = noise_before_rounding(readings[there], true, steps.step_rpm, machine.noise.shaft_rpm)
+    read_rpm = readings.copy()
+    read_rpm[there] -= rounding_error(true, steps.step_rpm, noise)
+    turned_rpm = read_rpm
+    if steps.step_rpm > DITHERED * noise:
+        off = readings[there] - true
+        turned_rpm = readings.copy()
+        turned_rpm[there] = true + np.sign(off) * np.maximum(np.abs(off) - 0.5 * steps.step_rpm, 0.0)
+    onset_s = float(log.time_s[steps.first]) if steps.first else None
+    part = Part(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm, onset_s)
+    return WithoutSteps(log._replace(columns={**log.columns, "shaft_rpm": read_rpm}),
+                        log._replace(columns={**log.columns, "shaft_rpm": turned_rpm}),
+                        ReadOff(part, steps.sd_rpm, float(steps.readings)))
 
 
 def encoder_steps(model: GroupModel) -> list[Candidate]:

@@ -224,7 +224,7 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
     low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
     size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
-    return Cause(seen.part.id, size, None, float(1.0 - chdtrc(1.0, seen.gain)), (), None, effect.advice,
+    return Cause(seen.part.id, size, seen.part.onset_s, float(1.0 - chdtrc(1.0, seen.gain)), (), None, effect.advice,
                  field_cost(seen.part, machine, data))
 
 

@@ -81,7 +81,8 @@ class Drive(NamedTuple):
     opening_mm: Array
     supply_v: Array
     grid: Grid
-    step: float = 0.0           # in which its readings come, where that is coarser than the log is written
+    step: float = 0.0           # in which its readings come, where that is coarser than the log is written ...
+    steps_from_s: float | None = None   # ... from then on, or all along
     moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves
     more: Array | float = 0.0           # of the machine file's terms: % of the shaft, mm of the gate
     more_rpm: Array | float = 0.0
