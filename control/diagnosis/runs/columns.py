@@ -13,9 +13,9 @@ from control.machine.machine import Machine, bounds, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries
-from .hypothesis import Part, Parts, schedule
+from .hypothesis import Part, Parts, schedule, without
 from .likelihood import Column, Label, Problem, Role, problem, projected
-from .model import GroupModel, stamp_sd_s
+from .model import GroupModel, bent_course, in_course, stamp_sd_s
 from .noise import coefficients, series_of
 from .smooth import TABLES, series, span
 from .stages import RunData
@@ -23,6 +23,8 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
+FORM_AFTER_S = 120.0        # of a part that begins, for its form to show: less is one stretch, which any form fits
+BENDS = (0.3, 0.15)         # of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
 REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
 UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
@@ -177,6 +179,7 @@ class Columns:
         found: list[Column] = []
         for slope in slopes:
             part = parts[slope.label.part]
+            found += self._bends(parts, slope.label.part, share / FORM_SHARE)
             wobbles = self._wobbles(parts, part)
             if not wobbles:
                 continue
@@ -193,6 +196,19 @@ class Columns:
                                              sd=max(1e-9, float(sd))))
         return found
 
+    def _bends(self, parts: Parts, k: int, share: float) -> list[Column]:
+        """Shapes in time by which part k may grow unevenly: none where it does not grow."""
+        part, model = parts[k], self.model
+        if not part.grows:
+            return []
+        others = without(parts, k)
+        whole = model.difference(others, part._replace(onset_s=None, grows=False))
+        channels = [c for c in model.channels if c.name in whole]
+        return [_column(model, Label(Role.FORM, part.id, k),
+                        {c.name: bent_course(whole[c.name], c, part, waves) / part.size for c in channels},
+                        max(1e-9, share * bend * abs(part.size)))
+                for waves, bend in enumerate(BENDS, start=1)]
+
     def _wobbles(self, parts: Parts, part: Part) -> list[Column]:
         """Shapes by which a part's form may differ: over its own variable, and those of its siblings."""
         row = ROWS[part.id]
@@ -201,7 +217,15 @@ class Columns:
             step = ROWS[sibling].on(self.model.machine).ladder[1]
             change = self.model.difference(parts, Part(sibling, step))
             found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
-        return found
+        begun = part.onset_s is not None and part.onset_s < self.model.data.time_s[-1] - FORM_AFTER_S
+        return [self._in_course(one, part) for one in found] if begun else found
+
+    def _in_course(self, column: Column, part: Part) -> Column:
+        """What a column that is there all along does where it comes and goes with a part."""
+        channels = {c.name: c for c in self.model.channels}
+        return _column(self.model, column.label, {
+            name: in_course(series_of(one, channels[name].cut), channels[name], part)
+            for name, one in column.coefficients.items()}, column.sd)
 
     def of_candidate(self, parts: Parts, part: Part) -> Column:
         """What one unit of a further part does on top of a hypothesis."""

@@ -94,6 +94,18 @@ def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
         weight = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
     if part.until_s is not None:
         weight = np.where(time_s < part.until_s, weight, 0.0)
+    return _weighted(change, channel, part, weight)
+
+
+def bent_course(change: Array, channel: ChannelSeries, part: Part, waves: int) -> Array:
+    """How a growth differs from an even one: so many half-waves from its onset to the end of the log. (m,), as
+    `in_course`."""
+    time_s, onset_s = channel.grid.even_s, float(part.onset_s or 0.0)
+    share = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
+    return _weighted(change, channel, part, np.sin(waves * np.pi * share))
+
+
+def _weighted(change: Array, channel: ChannelSeries, part: Part, weight: Array) -> Array:
     if adds_up(part, channel.name):
         return np.asarray(np.cumsum(np.diff(change, prepend=change[0]) * weight))
     return np.asarray((change.reshape(channel.copies, -1) * weight).ravel())

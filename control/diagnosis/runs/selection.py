@@ -48,7 +48,7 @@ Array = npt.NDArray[np.float64]
 THRESHOLD = 17.0            # for one effect, the largest over the whole catalogue
 ONSET_THRESHOLD = 16.0      # for one onset, the largest over all times tried
 BEGINS_PRICE = 10.0         # of a part that is found with its onset: every time of the log was tried
-BEGUN_REFITTED = 4          # best of these that are refitted in full
+BEGUN_REFITTED = 4          # best of these that are refitted in full, and as many that grow: unevenly, a scan misses it
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full
 MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
@@ -59,6 +59,7 @@ MIN_WITHOUT_BLOCK = 0.5     # share of THRESHOLD that must be left without the b
 MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and share of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
 BEGUN_IN_DRIFT = 2.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it ...
+BEGUN_FOR_DRIFT = 2.0       # ... or less, where nothing of the drift is left beside it ...
 BEGUN_AGAIN = 4.0           # ... and so many times what a further beginning gains: a drift begins again and again ...
 BEGUN_SURE = 7.5           # ... asked of what gains less than so many times THRESHOLD
 MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
@@ -249,7 +250,8 @@ def _begin(search: Search, now: Refit) -> list[Part]:
     taken = {(p.id, p.member) for p in now.parts}
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
     found = [f for f in changes(search.columns, now.parts, now.noise, tried) if f.gain > THRESHOLD]
-    return [as_begun(f.part) for f in found[:BEGUN_REFITTED]]
+    at_once, growing = ([f for f in found if f.part.grows is grows] for grows in (False, True))
+    return [as_begun(f.part) for f in (*at_once[:BEGUN_REFITTED], *growing[:BEGUN_REFITTED])]
 
 
 def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None:
@@ -303,6 +305,8 @@ def _begins_as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: 
     drifts = part.grows or _slow(search, trace, alone) or _drifts(search, trace, found)     # a drift grows
     if gain > BEGUN_SURE * THRESHOLD or not drifts:
         return False
+    if _drifts(search, trace, alone) and not _drifts(search, trace, found):
+        return gain < BEGUN_FOR_DRIFT * THRESHOLD       # a drift would go on beside it
     if gain < BEGUN_IN_DRIFT * THRESHOLD:
         return True
     low, high = bounds(part.id, search.model.machine)
@@ -427,16 +431,29 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
         found = []
         scanned = _one_of_each(search.scan(others, alone.noise, _in_its_place(search, part)))[:MAX_RIVALS]
         own = max((f.gain for f in scanned if f.part.id == part.id), default=gain)
-        for f in scanned:
-            if f.part.id == part.id or f.gain < min(gain, own) - SCAN_REACH * reach - SCAN_MARGIN:
-                continue
-            tried = search.refit((*others, f.part), now.noise)
-            behind = 2.0 * (own_value - search.under(tried.parts, now.noise))
+        near = [f.part for f in scanned if f.part.id != part.id
+                and f.gain >= min(gain, own) - SCAN_REACH * reach - SCAN_MARGIN]
+        for rival in (*near, *_begun_rivals(search, others, part, alone)):
+            tried = search.refit((*others, rival), now.noise)
+            behind = 2.0 * (own_value - search.under(tried.parts, now.noise)) + _price(rival) - _price(part)
             if behind < reach:
                 found.append(RivalOf(tried.parts[-1], behind))
         gains.append(gain)
-        rivals.append(tuple(sorted(found, key=lambda r: r.behind)))
+        best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind)}
+        rivals.append(tuple(sorted(best.values(), key=lambda r: r.behind)))
     return tuple(gains), tuple(rivals)
+
+
+def _price(part: Part) -> float:
+    """Of a part that begins within the log: every time of it was tried. A stop shows when it was."""
+    return 0.0 if part.onset_s is None or CATALOGUE[part.id].effect.onset_only else BEGINS_PRICE
+
+
+def _begun_rivals(search: Search, others: Parts, part: Part, alone: Refit) -> list[Part]:
+    """What begins at a time of its own and could stand in a part's place."""
+    if CATALOGUE[part.id].effect.onset_only:
+        return []
+    return [one for one in _begin(search, alone._replace(parts=others)) if one.id != part.id]
 
 
 def _in_its_place(search: Search, part: Part) -> list[Candidate]:
