@@ -49,6 +49,7 @@ THRESHOLD = 17.0            # for one effect, the largest over the whole catalog
 ONSET_THRESHOLD = 16.0      # for one onset, the largest over all times tried
 BEGINS_PRICE = 10.0         # of a part that is found with its onset: every time of the log was tried
 BEGUN_REFITTED = 4          # best of these that are refitted in full, and as many that grow: unevenly, a scan misses it
+MAY_LEAD = 0.7              # of the best gain: what begins and gains so much is refined before they are compared
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full
 MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
@@ -132,14 +133,11 @@ def judged(search: Search) -> Judged:
     """Judge a group: forward selection with lateral and backward steps, then what is left, then rivals."""
     null = _nothing(search)
     first = search.scan((), null.noise)
-    current, refused, structure_gain = _forward(search, null)
-    if current.parts:
-        current, null = _settled_at(search, current), search.refit(())
-        current = _begun(search, current)
-        current, dropped = _without_doubtful(search, current)
-        refused = [*refused, *dropped]
-        if not current.parts:
-            structure_gain = max(one.beyond for one in dropped)
+    current, refused, structure_gain, null = _selected(search, null)
+    if refused and not current.parts:       # what took the first place does not hold: others may
+        again = _selected(search, null, [one.part for one in refused])
+        if again[0].parts:
+            current, null = again[0], again[3]
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
     current, terms, or_boxes = beyond_names(search, current, null)
     left = None if terms else unexplained(search.columns, current, explained)
@@ -150,6 +148,20 @@ def judged(search: Search) -> Judged:
     current, gains, rivals = _best_placed(search, current)
     return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms,
                   or_boxes)
+
+
+def _selected(search: Search, null: Refit, barred: Sequence[Part] = ()) -> tuple[Refit, list[Refused], float, Refit]:
+    """Forward selection, settled, with onsets and without what does not hold; what was refused, the best gain of its
+    first step, and nothing, settled as well. barred : parts that are not tried."""
+    current, refused, structure_gain = _forward(search, null, barred)
+    if current.parts:
+        current, null = _settled_at(search, current), search.refit(())
+        current = _begun(search, current)
+        current, dropped = _without_doubtful(search, current)
+        refused = [*refused, *dropped]
+        if not current.parts:
+            structure_gain = max(one.beyond for one in dropped)
+    return current, refused, structure_gain, null
 
 
 def _nothing(search: Search) -> Refit:
@@ -163,14 +175,14 @@ def _nothing(search: Search) -> Refit:
     return search.refit(())
 
 
-def _forward(search: Search, null: Refit) -> tuple[Refit, list[Refused], float]:
+def _forward(search: Search, null: Refit, barred: Sequence[Part] = ()) -> tuple[Refit, list[Refused], float]:
     """Forward selection: the best part is added, nominal values are settled anew, members swapped and pruned.
 
     With it, what the last step refused, and the best gain of the first.
     """
     current, gains = null, []
     for _ in range(MAX_CAUSES):
-        better, refused, best_gain = _forward_step(search, current)
+        better, refused, best_gain = _forward_step(search, current, barred)
         gains.append(best_gain)
         if better is None:
             break
@@ -202,7 +214,7 @@ def _draw_in(search: Search, parts: Parts) -> None:
     draw_in(search.columns, parts, more)
 
 
-def _forward_step(search: Search, now: Refit) -> _Step:
+def _forward_step(search: Search, now: Refit, barred: Sequence[Part] = ()) -> _Step:
     """The hypothesis with one more part, where that gains more than the threshold and holds.
 
     A part that begins within the log pays for the time that was chosen.
@@ -213,13 +225,13 @@ def _forward_step(search: Search, now: Refit) -> _Step:
     ranked = [f for f in ranked if not CATALOGUE[f.part.id].effect.onset_only]
     ranked += [f for f in found if CATALOGUE[f.part.id].effect.onset_only
                and still_disobeys(search.model, now.parts, f.part)]
-    priced = [(f.part, 0.0) for f in ranked] + [(part, BEGINS_PRICE) for part in _begin(search, now)]
+    told = {(part.id, part.member, part.onset_s is None) for part in barred}
     tried: list[tuple[float, Refit]] = []
-    for part, price in priced:
+    for part, price in (*((f.part, 0.0) for f in ranked), *((part, BEGINS_PRICE) for part in _begin(search, now))):
         refit = search.refit((*now.parts, part), now.noise)
-        if refit.tangled < MAX_TANGLED:
+        if refit.tangled < MAX_TANGLED and (part.id, part.member, part.onset_s is None) not in told:
             tried.append((2.0 * (refit.log_likelihood - now.log_likelihood) - price, refit))
-    tried.sort(key=lambda one: -one[0])
+    tried = _best_begun_refined(search, now, sorted(tried, key=lambda one: -one[0]))
     best_gain = max((gain for gain, _ in tried[:1]), default=max((f.gain for f in found[:1]), default=0.0))
     refused: list[Refused] = []
     for gain, best in tried:
@@ -232,6 +244,17 @@ def _forward_step(search: Search, now: Refit) -> _Step:
     if refused:
         best_gain = max(one.beyond for one in refused)
     return _Step(None, refused, best_gain)
+
+
+def _best_begun_refined(search: Search, now: Refit, tried: list[tuple[float, Refit]]) -> list[tuple[float, Refit]]:
+    """The same, best first, with the best of those that begin moved to where it fits best: a scan finds its time under
+    a noise that is not its own."""
+    begun = next((one for one in tried[1:] if _price(one[1].parts[-1])), None)
+    if begun is None or _price(tried[0][1].parts[-1]) or begun[0] < MAY_LEAD * tried[0][0]:
+        return tried
+    moved = refined(search, begun[1], search.model.data)
+    gain = 2.0 * (moved.log_likelihood - now.log_likelihood) - BEGINS_PRICE
+    return sorted([(gain, moved), *(one for one in tried if one is not begun)], key=lambda one: -one[0])
 
 
 def _all_along(begun: Part, refused: Sequence[Refused]) -> Refused | None:
