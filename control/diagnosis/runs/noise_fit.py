@@ -61,8 +61,8 @@ def step_run(theta: Array, power: Array, members: Array, cos: Array, strength: A
         for other in range(4):
             fisher[k, other] = 0.5 * np.sum(slopes[k] * members * slopes[other])
         fisher[k, k] += 1.0 / spread[k] ** 2
-    step: Array = np.linalg.solve(fisher, gradient)
-    return np.minimum(np.maximum(step, -LONGEST_STEP), LONGEST_STEP)
+    step = np.asarray(np.linalg.solve(fisher, gradient))
+    return np.asarray(np.minimum(np.maximum(step, -LONGEST_STEP), LONGEST_STEP))
 
 
 @compiled
