@@ -104,13 +104,13 @@ def delays(seed: int, repeated: int) -> None:
     print("effect, size, begun at 900 s: minutes to the line (name), or not said")
     fits = [p for p in chosen("all") if p.strategy != "opening_first"]
     for which in (1, 2, 0):             # the middle sizes first: a run may be cut
-        for effect, sizes in SIZES.items():
+        for k, (effect, sizes) in enumerate(SIZES.items()):
             size, told = sizes[which], []
             for again in range(repeated):
-                number = seed + 1000 * again
+                number = seed + 1000 * again + k
                 e = Effect(effect, size, 0, 0.5, None, 2 if effect.startswith("canopy") else None, number,
                            course=Course(ONSET, BEGINS_S, 0.0))
-                columns = log_of(number, (e,), fits[(seed + again) % len(fits)])
+                columns = log_of(number, (e,), fits[(2 * k + again) % len(fits)])
                 if columns is None:
                     told.append("no log")
                     continue

@@ -85,6 +85,16 @@ def test_another_channels_finding_does_not_bear_it_out() -> None:
     assert all(one is None for _, one in fed(check, wheel_log(600.0)))
 
 
+def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
+    def said(found: Cause) -> list[Departure | None]:
+        check = LiveCheck(MACHINE, lambda *_: [Begun("metering", Part("gate.offset", 0.1, 500.0), 50.0)],
+                          lambda *_: diagnosis(found))
+        return [one for _, one in fed(check, wheel_log(600.0)) if one is not None]
+    assert not said(cause("flow.hopper_head"))                  # all along, and another name
+    assert said(cause("flow.hopper_head", onset_s=480.0))[0].since_s == pytest.approx(480.0)
+    assert said(cause("gate.offset"))[0].since_s == pytest.approx(500.0)
+
+
 def by_quarter(*causes: tuple[Cause, ...], asked: list[int]) -> Any:
     """A diagnosis that answers for the quarter that it is asked about."""
     def diagnose(columns: Any, _: Machine) -> Diagnosis:

@@ -35,8 +35,8 @@ BEFORE_S = 600.0            # of a beginning, that its diagnosis sees
 MOST_S = 1800.0             # of a stretch that is diagnosed: what is kept of the log
 NAMED_AFTER_S = 120.0       # what has no name is diagnosed again when so much more of it is seen
 # What a beginning must gain (twice the log-likelihood), by group of channels; benchmarks/live_check.py measures the run
-# length that follows. A drive's moves and the heads' contrast are not as Gaussian as level and speeds.
-BARS = {"shaft": 40.0, "metering": 40.0, "speed": 30.0, "heads": 40.0}
+# length that follows. With 40 a healthy machine is diagnosed about once in an hour; with 30, three times, to no use.
+BARS = {"shaft": 40.0, "metering": 40.0, "speed": 40.0, "heads": 40.0}
 REFUSED = 1.5               # times the gain that a diagnosis did not bear out: the bar for the next quarter of an hour
 
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {"flow": "metering"}
@@ -101,9 +101,9 @@ class LiveCheck:
         found = self.standing
         if found is None or found.cause or found.since_s is None or self.now_s - self._told_s < NAMED_AFTER_S:
             return
-        departure = self._told(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel), found.since_s)
+        departure = self._told(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
         if departure is not None and departure.cause:
-            self.standing = departure
+            self.standing = _dated(departure, found.since_s)
 
     def _sequential(self) -> None:
         try:
@@ -117,11 +117,11 @@ class LiveCheck:
         onset_s = first.part.onset_s or self.now_s
         if self.standing is not None and _GROUP_OF.get(self.standing.channel) == first.group:
             return                      # it is said already
-        departure = self._told(onset_s - BEFORE_S, first.group, onset_s)
-        if departure is None:
-            self._raised[first.group] = REFUSED * first.gain
+        departure = self._told(onset_s - BEFORE_S, first.group)
+        if departure is not None and _borne_out(first, departure):
+            self.standing = _dated(departure, onset_s)
         else:
-            self.standing = departure
+            self._raised[first.group] = REFUSED * first.gain
 
     def _bar(self, group: str) -> float:
         return max(self._bars[group], self._raised.get(group, 0.0))
@@ -146,22 +146,20 @@ class LiveCheck:
         self._last = departure
 
     def _of_stretch(self, stretch: _Stretch) -> Departure | None:
-        return self._told(stretch.begin_s, None, None, stretch.end_s)
+        return self._told(stretch.begin_s, None, stretch.end_s)
 
-    def _told(self, begin_s: float, group: str | None, onset_s: float | None,
-              end_s: float = np.inf) -> Departure | None:
-        """What a full diagnosis says of a stretch of the log, about one group or all."""
+    def _told(self, begin_s: float, group: str | None, end_s: float = np.inf) -> Departure | None:
+        """What a full diagnosis says of a stretch of the log, about one group or all; times of the log."""
         self.diagnoses += 1
         self._told_s = self.now_s
         rows = self._since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
         try:
-            found = self._diagnose(rows, self._machine)
+            found = departure_of(self._diagnose(rows, self._machine), group)
         except ValueError:
             return None
-        departure = departure_of(found, group)
-        if departure is None or departure.since_s is None:
-            return departure if departure is None else departure._replace(since_s=onset_s)
-        return departure._replace(since_s=departure.since_s + float(rows["time_s"][0]))   # told from its first row
+        if found is None or found.since_s is None:
+            return found
+        return found._replace(since_s=found.since_s + float(rows["time_s"][0]))     # told from its first row
 
     def _since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
         """Columns of the rows from a time to another."""
@@ -195,6 +193,19 @@ def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
                      cause.size.value, cause.size.unit)
 
 
+def _borne_out(begun: Begun, told: Departure) -> bool:
+    """Whether a diagnosis agrees that something began: it dates it, names the same effect, or has no name for it.
+
+    What it finds all along under another name did not begin then; two quarters of an hour may say it.
+    """
+    return told.since_s is not None or told.cause in ("", begun.part.id)
+
+
+def _dated(told: Departure, since_s: float) -> Departure:
+    """With the time from which on it is seen, where the diagnosis itself does not say."""
+    return told if told.since_s is not None else told._replace(since_s=since_s)
+
+
 def _same(one: Departure, other: Departure) -> bool:
     """The same name; or, of what has none, the same channel."""
     return one.channel == other.channel and (one.cause == other.cause or not one.certain or not other.certain)
@@ -205,7 +216,7 @@ def _works(rows: Columns) -> bool:
     state = rows.get("state")
     if state is not None and np.any(state != ""):
         return bool(np.mean(state == "working") > 0.5)
-    return True
+    return told.since_s is not None or told.cause in ("", begun.part.id)
 
 
 def _joined(pieces: Sequence[Columns]) -> dict[str, Array]:
