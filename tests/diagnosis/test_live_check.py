@@ -145,6 +145,13 @@ def test_standing_still_costs_no_look() -> None:
     assert not looks
 
 
+def test_a_log_that_does_not_say_whether_it_works_is_looked_at() -> None:
+    looks: list[int] = []
+    check = LiveCheck(MACHINE, lambda *_: looks.append(1) or [], lambda *_: diagnosis())
+    fed(check, {name: array for name, array in wheel_log(600.0).items() if name != "state"})
+    assert looks
+
+
 def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:
     check = LiveCheck(MACHINE, lambda *_: [], lambda *_: diagnosis())
     columns = wheel_log(3000.0)

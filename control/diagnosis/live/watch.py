@@ -216,7 +216,7 @@ def _works(rows: Columns) -> bool:
     state = rows.get("state")
     if state is not None and np.any(state != ""):
         return bool(np.mean(state == "working") > 0.5)
-    return told.since_s is not None or told.cause in ("", begun.part.id)
+    return True
 
 
 def _joined(pieces: Sequence[Columns]) -> dict[str, Array]:
