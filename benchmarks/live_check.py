@@ -36,7 +36,7 @@ from tests.diagnosis.hidden.run_cases import LEAST_KG, within_tolerance
 
 Columns = dict[str, npt.NDArray[Any]]
 PROMISED = 1.0                  # false alarms in 100 hours, at most
-MINUTES = 45.0
+MINUTES, REFILLED_MINUTES = 46.0, 91.0      # three and six quarters of an hour: two in a row may say something
 BEGINS_S = 900.0
 SIZES: dict[str, tuple[float, float, float]] = {      # in the catalogue's units
     "flow.gain": (-2.0, -4.0, -8.0), "flow.fill_falloff": (6.0, 12.0, 20.0), "shaft.gain": (-1.0, -2.0, -5.0),
@@ -48,7 +48,8 @@ def log_of(seed: int, effects: tuple[Effect, ...] = (), programme: Programme | N
     rng = np.random.default_rng([seed, 19])
     programmes = chosen("all")
     p = programme or programmes[int(rng.integers(len(programmes)))]
-    d = drive(p._replace(minutes=(MINUTES, MINUTES)), int(rng.integers(1 << 30)))
+    minutes = REFILLED_MINUTES if p.refill else MINUTES
+    d = drive(p._replace(minutes=(minutes, minutes)), int(rng.integers(1 << 30)))
     noises = run_noise.noises(str(rng.choice(run_noise.KINDS)), d.row_s, rng)
     physics = within_tolerance(rng, bool(d.refill_kg))
     columns = runlog.columns(Plant(d), physics, effects, noises, int(rng.integers(1 << 30)))
@@ -103,13 +104,13 @@ def delays(seed: int, repeated: int) -> None:
     print("effect, size, begun at 900 s: minutes to the line (name), or not said")
     fits = [p for p in chosen("all") if p.strategy != "opening_first"]
     for which in (1, 2, 0):             # the middle sizes first: a run may be cut
-        for effect, sizes in SIZES.items():
+        for k, (effect, sizes) in enumerate(SIZES.items()):
             size, told = sizes[which], []
             for again in range(repeated):
-                number = seed + 1000 * again
+                number = seed + 1000 * again + k
                 e = Effect(effect, size, 0, 0.5, None, 2 if effect.startswith("canopy") else None, number,
                            course=Course(ONSET, BEGINS_S, 0.0))
-                columns = log_of(number, (e,), fits[(seed + again) % len(fits)])
+                columns = log_of(number, (e,), fits[(2 * k + again) % len(fits)])
                 if columns is None:
                     told.append("no log")
                     continue

@@ -20,10 +20,14 @@ def watch(
     from console.cli.plain_errors import CommandError
     from console.reports.live_words import departure_line, todo
     from console.services.live_check import POLL_S, followed, lower_priority
+    from control.diagnosis.live.watch import FIRST_S
     from drivers.files.imports.trouble import ImportTrouble
     if to_end and not log.exists():
         raise CommandError(f"{log}: no such file")
     lower_priority()
+    if not to_end:
+        typer.echo(f"{log}: {'watched' if log.exists() else 'waited for'}; a line comes when the machine departs from "
+                   "its model; Ctrl-C ends", err=True)
     begin, looks, last = time.monotonic(), 0, None
 
     def wait() -> bool:
@@ -45,6 +49,8 @@ def watch(
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         pass
+    if to_end and not looks:
+        raise CommandError(f"{log}: too short: nothing is said before {FIRST_S / 60.0:.0f} minutes of rows")
     used_s, took_s = time.process_time(), time.monotonic() - begin
     typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 NICE = 19
 POLL_S = 5.0
+MOST_SHARE = 0.05               # of one core's time, that bringing in the log may take
 DEFAULT_MACHINE = "huanghai"
 
 
@@ -42,23 +43,29 @@ def machine_of_log(log: Path, machine: str | None) -> Machine:
 def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[tuple[float, Departure | None]]:
     """(time of the log, what stands) after each look, for ever; `wait` returns False where that is enough.
 
-    Rows that are there already are gone through as if they came now. Raises LogError, ImportTrouble, ConfigError,
-    OSError.
+    Rows that are there already are gone through as if they came now. Rows that are earlier than those before are
+    another log's, which is checked from its beginning. Raises LogError, ImportTrouble, ConfigError, OSError.
     """
     from control.diagnosis.live.watch import LiveCheck
     from drivers.files.growing_log import GrowingLog
     growing, check = GrowingLog(log), None
     while True:
+        begin_s = time.process_time()
         rows = growing.more()
         if rows is None:
             if not wait():
                 return
             continue
-        check = check or LiveCheck(machine_of_log(log, machine))
+        took_s = time.process_time() - begin_s
+        if check is None or rows["time_s"][0] < check.now_s:
+            check = LiveCheck(machine_of_log(log, machine))
         for piece in _pieces(rows):
             check.add(piece)
             if check.due:
                 yield _looked(check)
+        for _ in range(int(took_s / (MOST_SHARE * POLL_S))):        # a log that is brought in anew each time
+            if not wait():
+                break
 
 
 def _looked(check: LiveCheck) -> tuple[float, Departure | None]:
@@ -71,9 +78,8 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
     import numpy as np
 
     from control.diagnosis.live.watch import LOOK_S
-    time_s = rows["time_s"]
-    edges = np.searchsorted(time_s, np.arange(time_s[0] + LOOK_S, time_s[-1], LOOK_S))
-    begins = [0, *edges.tolist(), len(time_s)]
+    looks = np.floor((rows["time_s"] - rows["time_s"][0]) / LOOK_S)
+    begins = [0, *(np.flatnonzero(np.diff(looks)) + 1).tolist(), len(looks)]
     for begin, end in pairwise(begins):
         yield {name: array[begin:end] for name, array in rows.items()}
 

@@ -31,8 +31,13 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
     register_jitable(_piece)
 
 
-def _compiled(run: Callable[..., Any]) -> Run:
+def compiled(run: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of numbers and arrays compiled when it is first called, kept on disk by its own file's date."""
     return numba.njit(cache=True, nogil=True, error_model="numpy")(run)
+
+
+def _compiled(run: Callable[..., Any]) -> Run:
+    return compiled(run)
 
 
 shaft_run = _compiled(over_log(shaft.shaft_step))

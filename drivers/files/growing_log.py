@@ -1,10 +1,12 @@
 """A log that another program is still writing: what came since the last look.
 
 Of a run log of ours only the new lines are read, whole ones only. A log of another program is brought in anew whenever
-it has grown, and what is later than the last row counts as new.
+it has grown, and what is later than the last row counts as new. Where another log stands in its place, that one is
+read from its beginning: its times say so.
 """
 from __future__ import annotations
 
+import errno
 import tempfile
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from drivers.files.read_log import LogError, read_log
 from drivers.files.table import Columns, TableError
 
 MOST_BYTES = 64 << 20           # of new lines that are read at a time
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 class GrowingLog:
@@ -29,22 +32,33 @@ class GrowingLog:
         self.last_s = -np.inf
         self._offset = 0                # of the first byte that was not read
         self._header = b""
-        self._size = -1
+        self._size, self._place = -1, (0, 0)        # of the file when it was read last
         self._foreign: bool | None = None
 
     def more(self) -> Columns | None:
-        """The rows since the last call, columns as of `RunLog`; None: there are none.
+        """The rows since the last call, columns as of `RunLog`; None: there are none, or no room to work on them.
 
         Raises LogError, ImportTrouble (open questions) and OSError for a file that is there and cannot be read.
         """
         try:
-            size = self.path.stat().st_size
+            now = self.path.stat()
         except FileNotFoundError:
             return None
-        if size < self._offset:         # another file stands there now
+        place = (now.st_dev, now.st_ino)
+        if now.st_size < self._offset or (self._offset and place != self._place):   # another file stands there now
             self._begin()
-        if size == self._size:
+        if now.st_size == self._size and place == self._place:
             return None
+        try:
+            columns = self._read(now.st_size)
+        except OSError as error:
+            if error.errno in FULL:
+                return None             # what is new is read once there is room
+            raise
+        self._place = place
+        return self._newer(columns)
+
+    def _read(self, size: int) -> Columns | None:
         if self._foreign is None:
             try:
                 self._foreign = is_foreign(self.path)
@@ -57,7 +71,7 @@ class GrowingLog:
             columns = self._lines()
             if self._offset == size:
                 self._size = size
-        return self._newer(columns)
+        return columns
 
     def _lines(self) -> Columns | None:
         with self.path.open("rb") as file:
@@ -66,14 +80,13 @@ class GrowingLog:
         whole = data[:data.rfind(b"\n") + 1]
         if not whole:
             return None
-        if not self._header:
-            self._header = whole[:whole.find(b"\n") + 1]
-            text = whole
-        else:
-            text = self._header + whole
-        self._offset += len(whole)
-        if text.count(b"\n") < 2:
-            return None
+        header = self._header or whole[:whole.find(b"\n") + 1]
+        text = self._header + whole
+        columns = self._parsed(text) if text.count(b"\n") > 1 else None
+        self._header, self._offset = header, self._offset + len(whole)
+        return columns
+
+    def _parsed(self, text: bytes) -> Columns:
         with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
             piece = Path(folder) / "new.csv"
             piece.write_bytes(text)
@@ -85,6 +98,8 @@ class GrowingLog:
     def _newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):
             return None
+        if columns["time_s"][-1] < self.last_s:     # it ends before what was read: it is another log
+            self.last_s = -np.inf
         new = columns["time_s"] > self.last_s
         if not new.any():
             return None

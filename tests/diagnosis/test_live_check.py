@@ -59,6 +59,14 @@ def test_a_departure_is_said_with_its_time_and_its_name() -> None:
     assert said[-1][1].cause.startswith("speed.wheel") and said[-1][1].since_s == pytest.approx(500.0, abs=20.0)
 
 
+def test_times_are_those_of_the_log_however_late_it_is() -> None:
+    late = wheel_log(2070.0, 1700.0)
+    (found,) = begun(late, MACHINE)
+    assert found.part.onset_s == pytest.approx(1700.0, abs=10.0)
+    said = [one for _, one in fed(LiveCheck(MACHINE), late) if one is not None]
+    assert said and all(one.since_s == pytest.approx(1700.0, abs=20.0) for one in said)
+
+
 def test_a_beginning_that_the_diagnosis_does_not_bear_out_is_not_said_and_raises_the_bar() -> None:
     asked: list[float] = []
 
@@ -77,12 +85,47 @@ def test_another_channels_finding_does_not_bear_it_out() -> None:
     assert all(one is None for _, one in fed(check, wheel_log(600.0)))
 
 
+def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
+    def said(found: Cause) -> list[Departure | None]:
+        check = LiveCheck(MACHINE, lambda *_: [Begun("metering", Part("gate.offset", 0.1, 500.0), 50.0)],
+                          lambda *_: diagnosis(found))
+        return [one for _, one in fed(check, wheel_log(600.0)) if one is not None]
+    assert not said(cause("flow.hopper_head"))                  # all along, and another name
+    assert said(cause("flow.hopper_head", onset_s=480.0))[0].since_s == pytest.approx(480.0)
+    assert said(cause("gate.offset"))[0].since_s == pytest.approx(500.0)
+
+
+def by_quarter(*causes: tuple[Cause, ...], asked: list[int]) -> Any:
+    """A diagnosis that answers for the quarter that it is asked about."""
+    def diagnose(columns: Any, _: Machine) -> Diagnosis:
+        asked.append(round(float(columns["time_s"][-1]) / QUARTER_S) - 1)
+        return diagnosis(*causes[asked[-1]])
+    return diagnose
+
+
 def test_what_was_there_from_the_start_must_be_found_twice() -> None:
-    answers = iter([diagnosis(cause("flow.gain")), diagnosis(), diagnosis(cause("flow.gain")),
-                    diagnosis(cause("flow.gain")), diagnosis(), diagnosis()])
-    check = LiveCheck(MACHINE, lambda *_: [], lambda *_: next(answers))
+    asked: list[int] = []
+    flow = (cause("flow.gain"),)
+    check = LiveCheck(MACHINE, lambda *_: [], by_quarter(flow, (), flow, flow, (), (), asked=asked))
     quarters = [one for at_s, one in fed(check, wheel_log(6 * QUARTER_S + 100.0)) if at_s % QUARTER_S < LOOK_S]
     assert [one is not None for one in quarters] == [False, False, False, True, True, False]
+    assert asked == [1, 3, 2, 4, 5]             # the first says nothing alone: it is asked once the second says so
+
+
+def test_healthy_work_is_diagnosed_once_in_half_an_hour() -> None:
+    asked: list[int] = []
+    check = LiveCheck(MACHINE, lambda *_: [], by_quarter(*6 * [()], asked=asked))
+    fed(check, wheel_log(6 * QUARTER_S + 100.0))
+    assert asked == [1, 3, 5]
+
+
+def test_a_quarter_that_departs_alone_is_followed_by_the_next() -> None:
+    asked: list[int] = []
+    flow = (cause("flow.gain"),)
+    check = LiveCheck(MACHINE, lambda *_: [], by_quarter((), flow, flow, (), asked=asked))
+    seen = fed(check, wheel_log(4 * QUARTER_S + 100.0))
+    assert asked[:3] == [1, 0, 2]
+    assert next(at_s for at_s, one in seen if one is not None) == pytest.approx(3 * QUARTER_S, abs=LOOK_S)
 
 
 def test_what_is_only_suspected_is_not_said() -> None:
@@ -102,6 +145,13 @@ def test_standing_still_costs_no_look() -> None:
     assert not looks
 
 
+def test_a_log_that_does_not_say_whether_it_works_is_looked_at() -> None:
+    looks: list[int] = []
+    check = LiveCheck(MACHINE, lambda *_: looks.append(1) or [], lambda *_: diagnosis())
+    fed(check, {name: array for name, array in wheel_log(600.0).items() if name != "state"})
+    assert looks
+
+
 def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:
     check = LiveCheck(MACHINE, lambda *_: [], lambda *_: diagnosis())
     columns = wheel_log(3000.0)
@@ -109,4 +159,5 @@ def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:
     check.add({name: array[:10_000] for name, array in less.items()})
     check.add({name: array[10_000:] for name, array in columns.items()})
     assert check.now_s == pytest.approx(2999.9)
-    assert len(check._rows["time_s"]) == len(check._rows["state"]) == 18_000
+    rows = check._since(0.0)
+    assert len(rows["time_s"]) == len(rows["state"]) <= 30_000

@@ -1,9 +1,11 @@
 """The live check beside the console: it says what it finds, and its death, slowness or noise touches nobody."""
+import errno
 import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -92,6 +94,66 @@ def test_a_growing_log_gives_whole_new_rows_only(tmp_path: Path) -> None:
     assert more is not None and more["time_s"].tolist() == [0.5, 0.6, 0.7] and more["speed_mps"][0] == 1.2
     path.write_text("time_s,speed_mps,wheel_speed_mps\n0.0,1.0,1.0\n")        # another log in its place
     assert growing.more()["time_s"].tolist() == [0.0]                        # type: ignore[index]
+
+
+HEADER = "time_s,speed_mps,wheel_speed_mps\n"
+
+
+def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(tmp_path: Path) -> None:
+    path, other = tmp_path / "run.csv", tmp_path / "other.csv"
+    path.write_text(HEADER + rows(100, 110))
+    growing = GrowingLog(path)
+    growing.more()
+    other.write_text(HEADER + rows(0, 40))
+    other.replace(path)                                                       # rotated: longer than what was read
+    assert growing.more()["time_s"].tolist() == pytest.approx([0.1 * k for k in range(40)])     # type: ignore[index]
+
+
+def test_times_that_go_back_are_not_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(HEADER + rows(100, 110))
+    growing = GrowingLog(path)
+    growing.more()
+    with path.open("a") as file:
+        file.write(rows(0, 5))
+    assert len(growing.more()["time_s"]) == 5                                # type: ignore[index, arg-type]
+
+
+def test_a_full_disk_loses_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(HEADER + rows(0, 10))
+    growing = GrowingLog(path)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+    with monkeypatch.context() as patched:
+        patched.setattr(tempfile, "TemporaryDirectory", full)
+        assert growing.more() is None
+    assert len(growing.more()["time_s"]) == 10                               # type: ignore[index, arg-type]
+
+
+def test_a_new_log_is_checked_from_its_beginning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from control.diagnosis.live import watch
+    monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
+    path, other = tmp_path / "run.csv", tmp_path / "other.csv"
+    path.write_text(HEADER + rows(0, 6000))
+    other.write_text(HEADER + rows(0, 4000))
+    replaced: list[bool] = []
+
+    def wait() -> bool:
+        if not replaced:
+            other.replace(path)
+        replaced.append(True)
+        return len(replaced) < 3
+    looks = [at_s for at_s, _ in followed(path, "huanghai", wait)]
+    assert len([at_s for at_s in looks if at_s < 400.0]) == 6               # three of each log
+    assert looks[-1] < 400.0
+
+
+def test_a_clock_that_jumps_far_ahead_costs_nothing() -> None:
+    time_s = np.concatenate((np.arange(0.0, 100.0, 0.1), [1e6, 1e6 + 0.1]))
+    pieces = list(live_check._pieces({"time_s": time_s}))
+    assert len(pieces) == 5 and sum(len(piece["time_s"]) for piece in pieces) == len(time_s)
 
 
 def test_logs_of_other_programs_and_stores_are_followed_too(tmp_path: Path) -> None:

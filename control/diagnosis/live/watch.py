@@ -1,14 +1,15 @@
 """A log that is still being written, looked at every half minute: since when does the machine depart from its model?
 
 Two things may say so. The sequential test (`change.py`) says that something has begun; a full diagnosis of the stretch
-around it must then agree. And a full diagnosis of the last quarter of an hour, four times an hour, finds what was there
-from the start or grew too slowly; two in a row, which share no row, must say the same. Pure: rows come in, what stands
-comes out; whoever calls decides when.
+around it must then agree. And full diagnoses of quarters of an hour find what was there from the start or grew too
+slowly; two in a row, which share no row, must say the same. While nothing stands, the first of such two is diagnosed
+only once the second says something: alone it says nothing. Pure: rows come in, what stands comes out; whoever calls
+decides when.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +21,9 @@ from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.model import GROUPS
 from control.machine.machine import Machine
 
-from .change import WINDOW_S, Begun, begun
+from .change import Beginnings, Begun
 from .departure import Departure
+from .rolling import Rows
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Array = npt.NDArray[Any]
@@ -33,33 +35,40 @@ BEFORE_S = 600.0            # of a beginning, that its diagnosis sees
 MOST_S = 1800.0             # of a stretch that is diagnosed: what is kept of the log
 NAMED_AFTER_S = 120.0       # what has no name is diagnosed again when so much more of it is seen
 # What a beginning must gain (twice the log-likelihood), by group of channels; benchmarks/live_check.py measures the run
-# length that follows. A drive's moves and the heads' contrast are not as Gaussian as level and speeds.
-BARS = {"shaft": 40.0, "metering": 40.0, "speed": 30.0, "heads": 40.0}
+# length that follows. With 40 a healthy machine is diagnosed about once in an hour; with 30, three times, to no use.
+BARS = {"shaft": 40.0, "metering": 40.0, "speed": 40.0, "heads": 40.0}
 REFUSED = 1.5               # times the gain that a diagnosis did not bear out: the bar for the next quarter of an hour
 
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {"flow": "metering"}
 
 
+class _Stretch(NamedTuple):
+    """A quarter of an hour that was not diagnosed yet."""
+
+    begin_s: float
+    end_s: float
+
+
 class LiveCheck:
     """Rows in, departures out. `standing`: what departs now, None where nothing does."""
 
-    def __init__(self, machine: Machine, test: Callable[[Columns, Machine], list[Begun]] = begun,
+    def __init__(self, machine: Machine, test: Callable[[Rows, float], list[Begun]] | None = None,
                  diagnose: Callable[[Columns, Machine], Diagnosis] = diagnose_run,
                  bars: Mapping[str, float] = BARS) -> None:
-        self._machine, self._test, self._diagnose = machine, test, diagnose
+        self._machine, self._test, self._diagnose = machine, test or Beginnings(machine), diagnose
         self._bars = dict(bars)
         self._raised: dict[str, float] = {}         # bars until the next quarter of an hour
-        self._rows: dict[str, Array] = {}
+        self._rows: list[dict[str, Array]] = []     # pieces as they came
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._told_s = 0.0
-        self._last: Departure | None = None         # of the full diagnosis before
+        self._last: Departure | _Stretch | None = None      # of the quarter before
         self.standing: Departure | None = None
         self.diagnoses = 0
 
     @property
     def now_s(self) -> float:
         """Time of the newest row."""
-        return float(self._rows["time_s"][-1]) if self._rows else 0.0
+        return float(self._rows[-1]["time_s"][-1]) if self._rows else 0.0
 
     def add(self, rows: Columns) -> None:
         """Rows that follow those added before; columns as of `diagnose_run`. What is too old is forgotten."""
@@ -67,10 +76,9 @@ class LiveCheck:
             return
         if self._begin_s is None:
             self._begin_s = self._looked_s = self._diagnosed_s = float(rows["time_s"][0])
-        self._rows = _joined(self._rows, rows)
-        keep = self._rows["time_s"] > self.now_s - MOST_S
-        if not keep.all():
-            self._rows = {name: array[keep] for name, array in self._rows.items()}
+        self._rows.append({name: np.asarray(array) for name, array in rows.items()})
+        while self._rows[0]["time_s"][-1] < self.now_s - MOST_S - QUARTER_S:
+            self._rows.pop(0)
 
     @property
     def due(self) -> bool:
@@ -93,13 +101,13 @@ class LiveCheck:
         found = self.standing
         if found is None or found.cause or found.since_s is None or self.now_s - self._told_s < NAMED_AFTER_S:
             return
-        departure = self._told(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel), found.since_s)
+        departure = self._told(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
         if departure is not None and departure.cause:
-            self.standing = departure
+            self.standing = _dated(departure, found.since_s)
 
     def _sequential(self) -> None:
         try:
-            found = self._test(self._since(self.now_s - WINDOW_S), self._machine)
+            found = self._test(self._since, self.now_s)
         except ValueError:              # too few rows of anything
             return
         over = [(one.gain - self._bar(one.group), one) for one in found if one.gain > self._bar(one.group)]
@@ -109,65 +117,93 @@ class LiveCheck:
         onset_s = first.part.onset_s or self.now_s
         if self.standing is not None and _GROUP_OF.get(self.standing.channel) == first.group:
             return                      # it is said already
-        departure = self._told(onset_s - BEFORE_S, first.group, onset_s)
-        if departure is None:
-            self._raised[first.group] = REFUSED * first.gain
+        departure = self._told(onset_s - BEFORE_S, first.group)
+        if departure is not None and _borne_out(first, departure):
+            self.standing = _dated(departure, onset_s)
         else:
-            self.standing = departure
+            self._raised[first.group] = REFUSED * first.gain
 
     def _bar(self, group: str) -> float:
         return max(self._bars[group], self._raised.get(group, 0.0))
 
     def _quarter(self) -> None:
-        begin_s, self._diagnosed_s = self._diagnosed_s, self.now_s
+        this, self._diagnosed_s = _Stretch(self._diagnosed_s, self.now_s), self.now_s
         self._raised.clear()
-        departure = self._told(begin_s, None, None)
-        again = departure is not None and self._last is not None and _same(departure, self._last)
+        if self.standing is None and self._last is None:
+            self._last = this           # whatever it says, it says nothing alone
+            return
+        departure = self._of_stretch(this)
+        if departure is None and self.standing is None:
+            self._last = None
+            return
+        last = self._of_stretch(self._last) if isinstance(self._last, _Stretch) else self._last
         if departure is not None and self.standing is not None and _same(departure, self.standing):
             self.standing = departure._replace(since_s=self.standing.since_s)
-        elif again and departure is not None:
-            self.standing = departure._replace(since_s=self._last.since_s if self._last else None)
-        elif departure is None and self._last is None:
+        elif departure is not None and last is not None and _same(departure, last):
+            self.standing = departure._replace(since_s=last.since_s)
+        elif departure is None and last is None:
             self.standing = None        # gone for half an hour: repaired, or never there
         self._last = departure
 
-    def _told(self, begin_s: float, group: str | None, onset_s: float | None) -> Departure | None:
-        """What a full diagnosis says from a time of the log on, of one group or of all."""
+    def _of_stretch(self, stretch: _Stretch) -> Departure | None:
+        return self._told(stretch.begin_s, None, stretch.end_s)
+
+    def _told(self, begin_s: float, group: str | None, end_s: float = np.inf) -> Departure | None:
+        """What a full diagnosis says of a stretch of the log, about one group or all; times of the log."""
         self.diagnoses += 1
         self._told_s = self.now_s
+        rows = self._since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
         try:
-            found = self._diagnose(self._since(begin_s), self._machine)
+            found = departure_of(self._diagnose(rows, self._machine), group)
         except ValueError:
             return None
-        return departure_of(found, group, onset_s)
+        if found is None or found.since_s is None:
+            return found
+        return found._replace(since_s=found.since_s + float(rows["time_s"][0]))     # told from its first row
 
-    def _since(self, begin_s: float) -> dict[str, Array]:
-        rows = self._rows["time_s"] >= begin_s
-        return {name: array[rows] for name, array in self._rows.items()}
+    def _since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
+        """Columns of the rows from a time to another."""
+        pieces = [piece for piece in self._rows if piece["time_s"][-1] >= begin_s and piece["time_s"][0] <= end_s]
+        rows = _joined(pieces or self._rows[-1:])
+        inside = (rows["time_s"] >= begin_s) & (rows["time_s"] <= end_s)
+        return rows if inside.all() else {name: array[inside] for name, array in rows.items()}
 
 
-def departure_of(found: Diagnosis, group: str | None = None, onset_s: float | None = None) -> Departure | None:
+def departure_of(found: Diagnosis, group: str | None = None) -> Departure | None:
     """What a diagnosis says, in one: its costliest cause that is no mere suspicion, else what it cannot explain.
 
-    group: only of these channels. onset_s: when it began, where the diagnosis itself does not say.
+    group: only of these channels. Times are from the first row that was diagnosed.
     """
     for cause in found.causes:
         if (group is None or _GROUP_OF[ROWS[cause.id].channels[0]] == group) and \
                 not any(rival.id == UNKNOWN for rival in cause.rivals):
-            return _of_cause(cause, found, onset_s)
+            return _of_cause(cause, found)
     for left in found.unexplained:
         if group is None or _GROUP_OF.get(left.channel) == group:
-            return Departure(left.channel, "", left.dose_percent, left.from_s or onset_s, False)
+            return Departure(left.channel, "", left.dose_percent, left.from_s, False)
     return None
 
 
-def _of_cause(cause: Cause, found: Diagnosis, onset_s: float | None) -> Departure:
+def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
     percent = cause.field_cost.rate_error_percent
     return Departure(ROWS[cause.id].channels[0] if ROWS[cause.id].stage != "flow" else "flow", cause.id,
-                     percent or None, onset_s if cause.onset_s is None else cause.onset_s, not cause.rivals,
+                     percent or None, cause.onset_s, not cause.rivals,
                      not not_adoptable(cause) and not cause.rivals,
                      found.next_run.plan if cause.rivals and found.next_run is not None else "",
                      cause.size.value, cause.size.unit)
+
+
+def _borne_out(begun: Begun, told: Departure) -> bool:
+    """Whether a diagnosis agrees that something began: it dates it, names the same effect, or has no name for it.
+
+    What it finds all along under another name did not begin then; two quarters of an hour may say it.
+    """
+    return told.since_s is not None or told.cause in ("", begun.part.id)
+
+
+def _dated(told: Departure, since_s: float) -> Departure:
+    """With the time from which on it is seen, where the diagnosis itself does not say."""
+    return told if told.since_s is not None else told._replace(since_s=since_s)
 
 
 def _same(one: Departure, other: Departure) -> bool:
@@ -183,16 +219,13 @@ def _works(rows: Columns) -> bool:
     return True
 
 
-def _joined(before: Mapping[str, Array], rows: Columns) -> dict[str, Array]:
-    if not before:
-        return dict(rows)
+def _joined(pieces: Sequence[Columns]) -> dict[str, Array]:
+    """One after the other; where a piece lacks a column, its cells are empty."""
     found = {}
-    for name in {**before, **rows}:
-        parts = []
-        for part in (before, rows):
-            count = len(part["time_s"])
-            text = any(name in p and p[name].dtype == object for p in (before, rows))
-            empty: Array = np.full(count, "", object) if text else np.full(count, np.nan)
-            parts.append(part[name] if name in part and (part[name].dtype == object) == text else empty)
-        found[name] = np.concatenate(parts)
+    for name in dict.fromkeys(name for piece in pieces for name in piece):
+        text = any(piece[name].dtype == object for piece in pieces if name in piece)
+        empty = "" if text else np.nan
+        found[name] = np.concatenate([
+            piece[name] if name in piece and (piece[name].dtype == object) == text
+            else np.full(len(piece["time_s"]), empty, object if text else np.float64) for piece in pieces])
     return found

@@ -21,7 +21,7 @@ from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Part, Parts
 from .likelihood import Column, best_fitted, calm, problem, solved, taken_off
-from .model import adds_up, in_course
+from .model import adds_up, course, with_course
 from .noise import Noise, coefficients, series_of, strengths
 from .search import Candidate, Scanned
 
@@ -30,6 +30,7 @@ Array = npt.NDArray[np.float64]
 TIMES = 8                   # at which the information is had exactly ...
 FEW_TIMES = 3               # ... once it is had at these and the gain may matter
 MAY_MATTER = 6.0            # of twice the log-likelihood
+MOST_CELLS = 8_000_000      # of numbers at a time: candidates are looked at side by side
 END_S = 8.0                 # from either end of the log: nothing is told to begin there
 
 
@@ -40,6 +41,13 @@ class _Whitened(NamedTuple):
     weighted: Array
     scale: Array                # of banded coefficients: 1 / s.d. of the noise there
     place: slice                # of its coefficients in the stack of all channels
+
+
+class _Tried(NamedTuple):
+    """A candidate, and what one unit of it does all along, (copies x m,) by channel."""
+
+    candidate: Candidate
+    units: list[Array]
 
 
 class _Ground(NamedTuple):
@@ -55,25 +63,40 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
 
     The gain is of twice the log-likelihood under a noise that is not fitted again.
     """
-    begins = [c for c in tried if c.part.onset_s is None and ROWS[c.part.id].may_begin
-              and not CATALOGUE[c.part.id].effect.onset_only
-             and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)]
+    begins = that_may_begin(tried)
     if not begins:
         return []
-    best: dict[tuple[str, int | None, bool], Scanned] = {}
-    base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
-    p = problem(columns.model.channels, banded, base)
-    fit = best_fitted(p, np.arange(len(base)), noise, columns.model.channels)
     traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
-    starts = [fit.noise, calm(fit.noise, columns.model.channels)]
+    return best_begins(columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts),
+                       noise, begins, traces)
+
+
+def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
+    """Those of some candidates that may begin in the middle of a log."""
+    return [c for c in tried if c.part.onset_s is None and ROWS[c.part.id].may_begin
+            and not CATALOGUE[c.part.id].effect.onset_only
+            and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)]
+
+
+def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
+                noise: dict[str, Noise], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
+                matters: float = MAY_MATTER) -> list[Scanned]:
+    """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
+
+    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. matters : gain from
+    which on the information is had at more times.
+    """
+    best: dict[tuple[str, int | None, bool], Scanned] = {}
+    p = problem(channels, banded, base)
+    fit = best_fitted(p, np.arange(len(base)), noise, channels)
+    starts = [fit.noise, calm(fit.noise, channels)]
     for start in starts[:1] if starts[0] == starts[1] else starts:
         amplitude, _ = solved(p, np.arange(len(base)), start)
-        ground = _ground(columns.model.channels, taken_off(banded, base, amplitude), base, start)
-        for candidate, trace in zip(begins, traces, strict=True):
-            for grows in (False,) if ROWS[candidate.part.id].threshold else (False, True):
-                found = _begun(ground, candidate, trace, grows)
-                name = (candidate.part.id, candidate.part.member, grows)
-                if found is not None and (name not in best or found.gain > best[name].gain):
+        ground = _ground(channels, taken_off(banded, base, amplitude), base, start)
+        for grows in (False, True):
+            for found in _begun_all(ground, begins, traces, grows, matters):
+                name = (found.part.id, found.part.member, grows)
+                if name not in best or found.gain > best[name].gain:
                     best[name] = found
     return sorted(best.values(), key=lambda one: -one.gain)
 
@@ -98,62 +121,98 @@ def _ground(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Seq
     return _Ground(found, np.linalg.qr(stack)[0])
 
 
-def _begun(ground: _Ground, candidate: Candidate, trace: dict[str, Array], grows: bool) -> Scanned | None:
-    """The best time for one candidate to begin. trace : what the candidate does all along, (m,) by channel."""
-    unit = {name: one / candidate.part.size for name, one in trace.items() if name in ground.channels}
-    finest = max((ground.channels[name].channel for name in unit), key=lambda c: len(c.grid.even_s), default=None)
-    if finest is None:
-        return None
+def _begun_all(ground: _Ground, tried: Sequence[Candidate], traces: Sequence[dict[str, Array]],
+               grows: bool, matters: float) -> list[Scanned]:
+    """The best time for each candidate to begin; those of the same channels are looked at side by side."""
+    alike: dict[tuple[tuple[str, ...], tuple[bool, ...]], list[_Tried]] = {}
+    for candidate, trace in zip(tried, traces, strict=True):
+        names = tuple(name for name in ground.channels if name in trace)
+        if names and not (grows and ROWS[candidate.part.id].threshold):
+            summed = tuple(adds_up(candidate.part, name) for name in names)
+            alike.setdefault((names, summed), []).append(_Tried(
+                candidate, [trace[name] / candidate.part.size for name in names]))
+    found = []
+    for (names, summed), ones in alike.items():
+        seen = [ground.channels[name] for name in names]
+        each = max(1, MOST_CELLS // (TIMES * sum(one.weighted.size for one in seen)))
+        for begin in range(0, len(ones), each):
+            found += _begun(ground, seen, summed, ones[begin:begin + each], grows, matters)
+    return found
+
+
+def _begun(ground: _Ground, seen: Sequence[_Whitened], summed: Sequence[bool], ones: Sequence[_Tried],
+           grows: bool, matters: float) -> list[Scanned]:
+    """The best time to begin for candidates that touch the same channels in the same way."""
+    finest = max((one.channel for one in seen), key=lambda c: len(c.grid.even_s))
     time_s = finest.grid.even_s
     inside = (time_s > time_s[0] + END_S) & (time_s < time_s[-1] - END_S)
     if not inside.any():
-        return None
-    pull = np.zeros(len(time_s))
-    for name, one in unit.items():
-        seen = ground.channels[name]
-        sums = _sums_from(seen, one.reshape(seen.channel.copies, -1), adds_up(candidate.part, name), grows)
-        pull += np.interp(time_s, seen.channel.grid.even_s, sums)
-    part = candidate.part._replace(grows=grows)
+        return []
+    units = [np.array([one.units[k] for one in ones]) for k in range(len(seen))]
+    pull = np.zeros((len(ones), len(time_s)))
+    for one, unit, adds in zip(seen, units, summed, strict=True):
+        sums = _sums_from(one, unit.reshape(len(ones), one.channel.copies, -1), adds, grows)
+        pull += sums if one.channel is finest else np.array([np.interp(time_s, one.channel.grid.even_s, row)
+                                                             for row in sums])
+    left = np.arange(len(ones))
+    found: dict[int, Scanned] = {}
     for count in (FEW_TIMES, TIMES):
         exact_s = np.linspace(time_s[0] + END_S, time_s[-1] - END_S, count)
-        exact = _information(ground, unit, [part._replace(onset_s=float(at)) for at in exact_s])
-        information = np.maximum(np.interp(time_s, exact_s, exact), 1e-12)
-        size = np.clip(pull / information, candidate.low, candidate.high)
-        if ROWS[part.id].threshold:             # half a threshold's column is not what half a threshold does
-            size = np.full(len(time_s), part.size)
-        gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
-        at = int(np.argmax(gain))
-        if gain[at] < MAY_MATTER:
+        exact = _information(ground, seen, summed, [unit[left] for unit in units], exact_s, grows)
+        more = []
+        for k, line in zip(left.tolist(), exact, strict=True):
+            information = np.maximum(np.interp(time_s, exact_s, line), 1e-12)
+            found[k] = _at_best(ones[k].candidate, pull[k], information, inside, time_s, grows)
+            if found[k].gain >= matters:
+                more.append(k)
+        left = np.array(more, int)
+        if not more:
             break
-    return Scanned(part._replace(size=float(size[at]), onset_s=float(time_s[at])), float(gain[at]))
+    return [found[k] for k in range(len(ones))]
+
+
+def _at_best(candidate: Candidate, pull: Array, information: Array, inside: npt.NDArray[np.bool_], time_s: Array,
+             grows: bool) -> Scanned:
+    """One candidate at its best time. pull, information : were it to begin at each sample (m,)."""
+    size = np.clip(pull / information, candidate.low, candidate.high)
+    if ROWS[candidate.part.id].threshold:       # half a threshold's column is not what half a threshold does
+        size = np.full(len(time_s), candidate.part.size)
+    gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
+    at = int(np.argmax(gain))
+    return Scanned(candidate.part._replace(size=float(size[at]), onset_s=float(time_s[at]), grows=grows),
+                   float(gain[at]))
 
 
 def _sums_from(seen: _Whitened, trace: Array, summed: bool, grows: bool) -> Array:
-    """Sum of weighted residual x trace, were the trace to begin at each sample: (m,). trace : (copies, m)."""
+    """Sum of weighted residual x trace, were it to begin at each sample: (k, m). trace : (k, copies, m)."""
     weighted, time_s = seen.weighted, seen.channel.grid.even_s
     if not grows:
-        level = trace.sum(axis=0) * _ahead(weighted) if summed else 0.0
+        level = trace.sum(axis=1) * _ahead(weighted) if summed else 0.0
         return np.asarray(_ahead(weighted * trace) - level)
     if not summed:
         sums = _ahead(weighted * trace * time_s) - time_s * _ahead(weighted * trace)
     else:
-        rate = np.diff(trace, prepend=trace[:, :1])
-        moment, level = np.cumsum(rate * time_s, axis=1), np.cumsum(rate, axis=1)
-        sums = _ahead(weighted * moment) - moment[0] * _ahead(weighted)
-        sums = sums - time_s * (_ahead(weighted * level) - level[0] * _ahead(weighted))
+        rate = np.diff(trace, prepend=trace[..., :1])
+        moment, level = np.cumsum(rate * time_s, axis=-1), np.cumsum(rate, axis=-1)
+        sums = _ahead(weighted * moment) - moment[:, 0] * _ahead(weighted)
+        sums = sums - time_s * (_ahead(weighted * level) - level[:, 0] * _ahead(weighted))
     return np.asarray(sums / np.maximum(time_s[-1] - time_s, 1.0))
 
 
 def _ahead(values: Array) -> Array:
-    """Sum over copies of all samples from each one on: (m,) of (copies, m)."""
-    return np.asarray(np.cumsum(values[:, ::-1], axis=1)[:, ::-1].sum(axis=0))
+    """Sum over copies of all samples from each one on: (..., m) of (..., copies, m)."""
+    return np.asarray(np.cumsum(values[..., ::-1].sum(axis=-2), axis=-1)[..., ::-1])
 
 
-def _information(ground: _Ground, unit: dict[str, Array], parts: Sequence[Part]) -> Array:
-    """Information on the size of one effect by its onset, (k,), once the hypothesis has taken up what it can."""
-    whole = np.zeros((len(ground.basis), len(parts)))
-    for name, one in unit.items():
-        seen = ground.channels[name]
-        begun = np.array([in_course(one, seen.channel, part) for part in parts])
-        whole[seen.place] = (coefficients(begun, seen.channel.cut) * seen.scale).T
-    return np.asarray(np.sum(whole ** 2, axis=0) - np.sum((ground.basis.T @ whole) ** 2, axis=0))
+def _information(ground: _Ground, seen: Sequence[_Whitened], summed: Sequence[bool], units: Sequence[Array],
+                 onsets_s: Array, grows: bool) -> Array:
+    """Information on sizes by onset, (k, onsets), once the hypothesis has taken up what it can. units : (k, m)."""
+    count = len(units[0]) * len(onsets_s)
+    own, taken = np.zeros(count), np.zeros((count, ground.basis.shape[1]))
+    for one, unit, adds in zip(seen, units, summed, strict=True):
+        weight = np.array([course(one.channel, Part("", 1.0, float(at), grows=grows)) for at in onsets_s])
+        begun = with_course(unit[:, None, :], weight, one.channel.copies, adds).reshape(count, -1)
+        whole = coefficients(begun, one.channel.cut) * one.scale
+        own += np.einsum("ij,ij->i", whole, whole)
+        taken += whole @ ground.basis[one.place]
+    return np.asarray((own - np.sum(taken ** 2, axis=1)).reshape(-1, len(onsets_s)))

@@ -15,7 +15,7 @@ from control.machine.over_log import MOST_STEP_S
 from .channels import ChannelSeries
 from .hypothesis import Part, Parts, schedule, without
 from .likelihood import Column, Label, Problem, Role, problem, projected
-from .model import GroupModel, bent_course, in_course, stamp_sd_s
+from .model import GroupModel, adds_up, bent_course, in_course, stamp_sd_s, with_course
 from .noise import coefficients, series_of
 from .smooth import TABLES, series, span
 from .stages import RunData
@@ -205,7 +205,8 @@ class Columns:
         whole = model.difference(others, part._replace(onset_s=None, grows=False))
         channels = [c for c in model.channels if c.name in whole]
         return [_column(model, Label(Role.FORM, part.id, k),
-                        {c.name: bent_course(whole[c.name], c, part, waves) / part.size for c in channels},
+                        {c.name: with_course(whole[c.name], bent_course(c, part, waves), c.copies,
+                                              adds_up(part, c.name)) / part.size for c in channels},
                         max(1e-9, share * bend * abs(part.size)))
                 for waves, bend in enumerate(BENDS, start=1)]
 

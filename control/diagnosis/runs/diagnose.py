@@ -140,10 +140,11 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
     return replace(found, rates=fits, findings=(*found.findings, said))
 
 
-def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine
+def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
+                  ordered: Callable[[Clean, Machine], Clean] = in_order
                   ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
-    log = in_order(gate(columns), machine)
+    log = ordered(gate(columns), machine)
     in_steps = without_steps(log, machine)
     if in_steps is None:
         data, in_spells = without_spells(run_data(log, machine), machine)

@@ -88,27 +88,31 @@ def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
     A scale reads what flowed until then: what begins late has changed nothing before. Every other channel answers at
     once, so that this is right for effects whose prediction is a straight line in their size.
     """
+    return with_course(change, course(channel, part), channel.copies, adds_up(part, channel.name))
+
+
+def course(channel: ChannelSeries, part: Part) -> Array:
+    """How much of a part is there at each sample, from 0 to 1: (m,)."""
     time_s, onset_s = channel.grid.even_s, 0.0 if part.onset_s is None else part.onset_s
     weight = (time_s >= onset_s).astype(np.float64)
     if part.grows:
         weight = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
-    if part.until_s is not None:
-        weight = np.where(time_s < part.until_s, weight, 0.0)
-    return _weighted(change, channel, part, weight)
+    return weight if part.until_s is None else np.where(time_s < part.until_s, weight, 0.0)
 
 
-def bent_course(change: Array, channel: ChannelSeries, part: Part, waves: int) -> Array:
-    """How a growth differs from an even one: so many half-waves from its onset to the end of the log. (m,), as
-    `in_course`."""
+def bent_course(channel: ChannelSeries, part: Part, waves: int) -> Array:
+    """How a growth differs from an even one: so many half-waves from its onset to the end of the log. (m,)"""
     time_s, onset_s = channel.grid.even_s, float(part.onset_s or 0.0)
     share = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
-    return _weighted(change, channel, part, np.sin(waves * np.pi * share))
+    return np.asarray(np.sin(waves * np.pi * share))
 
 
-def _weighted(change: Array, channel: ChannelSeries, part: Part, weight: Array) -> Array:
-    if adds_up(part, channel.name):
-        return np.asarray(np.cumsum(np.diff(change, prepend=change[0]) * weight))
-    return np.asarray((change.reshape(channel.copies, -1) * weight).ravel())
+def with_course(change: Array, weight: Array, copies: int, summed: bool) -> Array:
+    """Changes (..., copies x m) in the course of weights (..., m). summed : the channel adds up what an effect does."""
+    if summed:
+        return np.asarray(np.cumsum(np.diff(change, prepend=change[..., :1]) * weight, axis=-1))
+    shaped = change.reshape(*change.shape[:-1], copies, -1) * weight[..., None, :]
+    return np.asarray(shaped.reshape(*shaped.shape[:-2], -1))
 
 
 class GroupModel:

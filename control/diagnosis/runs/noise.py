@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import dct, idct, prev_fast_len
 
+from .noise_fit import fit_run, spectrum_run, value_run
+
 Array = npt.NDArray[np.float64]
 
 SEGMENT = 32768             # longer series are cut: memory of noise is far shorter
@@ -116,14 +118,7 @@ def start(prior: NoisePrior) -> Noise:
 
 def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
     """Variance of one coefficient in each band (bands,)."""
-    cos = np.cos(cut.omega)
-    total = np.full(len(cos), prior.floor_sd ** 2)
-    if prior.walk_sd > 0.0:
-        total += prior.walk_sd ** 2 / np.maximum(2.0 - 2.0 * cos, (np.pi / max(2.0, float(cut.members.sum()))) ** 2)
-    for log_sd, log_tau in ((theta[0], theta[1]), (theta[2], theta[3])):
-        rho = np.exp(-step_s / np.exp(log_tau))
-        total += np.exp(2.0 * log_sd) * (1.0 - rho * rho) / (1.0 - 2.0 * rho * cos + rho * rho)
-    return total
+    return np.asarray(spectrum_run(theta, prior.floor_sd, prior.walk_sd, np.cos(cut.omega), cut.members.sum(), step_s))
 
 
 def strengths(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
@@ -131,43 +126,14 @@ def strengths(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> 
     return np.repeat(spectrum(np.array(noise.theta), prior, cut, step_s), cut.members.astype(np.int64))
 
 
-def _penalty(theta: Array, prior: NoisePrior) -> tuple[float, Array, Array]:
-    centre = np.array(start(prior).theta)
-    away = (theta - centre) / np.array(prior.spread)
-    return 0.5 * float(away @ away), away / np.array(prior.spread), 1.0 / np.array(prior.spread) ** 2
-
-
 def log_likelihood(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> float:
     """Whittle log-likelihood of residual band powers (bands,), the prior of the noise included."""
-    strength = spectrum(np.array(noise.theta), prior, cut, step_s)
-    whittle = -0.5 * float(np.sum(cut.members * np.log(strength) + power / strength))
-    return whittle - _penalty(np.array(noise.theta), prior)[0]
+    theta = np.array(noise.theta)
+    return float(value_run(theta, power, cut.members, spectrum(theta, prior, cut, step_s), np.array(start(prior).theta),
+                           np.array(prior.spread)))
 
 
 def fit(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float, rounds: int = 12) -> Noise:
     """Most probable noise for residual band powers (bands,): Fisher scoring with step halving."""
-    theta = np.array(noise.theta)
-    best = log_likelihood(power, _noise(theta), prior, cut, step_s)
-    for _ in range(rounds):
-        strength = spectrum(theta, prior, cut, step_s)
-        slopes = np.empty((4, len(strength)))
-        for k in range(4):
-            moved = theta.copy()
-            moved[k] += 1e-4
-            slopes[k] = (np.log(spectrum(moved, prior, cut, step_s)) - np.log(strength)) / 1e-4
-        _, pull, stiff = _penalty(theta, prior)
-        gradient = 0.5 * slopes @ (power / strength - cut.members) - pull
-        fisher = 0.5 * (slopes * cut.members) @ slopes.T + np.diag(stiff)
-        step = np.clip(np.linalg.solve(fisher, gradient), -1.5, 1.5)
-        for _ in range(6):
-            tried = log_likelihood(power, _noise(theta + step), prior, cut, step_s)
-            if tried >= best:
-                break
-            step *= 0.5
-        else:
-            break
-        gained, best = tried - best, tried
-        theta = theta + step
-        if gained < 1e-3:
-            break
-    return _noise(theta)
+    return _noise(fit_run(np.array(noise.theta), power, cut.members, np.cos(cut.omega), prior.floor_sd, prior.walk_sd,
+                          np.array(start(prior).theta), np.array(prior.spread), step_s, rounds))

@@ -54,25 +54,35 @@ WAYS = ((READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE))      # each pair is t
 
 def in_order(log: Clean, machine: Machine) -> Clean:
     """The log with commands and answers in the rows that ours have them in, and what was moved among its findings."""
+    return moved(log, order_of(log, machine))
+
+
+def moved(log: Clean, move: Move | None) -> Clean:
+    """A log with some of its columns moved, and that among its findings; None: as it is."""
+    return log if move is None else _moved(log, move)
+
+
+def order_of(log: Clean, machine: Machine) -> Move | None:
+    """What must be moved for a log to have its rows in our order; None: nothing."""
     some, nominal = _beginning(log), schedule(stages_of(machine), ())
     seen = _channels(some, machine)
     as_it_is = _residuals(seen, nominal)
-    moved = [_moved(some, ways[0]) for ways in WAYS]
-    left = [_residuals(_channels(one, machine), nominal) for one in moved]
+    tried = [_moved(some, ways[0]) for ways in WAYS]
+    left = [_residuals(_channels(one, machine), nominal) for one in tried]
     by_way = [_gains(as_it_is, one) for one in left]
     telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE]
     alone = log.step_s >= ALONE_S
     if len(telling) < (1 if alone else 2):
-        return log
+        return None
     best = int(np.argmax([sum(gains.values()) for gains in by_way]))
-    further = _gains(left[best], _residuals(_channels(_moved(moved[best], WAYS[best][0]), machine), nominal))
+    further = _gains(left[best], _residuals(_channels(_moved(tried[best], WAYS[best][0]), machine), nominal))
     if not _so_far(by_way[best], by_way[1 - best], further, (telling,) if alone else [[drive] for drive in telling]):
-        return log
+        return None
     if not alone and _slow_gate_gain(as_it_is, seen, machine) > by_way[best]["gate"]:
-        return log
+        return None
     scales = [_residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]]
     rough = [_roughness(one.get("scale", np.zeros(2))) for one in scales]
-    return _moved(log, WAYS[best][int(np.argmin(rough))])
+    return WAYS[best][int(np.argmin(rough))]
 
 
 def _so_far(gains: dict[str, float], opposite: dict[str, float], further: dict[str, float],

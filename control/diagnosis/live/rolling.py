@@ -1,0 +1,259 @@
+"""What the machine leaves unexplained within the last minutes, kept from look to look: only new rows are predicted.
+
+A piece is the newest rows with some before them, in which the stages come to where they are: what a drive or a tube
+remembers is over within seconds. Its residuals and what each effect does are taken in bins of a second, at which every
+effect that is a straight line in its size still shows whole, and are put behind those of the pieces before. What a
+scale reads is a sum: its pieces are kept as changes from bin to bin.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.effects import ROWS
+from control.diagnosis.runs.changes import best_begins, that_may_begin
+from control.diagnosis.runs.channels import ChannelSeries, channels
+from control.diagnosis.runs.columns import nuisance_columns
+from control.diagnosis.runs.diagnose import series_of_log
+from control.diagnosis.runs.likelihood import Column, Role
+from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
+from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
+from control.diagnosis.runs.noise import NoisePrior, coefficients, segments, series_of, start
+from control.diagnosis.runs.row_order import Move, moved, order_of
+from control.diagnosis.runs.search import Candidate, Scanned, candidates
+from control.diagnosis.runs.stages import Grid
+from control.machine.machine import Machine
+
+Array = npt.NDArray[np.float64]
+Rows = Callable[[float], Mapping[str, npt.NDArray[Any]]]      # since a time: columns of a run log
+
+WINDOW_S = 600.0            # in which an effect begins: a level takes minutes to show a flow
+BIN_S = 1.0
+COMES_TO_S = 15.0           # before its new rows a piece begins: the slowest drive is there by then
+COMES_TO_ROWS = 2 * MIN_ROWS
+NOT_YET_S = 2.0             # the last of the rows: smoothing has not seen what follows
+LEAST_BINS = 60
+MATTERS = 15.0              # of twice the log-likelihood: half the lowest bar; what gains less is had less exactly
+LATER_S = 10.0              # a fill that began less than so long before the end of a piece may not be over
+
+Key = tuple[str, str, int | None]       # role or effect, name, member or place
+
+
+class Lines(NamedTuple):
+    """One channel of one piece or of all, in bins. Of what adds up (`sums`) the changes from bin to bin are kept."""
+
+    like: ChannelSeries
+    at_s: Array                         # middle of each bin, of the log (m,)
+    measured: Array                     # (copies, m)
+    lines: dict[Key, Array]             # prediction, columns, traces: (copies, m)
+    sums: frozenset[Key]
+    columns: dict[Key, Column]          # with their priors
+    candidates: dict[Key, Candidate]
+
+
+PREDICTED: Key = ("predicted", "", None)
+
+
+class Rolling:
+    """The last minutes of a log by group of channels. `best(group)`: what likeliest began within them."""
+
+    def __init__(self, machine: Machine, window_s: float = WINDOW_S) -> None:
+        self._machine, self._window_s = machine, window_s
+        self._kept: dict[str, dict[str, Lines]] = {}
+        self._until_s = -np.inf         # what is before is kept
+        self._move: Move | None = None
+        self._whole = True              # the next piece is the whole window
+        self._tried = _tried(machine)
+
+    def take(self, rows: Rows, now_s: float) -> None:
+        """The rows until now taken in. rows : those since a time.
+
+        Raises ValueError where they are too few.
+        """
+        until_s = float(np.floor(now_s - NOT_YET_S))
+        if self._whole or self._until_s < now_s - self._window_s:
+            from_s = now_s - self._window_s
+            piece = rows(from_s)
+            self._kept = {}
+            self._move = order_of(gate(piece), self._machine)
+            self._until_s = -np.inf
+        else:
+            from_s = self._until_s - COMES_TO_S
+            piece = rows(from_s)
+            if len(piece["time_s"]) < COMES_TO_ROWS:
+                piece = rows(now_s - (now_s - from_s) * COMES_TO_ROWS / max(1, len(piece["time_s"])) - COMES_TO_S)
+        if until_s <= self._until_s:
+            return
+        self._whole = self._put(_of_piece(piece, self._machine, self._move, self._tried, self._until_s, until_s))
+        self._until_s = until_s
+
+    def _put(self, piece: _Piece) -> bool:
+        """Behind what is kept; whether the next piece must begin anew."""
+        if piece.broken and self._kept:
+            self._kept = {}
+            return True
+        for group, new in piece.groups.items():
+            before = self._kept.get(group, {})
+            self._kept[group] = before | {name: _joined(before.get(name), one) for name, one in new.items()}
+        return piece.unfinished
+
+    def best(self, group: str) -> Scanned | None:
+        """The likeliest beginning among the effects of a group; None where too little is known."""
+        since_s = self._until_s - self._window_s
+        members = [_since(one, since_s) for one in self._kept.get(group, {}).values()]
+        members = [one for one in members if len(one.at_s) >= LEAST_BINS]
+        if not members:
+            return None
+        series = [_series(one) for one in members]
+        banded: dict[str, Array] = {}
+        base: list[Column] = []
+        tried: dict[Key, Candidate] = {}
+        traces: dict[Key, dict[str, Array]] = {}
+        for one, channel in zip(members, series, strict=True):
+            now = {key: _whole(one, key) for key in one.lines}
+            banded[channel.name] = coefficients((one.measured - now[PREDICTED]).ravel(), channel.cut)
+            for key, line in now.items():
+                if key in one.candidates:
+                    tried[key] = one.candidates[key]
+                    traces.setdefault(key, {})[channel.name] = line.ravel()
+                elif key != PREDICTED:
+                    base.append(one.columns[key]._replace(
+                        coefficients={channel.name: coefficients(line.ravel(), channel.cut)}))
+        noise = {channel.name: start(channel.prior) for channel in series}
+        found = best_begins(series, banded, base, noise, list(tried.values()), [traces[key] for key in tried],
+                            MATTERS)
+        return found[0] if found else None
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        return tuple(self._kept)
+
+
+class _Piece(NamedTuple):
+    """groups : the new bins. broken : they cannot be put behind older ones. unfinished : nothing can be put behind."""
+
+    groups: dict[str, dict[str, Lines]]
+    broken: bool
+    unfinished: bool
+
+
+def _tried(machine: Machine) -> dict[str, list[Candidate]]:
+    """The effects that are looked for, by channel that shows them: those that are a straight line in their size."""
+    found: dict[str, list[Candidate]] = {}
+    for names in GROUPS.values():
+        every = candidates(names, machine, len(HEADS), False)
+        for one in that_may_begin([c for c in every if ROWS[c.part.id].probe is not None]):
+            for channel in ROWS[one.part.id].channels:
+                found.setdefault(channel, []).append(one)
+    return found
+
+
+def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: Move | None,
+              tried: Mapping[str, Sequence[Candidate]], from_s: float, until_s: float) -> _Piece:
+    """The bins of some rows between two times of the log."""
+    begin_s = float(np.asarray(columns["time_s"])[0])
+
+    def ordered(log: Clean, _: Machine) -> Clean:
+        return moved(log, move)
+    _, data, _ = series_of_log(columns, machine, ordered)
+    seen = channels(data, machine)
+    found: dict[str, dict[str, Lines]] = {}
+    for group, names in GROUPS.items():
+        members = [seen[name] for name in names if name in seen]
+        if members:
+            model = GroupModel(members, machine, data)
+            found[group] = {one.name: _lines(model, one, tried[one.name], begin_s, from_s, until_s)
+                            for one in members}
+    broken = unfinished = False
+    if data.hopper is not None:
+        steps_s = [begin_s + float(data.hopper.time_s[at]) for at in (*data.hopper.jumps,
+                                                                      *(end for end, _ in data.hopper.gaps))]
+        broken = any(at_s > from_s - BIN_S for at_s in steps_s)
+        unfinished = any(at_s > until_s - LATER_S for at_s in steps_s)
+    return _Piece(found, broken, unfinished)
+
+
+def _lines(model: GroupModel, channel: ChannelSeries, tried: Sequence[Candidate], begin_s: float, from_s: float,
+           until_s: float) -> Lines:
+    """One channel: its prediction, what the readings and tolerances leave open, and what each effect does."""
+    rows: dict[Key, Array] = {PREDICTED: model.predicted(())[channel.name]}
+    sums: set[Key] = {PREDICTED} if channel.name == "scale" else set()
+    columns: dict[Key, Column] = {}
+    kept: dict[Key, Candidate] = {}
+    for k, column in enumerate(nuisance_columns(model)):
+        if channel.name in column.coefficients:
+            key: Key = (column.label.role.value, column.label.name, k)
+            rows[key], columns[key] = series_of(column.coefficients[channel.name], channel.cut), column
+            if channel.name == "scale" and column.label.role is Role.TOLERANCE:
+                sums.add(key)
+    for one in tried:
+        if (one.part.member or 0) <= model.heads:
+            key = (one.part.id, "", one.part.member)
+            rows[key], kept[key] = model.run((one.part,), only=(channel.name,))[channel.name] - rows[PREDICTED], one
+            if adds_up(one.part, channel.name):
+                sums.add(key)
+    at_s, measured, lines = _binned(channel, begin_s, from_s, until_s, rows, sums)
+    return Lines(channel, at_s, measured, lines, frozenset(sums), columns, kept)
+
+
+def _binned(channel: ChannelSeries, begin_s: float, from_s: float, until_s: float, rows: Mapping[Key, Array],
+            sums: Collection[Key]) -> tuple[Array, Array, dict[Key, Array]]:
+    """Middles of the bins between two times, (m,), and what was measured and each row, (copies, m): means over bins."""
+    at_s = begin_s + channel.grid.even_s
+    width = max(BIN_S, channel.grid.step_s)
+    place = np.floor(at_s / width + 1e-6).astype(np.int64)
+    starts = np.flatnonzero(np.diff(place, prepend=place[0] - 1))
+    count = np.diff(np.append(starts, len(place)))
+    stack = np.array([channel.measured, *rows.values()]).reshape(1 + len(rows), channel.copies, -1)
+    means = np.add.reduceat(stack, starts, axis=2) / count
+    middle_s = np.add.reduceat(at_s, starts) / count
+    new = (middle_s > from_s) & (middle_s <= until_s)
+    lines = {key: (np.diff(one, axis=1, prepend=one[:, :1]) if key in sums else one)[:, new]
+             for key, one in zip(rows, means[1:], strict=True)}
+    return middle_s[new], means[0][:, new], lines
+
+
+def _joined(before: Lines | None, new: Lines) -> Lines:
+    """One behind the other; a line that only one of them has is dropped, but a step stays as it was last."""
+    if before is None or before.measured.shape[0] != new.measured.shape[0]:
+        return new
+    lines = {key: np.concatenate((one, new.lines[key]), axis=1) for key, one in before.lines.items()
+             if key in new.lines}
+    for key, one in before.lines.items():
+        if key not in new.lines and key not in before.candidates:
+            lines[key] = np.concatenate((one, np.repeat(one[:, -1:], len(new.at_s), axis=1)), axis=1)
+    return before._replace(at_s=np.concatenate((before.at_s, new.at_s)),
+                           measured=np.concatenate((before.measured, new.measured), axis=1), lines=lines)
+
+
+def _since(one: Lines, since_s: float) -> Lines:
+    begin = int(np.searchsorted(one.at_s, since_s))
+    return one._replace(at_s=one.at_s[begin:], measured=one.measured[:, begin:],
+                        lines={key: line[:, begin:] for key, line in one.lines.items()})
+
+
+def _whole(one: Lines, key: Key) -> Array:
+    line = one.lines[key]
+    return np.cumsum(line, axis=1) if key in one.sums else line
+
+
+def _series(one: Lines) -> ChannelSeries:
+    """A channel as the search for beginnings sees it."""
+    like, count = one.like, len(one.at_s)
+    step_s = max(BIN_S, like.grid.step_s)
+    in_bin = max(1, round(BIN_S / like.grid.step_s))
+    grid = Grid(one.at_s, np.arange(count), one.at_s, one.at_s, step_s, True)
+    bounds = tuple((k * count, (k + 1) * count) for k in range(like.copies))
+    return like._replace(measured=one.measured.ravel(), grid=grid, cut=segments(count * like.copies, bounds),
+                         prior=_of_means(like.prior, like.grid.step_s, in_bin))
+
+
+def _of_means(prior: NoisePrior, step_s: float, in_bin: int) -> NoisePrior:
+    """The noise of means over so many samples: of a first-order one, and of a white floor."""
+    apart = np.abs(np.subtract.outer(np.arange(in_bin), np.arange(in_bin)))
+    share = float(np.sqrt(np.mean(np.exp(-apart * step_s / prior.fast_s))))
+    return prior._replace(fast_sd=share * prior.fast_sd, floor_sd=prior.floor_sd / np.sqrt(in_bin),
+                          slow_share=prior.slow_share / share, walk_sd=prior.walk_sd * np.sqrt(in_bin))
