@@ -13,7 +13,7 @@ from control.machine.machine import Machine, bounds, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries
-from .hypothesis import Part, Parts, schedule, without
+from .hypothesis import Part, Parts, schedule
 from .likelihood import Column, Label, Problem, Role, problem, projected
 from .model import GroupModel, adds_up, bent_course, in_course, stamp_sd_s, with_course
 from .noise import coefficients, series_of
@@ -199,11 +199,12 @@ class Columns:
     def _bends(self, parts: Parts, k: int, share: float) -> list[Column]:
         """Shapes in time by which part k may grow unevenly: none where it does not grow."""
         part, model = parts[k], self.model
-        if not part.grows:
+        if not part.grows or part.size == 0.0:
             return []
-        others = without(parts, k)
-        whole = model.difference(others, part._replace(onset_s=None, grows=False))
-        channels = [c for c in model.channels if c.name in whole]
+        there = tuple(other for other in parts if not other.grows)
+        steady, grown = model.predicted(there), model.predicted((*there, part._replace(onset_s=None, grows=False)))
+        channels = [c for c in model.channels if c.name in ROWS[part.id].channels]
+        whole = {c.name: grown[c.name] - steady[c.name] for c in channels}
         return [_column(model, Label(Role.FORM, part.id, k),
                         {c.name: with_course(whole[c.name], bent_course(c, part, waves), c.copies,
                                               adds_up(part, c.name)) / part.size for c in channels},

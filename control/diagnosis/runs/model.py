@@ -167,20 +167,31 @@ class GroupModel:
 
     def run(self, parts: Parts, base: Stages | None = None, only: Collection[str] | None = None) -> dict[str, Array]:
         """The model run under a hypothesis: (m,) by channel. base : other stages; only : these channels."""
-        base, channels = base or self.base, [c for c in self.channels if only is None or c.name in only]
-        plan = schedule(base, parts)
-        steady = {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
-        if not any(part.grows for part in parts):
-            return steady
+        channels = [c for c in self.channels if only is None or c.name in only]
+        there = tuple(part for part in parts if not part.grows)
+        if base is None and len(there) < len(parts):
+            steady = self._known(there, channels)
+        else:
+            plan = schedule(base or self.base, there)
+            steady = {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
         now = dict(steady)
         for part in parts:
             if part.grows:
-                plan = schedule(base, (*parts, part._replace(onset_s=None, grows=False)))
-                for c in channels:
-                    if c.name in ROWS[part.id].channels:
-                        change = c.predict(plan, MOST_STEP_S) - steady[c.name]
-                        now[c.name] = now[c.name] + in_course(change, c, part)
+                whole = (*there, part._replace(onset_s=None, grows=False))
+                touched = [c for c in channels if c.name in ROWS[part.id].channels]
+                grown = self._known(whole, touched) if base is None else {
+                    c.name: c.predict(schedule(base, whole), MOST_STEP_S) for c in touched}
+                for c in touched:
+                    now[c.name] = now[c.name] + in_course(grown[c.name] - steady[c.name], c, part)
         return now
+
+    def _known(self, parts: Parts, channels: Sequence[ChannelSeries]) -> dict[str, Array]:
+        """Predictions of some channels, kept where all are asked for: growths of many sizes share them."""
+        if parts in self._predictions or len(channels) == len(self.channels):
+            known = self.predicted(parts)
+            return {c.name: known[c.name] for c in channels}
+        plan = schedule(self.base, parts)
+        return {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
 
     def residual(self, parts: Parts) -> dict[str, Array]:
         """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts runs down."""

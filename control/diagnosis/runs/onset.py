@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
@@ -22,6 +22,8 @@ Array = npt.NDArray[np.float64]
 MEDIAN_SAMPLES = 5          # an outlier is no turning
 TURNS_SHARE = 0.3           # of the predicted speed: a shaft that reads more obeys
 TURNING_RPM = 5.0           # a shaft asked for more turns; on the nominal machine, as STUCK_MM
+EPISODE_S = 0.25            # of standing or turning: less is how a drive starts
+MAX_OBEYED = 0.1            # of the rows in which it stands: turning there now and then is noise of the command
 MIN_STILL_S = 3.0           # a drive must disobey for this long in all
 MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
 MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
@@ -77,6 +79,26 @@ def stops(model: GroupModel) -> list[Candidate]:
         if at is not None and at > 0:
             found.append(Candidate(Part(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0))
     return found
+
+
+def stands_below(model: GroupModel) -> list[Candidate]:
+    """A shaft that from some time on stands where it is asked for little, and turned so before: a dead band."""
+    if "shaft" not in model.names:
+        return []
+    channel, asked = model.channel("shaft"), model.predicted(())["shaft"]
+    rows = np.ones(max(3, round(EPISODE_S / channel.grid.step_s)), bool)
+    told = asked > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
+    turns = median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * asked
+    stood = np.flatnonzero(binary_opening(told & ~turns, rows))
+    if not len(stood):
+        return []
+    size_rpm = float(asked[stood].max())
+    obeyed = np.flatnonzero(binary_opening(told & turns & (asked < size_rpm), rows))
+    before = obeyed[obeyed < stood[0]]
+    if not len(before) or len(obeyed) > len(before) + MAX_OBEYED * len(stood):
+        return []
+    onset_s = 0.5 * float(channel.grid.even_s[before[-1]] + channel.grid.even_s[stood[0]])
+    return [Candidate(Part(effects.SHAFT_DEAD_BAND.id, size_rpm, onset_s), size_rpm, size_rpm)]
 
 
 def still_disobeys(model: GroupModel, parts: Parts, stop: Part) -> bool:

@@ -25,6 +25,8 @@ SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size move
 RIVAL_FORM_SHARE = 0.1      # of an effect's own signal that its form may be wrong by, where names are held together
 FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the noise is fitted too
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
+WALK_ROWS = 0.5             # of a row of the log: the first step of a walk ...
+WALK_TO = 0.5               # ... and of the size's s.d.: the last
 THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
 THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size (chi-square, one degree of freedom)
 
@@ -104,6 +106,7 @@ class Search:
                 break
             now = moved
         assert best is not None
+        best = self._within_bounds(best, p, fit)
         return self._threshold(best) if any(ROWS[part.id].threshold for part in best.parts) else best
 
     def under(self, parts: Parts, noise: dict[str, Noise]) -> float:
@@ -115,6 +118,19 @@ class Search:
     def _fit(self, parts: Parts, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
         p, count = self.columns.compressed(parts)
         return p, best_fitted(p, np.arange(count), noise, self.model.channels)
+
+    def _within_bounds(self, found: Refit, p: Problem, fit: Fit) -> Refit:
+        """The same, with the likelihood that it has where it stands: a slope leads on beyond the bound of a size."""
+        stands = []
+        for at in p.places(Role.SLOPE):
+            part = found.parts[p.labels[at].part]
+            low, high = bounds(part.id, self.model.machine)
+            if (part.size <= low and fit.amplitude[at] < 0.0) or (part.size >= high and fit.amplitude[at] > 0.0):
+                stands.append(at)
+        if not stands:
+            return found
+        inside = best_fitted(p, np.setdiff1d(np.arange(len(fit.amplitude)), stands), found.noise, self.model.channels)
+        return found._replace(log_likelihood=inside.log_likelihood, noise=inside.noise)
 
     def _tangled(self, p: Problem, noise: dict[str, Noise]) -> float:
         """Largest likeness of two parts' traces, nuisances taken out and their forms as the catalogue has them."""
@@ -148,7 +164,8 @@ class Search:
         if part.id not in self._all_over:               # a plateau leads nowhere: look all over once
             self._all_over.add(part.id)
             places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
-            here, step = max([here, *places], key=value), max(1, last // THRESHOLDS_TRIED)
+            best_place = max([here, *places, self._stood_below(edges, part.onset_s)], key=value)
+            here, step = best_place, max(1, last // THRESHOLDS_TRIED)
         while step:
             near = [place for place in (here - step, here + step) if 0 <= place <= last]
             better = max([here, *near], key=value)
@@ -158,6 +175,41 @@ class Search:
         best = tried[here]
         return best._replace(parts=replaced(best.parts, k, part._replace(size=0.5 * (low + high))),
                              sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1:]))
+
+    def walked(self, found: Refit) -> Refit:
+        """The hypothesis with each delay walked to where it fits best, in ever smaller steps.
+
+        A drive answers stairs between two rows of the log; where all its answers pass a row at once the likelihood
+        leaps, and no slope says so.
+        """
+        best = found
+        for k, part in enumerate(found.parts):
+            if not ROWS[part.id].ladder or ROWS[part.id].threshold:
+                continue
+            low, high = bounds(part.id, self.model.machine)
+            step = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
+            while step > WALK_TO * best.sd[k]:
+                size = best.parts[k].size
+                tried = [self._sized(best, k, float(np.clip(size + way, low, high))) for way in (-step, step)]
+                better = max((best, *tried), key=lambda one: one.log_likelihood)
+                step, best = (step, better) if better is not best else (0.5 * step, best)
+        return best
+
+    def _sized(self, found: Refit, k: int, size: float) -> Refit:
+        parts = replaced(found.parts, k, found.parts[k]._replace(size=size))
+        _, fit = self._fit(parts, found.noise)
+        return found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+
+    def _stood_below(self, edges: Array, from_s: float | None) -> int:
+        """Place of the edge that best parts the speeds at which the shaft stood, though asked, from those at which it
+        turned, by least squares: a threshold between two of its commands misses it by all that they are apart."""
+        channel, asked = self.model.channel("shaft"), self.model.predicted(())["shaft"]
+        there = np.flatnonzero(channel.grid.even_s >= (-np.inf if from_s is None else from_s))
+        order = there[np.argsort(asked[there])]
+        turned = (channel.measured - asked)[order] ** 2
+        gained = np.cumsum(turned - channel.measured[order] ** 2)       # by a shaft that stands up to here
+        at = np.searchsorted(asked[order], edges, side="right") - 1
+        return int(np.clip(np.argmax(np.where(at >= 0, gained[at], 0.0)), 0, len(edges) - 2))
 
     def _commands_between(self, low: float, high: float) -> Array:
         """The shaft speeds that were asked for between two bounds, and the bounds."""

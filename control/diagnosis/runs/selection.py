@@ -33,7 +33,7 @@ from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
 from .names_or_terms import beyond_names
-from .onset import as_begun, blocked, refined, still_disobeys, stops, with_end, with_onset
+from .onset import as_begun, blocked, refined, stands_below, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
 from .search import Candidate, Refit, Scanned, Search
@@ -60,7 +60,7 @@ MIN_WITHOUT_BLOCK = 0.5     # share of THRESHOLD that must be left without the b
 MIN_SHARE_WITHOUT_BLOCK = 0.2       # ... and share of the part's own gain
 DRIFT_FACTOR = 1.6          # times THRESHOLD for what is as slow as the drift that the log has
 BEGUN_IN_DRIFT = 2.5        # times THRESHOLD for what begins at a time of its own in a log that drifts without it ...
-BEGUN_FOR_DRIFT = 2.0       # ... or less, where nothing of the drift is left beside it ...
+BEGUN_FOR_DRIFT = 3.0       # ... or less, where nothing of the drift is left beside it ...
 BEGUN_AGAIN = 4.0           # ... and so many times what a further beginning gains: a drift begins again and again ...
 BEGUN_SURE = 7.5           # ... asked of what gains less than so many times THRESHOLD
 MOVED_MARGIN = 1.5          # times what smooth shapes of its variable gain with that moved along the log ...
@@ -166,7 +166,7 @@ def _selected(search: Search, null: Refit, barred: Sequence[Part] = ()) -> tuple
 
 def _nothing(search: Search) -> Refit:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
-    search.candidates += [*stops(search.model), *encoder_steps(search.model)]
+    search.candidates += [*stops(search.model), *stands_below(search.model), *encoder_steps(search.model)]
     if "scale" in search.model.names:
         search.candidates += blocked(search.model.data, search.model.machine)
     settle(search.columns, ())
@@ -186,6 +186,7 @@ def _forward(search: Search, null: Refit, barred: Sequence[Part] = ()) -> tuple[
         gains.append(best_gain)
         if better is None:
             break
+        better = search.walked(better)
         search.model.move({})       # what the nominal values took upon themselves may be the effect's
         better = search.refit(better.parts, better.noise)
         better = with_end(search, search.refit(settle(search.columns, better.parts), better.noise), ONSET_THRESHOLD)

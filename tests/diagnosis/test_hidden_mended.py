@@ -1,0 +1,29 @@
+"""Hidden cases of the tuning half that were answered wrongly once, each for a reason of its own."""
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from control.diagnosis.runs.diagnose import diagnose_run
+from drivers.files.config import load
+from drivers.files.kinds import MACHINE
+
+WRONG_ONCE = [
+    pytest.param(9, 123, ("single", "lookalike", "pair"),
+                 id="a dead band between two commands: the likelihood has one narrow peak"),
+    pytest.param(34, 123, ("single", "lookalike", "pair"),
+                 id="a dead time on stairs: all answers pass a row at once; a size beyond its bound gained thousands"),
+    pytest.param(14, 121, ("onset",), id="a dead band that begins, met four times after it began"),
+    pytest.param(39, 121, ("growth",), id="a growth that levels off, taken for drift though none was left beside it"),
+]
+
+
+@pytest.mark.parametrize("number, seed, categories", WRONG_ONCE)
+def test_a_case_that_was_wrong_once_is_right(number, seed, categories, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    cases, score = importlib.import_module("hidden.cases"), importlib.import_module("hidden.score")
+    case = cases.one(number, seed, "tuning", categories, ("run",), (), None)
+    found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
+    assert score.mark(case.truth, found.to_json()).honest, (case.truth["causes"], found.causes, found.unexplained)
