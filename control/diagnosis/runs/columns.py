@@ -15,7 +15,7 @@ from control.machine.over_log import MOST_STEP_S
 from .channels import ChannelSeries
 from .hypothesis import Part, Parts, schedule
 from .likelihood import Column, Label, Problem, Role, problem, projected
-from .model import GroupModel, adds_up, bent_course, in_course, stamp_sd_s, with_course
+from .model import GroupModel, adds_up, bent_course, stamp_sd_s, with_course
 from .noise import coefficients, series_of
 from .smooth import TABLES, series, span
 from .stages import RunData
@@ -23,7 +23,6 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
-FORM_AFTER_S = 120.0        # of a part that begins, for its form to show: less is one stretch, which any form fits
 BENDS = (0.3, 0.15)         # of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
 REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
@@ -219,15 +218,7 @@ class Columns:
             step = ROWS[sibling].on(self.model.machine).ladder[1]
             change = self.model.difference(parts, Part(sibling, step))
             found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
-        begun = part.onset_s is not None and part.onset_s < self.model.data.time_s[-1] - FORM_AFTER_S
-        return [self._in_course(one, part) for one in found] if begun else found
-
-    def _in_course(self, column: Column, part: Part) -> Column:
-        """What a column that is there all along does where it comes and goes with a part."""
-        channels = {c.name: c for c in self.model.channels}
-        return _column(self.model, column.label, {
-            name: in_course(series_of(one, channels[name].cut), channels[name], part)
-            for name, one in column.coefficients.items()}, column.sd)
+        return found
 
     def of_candidate(self, parts: Parts, part: Part) -> Column:
         """What one unit of a further part does on top of a hypothesis."""
