@@ -114,10 +114,21 @@ def delays(seed: int, repeated: int) -> None:
                 if columns is None:
                     told.append("no log")
                     continue
-                first = next((line for line in lines(columns)), None)
-                told.append("not said" if first is None else
-                            f"{(first[0] - BEGINS_S) / 60.0:.1f} ({first[2] or first[1]})")
+                told.append(_first_and_named(columns))
             print(f"  {effect:20} {size:6g}  {'   '.join(told)}", flush=True)
+
+
+def _first_and_named(columns: Columns) -> str:
+    """When the line came and what it said; and when it had a name, where it had none at first."""
+    said = ""
+    for at_s, channel, cause in lines(columns):
+        if not said:
+            said = f"{(at_s - BEGINS_S) / 60.0:.1f} ({cause or channel})"
+            if cause:
+                return said
+        elif cause:
+            return f"{said[:-1]}, {(at_s - BEGINS_S) / 60.0:.1f} {cause})"
+    return said or "not said"
 
 
 def main() -> int:

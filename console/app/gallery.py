@@ -19,11 +19,13 @@ from console.app.pages.map.page import MapScreen
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
 from console.app.sample import run_frames, sample_alarms, sample_services
+from console.app.services import Services
 from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use
 from console.worker.resume_alarms import AlarmBook
-from control.orders import Answer, Order
+from control.diagnosis.live.departure import Departure
+from control.orders import Answer, Order, State
 
 
 class StillSource:
@@ -85,6 +87,12 @@ PICTURES = (
     Picture("run-80x24-night", (80, 24), "night"),
     Picture("run-80x24-alarms", (80, 24), alarms=True),
     Picture("run-60x16", (60, 16), alarms=True),
+    Picture("run-check-120x40-day", (120, 40), screen="run-check"),
+    Picture("run-check-80x24-day", (80, 24), screen="run-check"),
+    Picture("run-check-unnamed-80x24-night", (80, 24), "night", screen="run-check-unnamed"),
+    Picture("run-check-held-120x40-day", (120, 40), screen="run-check-held"),
+    Picture("run-check-unsure-120x40-zh", (120, 40), language="zh", screen="run-check-unsure"),
+    Picture("run-check-unsure-80x24-day", (80, 24), screen="run-check-unsure"),
     Picture("map-120x40-day", (120, 40), screen="map"),
     Picture("map-120x40-night", (120, 40), "night", screen="map"),
     Picture("map-near-120x40-day", (120, 40), screen="map-near"),
@@ -142,6 +150,16 @@ DONE_ON: dict[str, tuple[str, ...]] = {           # actions that bring a page to
 }
 
 
+_FILLS_LESS = Departure("flow", "flow.fill_falloff", -4.0, 300.0, adoptable=True)
+CHECKED: dict[str, tuple[State, Departure]] = {     # what the model check says on the Run page, and in which state
+    "run-check": (State.WORKING, _FILLS_LESS),
+    "run-check-unnamed": (State.WORKING, Departure("shaft", "", None, 240.0, False)),
+    "run-check-held": (State.HELD, _FILLS_LESS),
+    "run-check-unsure": (State.HELD, _FILLS_LESS._replace(
+        certain=False, adoptable=False, next_run="Two ground speeds: 3 and 6 km/h in turn, two minutes each.")),
+}
+
+
 @cache
 def _frames() -> tuple[Frame, ...]:
     return tuple(run_frames())
@@ -156,6 +174,8 @@ def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
                                 hopper_kg=18.5)
         frames[-1] = replace(last, row=row, alarms=sample_alarms(last.at_s), metres_left_m=640.0, dropped_heads=(4,),
                              usable_speed_mps=1.81)
+    if picture.screen in CHECKED:
+        frames[-1] = replace(frames[-1], row=frames[-1].row._replace(state=CHECKED[picture.screen][0]))
     clock = StillClock()
     replay = None
     if picture.screen == "replay":
@@ -169,10 +189,15 @@ def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
         replay = ReplayJob(source, "run.csv", ("2 rows with a time that runs back were left out",))
     app = TopdressApp(None if replay else StillSource(frames[-1]), clock, replay=replay, language=picture.language,
                       theme=picture.theme, units=METRIC, utc_offset_s=8 * 3600.0, live=False,
-                      services=sample_services())
+                      services=_services(picture))
     for frame in frames[:-1]:
         app.history.add(frame)
     return app, clock
+
+
+def _services(picture: Picture) -> Services:
+    services, checked = sample_services(), CHECKED.get(picture.screen)
+    return services if checked is None else replace(services, model_check=lambda _: checked[1])
 
 
 async def settle(app: TopdressApp, picture: Picture, wait: Callable[[], Awaitable[None]]) -> None:

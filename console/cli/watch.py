@@ -3,9 +3,12 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from control.diagnosis.live.departure import Departure
 
 
 def watch(
@@ -18,16 +21,11 @@ def watch(
 ) -> None:
     """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C ends."""
     from console.cli.plain_errors import CommandError
-    from console.reports.live_words import departure_line, todo
     from console.services.live_check import POLL_S, followed, lower_priority
     from control.diagnosis.live.watch import FIRST_S
     from drivers.files.imports.trouble import ImportTrouble
-    if to_end and not log.exists():
-        raise CommandError(f"{log}: no such file")
+    _begun(log, to_end)
     lower_priority()
-    if not to_end:
-        typer.echo(f"{log}: {'watched' if log.exists() else 'waited for'}; a line comes when the machine departs from "
-                   "its model; Ctrl-C ends", err=True)
     begin, looks, last = time.monotonic(), 0, None
 
     def wait() -> bool:
@@ -37,11 +35,8 @@ def watch(
     try:
         for at_s, departure in followed(log, machine, wait):
             looks += 1
-            if departure is not None and departure != last:
-                line = departure_line(departure, "" if departure.since_s is None else clock(departure.since_s))
-                typer.echo(f"{clock(at_s)}  {line}; {todo(departure)}")
-            elif departure is None and last is not None:
-                typer.echo(f"{clock(at_s)}  as the model says again")
+            if departure != last:
+                typer.echo(f"{clock(at_s)}  {said(departure)}")
             last = departure
     except ImportTrouble as trouble:
         for line in trouble.lines:
@@ -53,6 +48,24 @@ def watch(
         raise CommandError(f"{log}: too short: nothing is said before {FIRST_S / 60.0:.0f} minutes of rows")
     used_s, took_s = time.process_time(), time.monotonic() - begin
     typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)
+
+
+def _begun(log: Path, to_end: bool) -> None:
+    from console.cli.plain_errors import CommandError
+    if not to_end:
+        typer.echo(f"{log}: {'watched' if log.exists() else 'waited for'}; a line comes when the machine departs from "
+                   "its model; Ctrl-C ends", err=True)
+    elif not log.exists():
+        raise CommandError(f"{log}: no such file")
+
+
+def said(departure: Departure | None) -> str:
+    """What departs and what can be done, in one line; times of the log."""
+    from console.reports.live_words import departure_line, todo
+    if departure is None:
+        return "as the model says again"
+    return f"{departure_line(departure, '' if departure.since_s is None else clock(departure.since_s))}; " \
+           f"{todo(departure)}"
 
 
 def clock(seconds: float) -> str:

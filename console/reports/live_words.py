@@ -10,15 +10,15 @@ CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale
 LEAST_PERCENT = 0.5         # of the dose: less is not told as a number
 
 
-def departure_line(found: Departure, since: str) -> str:
-    """`since`: time of day or of the log; empty: not known."""
+def departure_line(found: Departure, since: str, why: bool = True) -> str:
+    """`since`: time of day or of the log; empty: not known, or left out as the name is without `why`."""
     said = what(found)
     if since:
         said = _("{what} since {time}").format(what=said, time=since)
-    if found.cause:
-        why = _(CATALOGUE[found.cause].effect.title)
+    if found.cause and why:
+        title = _(CATALOGUE[found.cause].effect.title)
         form = _("{said}, probably: {why}") if found.certain else _("{said}, perhaps: {why}")
-        said = form.format(said=said, why=why)
+        said = form.format(said=said, why=title)
     return said
 
 
@@ -36,8 +36,13 @@ def what(found: Departure) -> str:
 
 def todo(found: Departure) -> str:
     """What is offered once the machine is held."""
+    if found.next_run and not found.adoptable:
+        return _("{offer}: {plan}").format(offer=offer(found), plan=_(found.next_run))
+    return offer(found)
+
+
+def offer(found: Departure) -> str:
+    """The same without what the run is that tells rivals apart."""
     if found.adoptable:
         return _("F9: adopt it into the machine file")
-    if found.next_run:
-        return _("F9: the run that tells which: {plan}").format(plan=found.next_run)
-    return _("F9: what it is and what to do")
+    return _("F9: the run that tells which") if found.next_run else _("F9: what it is and what to do")

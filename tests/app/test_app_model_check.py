@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from console.app.app import TopdressApp
 from console.app.gallery import StillSource
-from console.app.pages.run.model_check import model_check_text
+from console.app.pages.run.model_check import ModelCheck, model_check_texts
 from console.app.services import Services
 from console.locale import use
 from console.reports.live_words import departure_line
@@ -21,27 +21,53 @@ def with_row(frame, **changes):
 def test_the_line_says_what_since_when_and_why(frames):
     frame = with_row(frames[-1], state="working", time_s=900.0, utc="2026-03-20T08:15:00.000Z", work_switch=1,
                      target_rate_kg_ha=300.0)
-    said = model_check_text(FOUND, frame, 0.0)
+    said = model_check_texts(FOUND, frame, 0.0)[0]
     assert said.startswith("model check: flow 4 % low since 08:10, probably: ") and said.endswith("; F9")
-    unsure = model_check_text(FOUND._replace(certain=False, since_s=None, percent=None), frame, 0.0)
+    unsure = model_check_texts(FOUND._replace(certain=False, since_s=None, percent=None), frame, 0.0)[0]
     assert "flow off the model, perhaps: " in unsure
     assert departure_line(Departure("gate", "", 3.0, None), "") == "gate: dose 3 % high"
 
 
 def test_nothing_while_turning_and_an_offer_at_hold(frames):
     frame = with_row(frames[-1], state="working", time_s=900.0, work_switch=1, target_rate_kg_ha=0.0)
-    assert model_check_text(FOUND, frame, 0.0) == ""
-    assert model_check_text(FOUND, with_row(frame, target_rate_kg_ha=300.0, work_switch=0), 0.0) == ""
+    assert model_check_texts(FOUND, frame, 0.0) == ()
+    assert model_check_texts(FOUND, with_row(frame, target_rate_kg_ha=300.0, work_switch=0), 0.0) == ()
     held = with_row(frame, state="held")
-    assert "adopt" in model_check_text(FOUND, held, 0.0)
-    assert model_check_text(FOUND._replace(adoptable=False, next_run="two speeds"), held, 0.0).endswith("two speeds")
+    assert "adopt" in model_check_texts(FOUND, held, 0.0)[0]
+    tell = FOUND._replace(adoptable=False, next_run="two speeds")
+    assert model_check_texts(tell, held, 0.0)[0].endswith("two speeds")
+
+
+def seen(texts: tuple[str, ...], width: int) -> str:
+    return ModelCheck(()).lines(texts, width, 1)[0].plain.rstrip()
+
+
+def test_on_a_narrow_screen_the_offer_stays(frames):
+    unsure = FOUND._replace(cause="flow.hopper_head", certain=False, adoptable=False,
+                            next_run="A refill half-way: the head jumps back, time does not.")
+    held = with_row(frames[-1], state="held", time_s=900.0, utc="2026-03-20T08:15:00.000Z")
+    adopt, tell = (seen(model_check_texts(one, held, 0.0), 80) for one in (FOUND, unsure))
+    assert adopt == "model check: flow 4 % low since 08:10; F9: adopt it into the machine file"
+    assert tell == "model check: flow 4 % low since 08:10; F9: the run that tells which"
+    works = with_row(held, state="working", work_switch=1, target_rate_kg_ha=300.0)
+    assert seen(model_check_texts(unsure, works, 0.0), 80).endswith("perhaps: Flows less as the hopper empties; F9")
+
+
+def test_the_plan_of_a_run_is_said_in_chinese_too(frames):
+    unsure = FOUND._replace(cause="flow.hopper_head", certain=False, adoptable=False,
+                            next_run="Two ground speeds: 3 and 6 km/h in turn, two minutes each.")
+    use("zh")
+    try:
+        assert "ground speeds" not in model_check_texts(unsure, with_row(frames[-1], state="held"), 0.0)[0]
+    finally:
+        use("en")
 
 
 def test_in_chinese(frames):
     use("zh")
     try:
         frame = with_row(frames[-1], state="held")
-        assert "流量低 4 %" in model_check_text(FOUND, frame, 0.0)
+        assert "流量低 4 %" in model_check_texts(FOUND, frame, 0.0)[0]
     finally:
         use("en")
 

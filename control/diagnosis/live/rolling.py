@@ -113,15 +113,16 @@ class Rolling:
         tried: dict[Key, Candidate] = {}
         traces: dict[Key, dict[str, Array]] = {}
         for one, channel in zip(members, series, strict=True):
-            now = {key: _whole(one, key) for key in one.lines}
-            banded[channel.name] = coefficients((one.measured - now[PREDICTED]).ravel(), channel.cut)
-            for key, line in now.items():
-                if key in one.candidates:
-                    tried[key] = one.candidates[key]
-                    traces.setdefault(key, {})[channel.name] = line.ravel()
-                elif key != PREDICTED:
-                    base.append(one.columns[key]._replace(
-                        coefficients={channel.name: coefficients(line.ravel(), channel.cut)}))
+            for key, candidate in one.candidates.items():
+                if key in one.lines:
+                    tried[key] = candidate
+                    traces.setdefault(key, {})[channel.name] = _whole(one, key).ravel()
+            open_ = [key for key in one.columns if key in one.lines]
+            rows = [one.measured - _whole(one, PREDICTED), *(_whole(one, key) for key in open_)]
+            left, *columns = coefficients(np.array(rows).reshape(len(rows), -1), channel.cut)
+            banded[channel.name] = left
+            base += [one.columns[key]._replace(coefficients={channel.name: column})
+                     for key, column in zip(open_, columns, strict=True)]
         noise = {channel.name: start(channel.prior) for channel in series}
         found = best_begins(series, banded, base, noise, list(tried.values()), [traces[key] for key in tried],
                             MATTERS)
@@ -165,7 +166,8 @@ def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: M
         members = [seen[name] for name in names if name in seen]
         if members:
             model = GroupModel(members, machine, data)
-            found[group] = {one.name: _lines(model, one, tried[one.name], begin_s, from_s, until_s)
+            open_ = nuisance_columns(model)
+            found[group] = {one.name: _lines(model, one, open_, tried[one.name], begin_s, from_s, until_s)
                             for one in members}
     broken = unfinished = False
     if data.hopper is not None:
@@ -176,14 +178,14 @@ def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: M
     return _Piece(found, broken, unfinished)
 
 
-def _lines(model: GroupModel, channel: ChannelSeries, tried: Sequence[Candidate], begin_s: float, from_s: float,
-           until_s: float) -> Lines:
-    """One channel: its prediction, what the readings and tolerances leave open, and what each effect does."""
+def _lines(model: GroupModel, channel: ChannelSeries, open_: Sequence[Column], tried: Sequence[Candidate],
+           begin_s: float, from_s: float, until_s: float) -> Lines:
+    """One channel: its prediction, what readings and tolerances leave `open_`, and what each effect does."""
     rows: dict[Key, Array] = {PREDICTED: model.predicted(())[channel.name]}
     sums: set[Key] = {PREDICTED} if channel.name == "scale" else set()
     columns: dict[Key, Column] = {}
     kept: dict[Key, Candidate] = {}
-    for k, column in enumerate(nuisance_columns(model)):
+    for k, column in enumerate(open_):
         if channel.name in column.coefficients:
             key: Key = (column.label.role.value, column.label.name, k)
             rows[key], columns[key] = series_of(column.coefficients[channel.name], channel.cut), column

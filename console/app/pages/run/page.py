@@ -9,7 +9,7 @@ from console.app.action import RUN, bindings
 from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
-from console.app.pages.run.model_check import ModelCheck, model_check_text
+from console.app.pages.run.model_check import ModelCheck, model_check_texts
 from console.app.pages.run.section_bar import SectionBar
 from console.app.view import AlarmsView, RunView
 from console.frame import Frame
@@ -24,7 +24,7 @@ class RunScreen(PanelScreen):
         self.start_key = HeldKey()          # held down it lets the flow begin with the creep: the launch
 
     def extra(self) -> ComposeResult:
-        yield ModelCheck("", id="model-check")
+        yield ModelCheck((), id="model-check")
         yield SectionBar((), id="section-bar")
 
     def show_numbers(self, view: RunView) -> None:
@@ -37,7 +37,7 @@ class RunScreen(PanelScreen):
         bar = self.query_one("#model-check", ModelCheck)
         bar.display = found is not None
         if found is not None and frame is not None:
-            bar.show(model_check_text(found, frame, self.app.utc_offset_s))
+            bar.show(model_check_texts(found, frame, self.app.utc_offset_s))
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
