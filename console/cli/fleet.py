@@ -40,6 +40,7 @@ def fleet(
     from console.reports.figure import need_matplotlib
     from console.reports.html import GENERATOR
     from console.services.fleet import cluster, diagnosed, logs_at
+    from console.services.fleet_job import FORMAT
     from drivers.files.config import load, sha256_of
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
@@ -55,7 +56,7 @@ def fleet(
     refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
     known = {} if table is None else _about(table, logs)
     out.mkdir(parents=True, exist_ok=True)
-    salt = f"{software_version()} {sha256_of(loaded.path)} "
+    salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()
     with cluster(scheduler, workers) as client:
         try:

@@ -30,8 +30,7 @@ def season(records: Iterable[Mapping[str, Any]], broken: Sequence[tuple[str, str
     told: list[Told] = []
     units: dict[str, str] = {}
     for one in records:
-        forms = tuple(Form(tuple(form["names"]), tuple(map(tuple, form["normal"])), tuple(form["right"]))
-                      for form in one["forms"])
+        forms = tuple(Form(**{name: _tuples(value) for name, value in form.items()}) for form in one["forms"])
         logs.append(OneLog(one["key"], one["unit"], one["time_d"], forms, one["shared"]))
         told.append(Told(one["key"], one["unit"], one["time_d"], Worked(**one["worked"]), one["percent"],
                          one["shared"]))
@@ -39,6 +38,11 @@ def season(records: Iterable[Mapping[str, Any]], broken: Sequence[tuple[str, str
     found, shared = courses(logs)
     return Season(tuple(machines(told, found, shared)), tuple(shared), tuple(low_hoppers(told)), tuple(told),
                   tuple(found), units, tuple(broken))
+
+
+def _tuples(of: Any) -> Any:
+    """Lists of a record as the tuples that they were."""
+    return tuple(map(_tuples, of)) if isinstance(of, list) else of
 
 
 def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) -> None:

@@ -72,6 +72,38 @@ def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() ->
     assert all(len(one.pieces) == 1 for one in by_machine.values())
 
 
+def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered: bool = True) -> list[OneLog]:
+    """A healthy machine whose flow is off by `off` tolerances, the same in all logs; each log alone cannot tell."""
+    found = []
+    for number in range(logs):
+        plain, pull = GRAM / 0.3 ** 2, (GRAM / 0.3 ** 2)[:, 0] * 0.5
+        normal = plain - np.outer(pull, pull) / (1.0 + 0.25 * plain[0, 0])      # the tolerance (0.5 %) taken out
+        pulls = pull / (1.0 + 0.25 * plain[0, 0])
+        noise = np.linalg.cholesky(normal - np.outer(pulls, pulls)) @ rng.normal(size=4)
+        form = Form(NAMES, tuple(map(tuple, normal)), tuple(pulls * off + noise))
+        if remembered:
+            form = form._replace(open=("flow.gain_percent",), pulls=tuple((one,) for one in pulls))
+        found.append(OneLog(str(number), "m", float(number), (form,)))
+    return found
+
+
+def test_what_is_within_a_machines_tolerance_is_no_effect_however_many_its_logs() -> None:
+    rng, offs = np.random.default_rng(6), np.random.default_rng(7).normal(size=20)
+    told = [selected(within_tolerance(rng, 50, off)) for off in offs]
+    assert sum(bool(one) for one in told) == 0
+    forgotten = [selected(within_tolerance(rng, 50, off, remembered=False)) for off in offs]
+    assert sum(bool(one) for one in forgotten) > 5          # what would be told if each log had a tolerance of its own
+    (course,), _ = courses([one._replace(forms=tuple(_shifted(form) for form in one.forms))
+                            for one in within_tolerance(rng, 50, 0.0)])
+    assert course.mean == pytest.approx(8.0, abs=0.4) and course.mean_half < 0.15
+    assert course.open_half == pytest.approx(1.645 * 0.5, rel=0.1)
+
+
+def _shifted(form: Form) -> Form:
+    """8 % of flow more."""
+    return form._replace(right=tuple(np.array(form.right) + 8.0 * np.array(form.normal)[:, 0]))
+
+
 def test_logs_that_tell_nothing_are_no_trouble() -> None:
     nothing = Form(NAMES, tuple(map(tuple, np.zeros((4, 4)))), (0.0,) * 4)
     assert courses([OneLog("a", "m", 0.0, ()), OneLog("b", "m", 1.0, (nothing,))]) == ([], [])

@@ -92,6 +92,25 @@ def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> N
     assert np.std(sizes) == pytest.approx(np.mean(errors), rel=0.7)
 
 
+def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> None:
+    """A wheel off by its tolerance moves the log's score as said."""
+    from drivers.files.read_log import read_rows
+    machine = Machine()
+    off = [evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", k * machine.tolerance.wheel_percent)).columns,
+                    machine).forms[0] for k in (0, 1)]
+    at = off[0].open.index("tolerance speed.radius_percent 0")
+    moved = np.array(off[1].right) - np.array(off[0].right)
+    assert moved == pytest.approx([row[at] for row in off[0].pulls], rel=0.1)
+
+
+def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> None:
+    from drivers.files.read_log import read_rows
+    told = [evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()).forms[0]
+            for k, percent in enumerate((0.0, 0.5))]
+    at = told[0].names.index("speed.wheel_radius")
+    assert told[1].normal[at][at] == pytest.approx(told[0].normal[at][at], rel=0.1)
+
+
 @pytest.mark.parametrize("content", ["", "time_s,speed\n1,2\n", "a,b\nc,d\n", "time_s,speed_mps\n0,1\n0.1,"])
 def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) -> None:
     path = tmp_path / "broken.csv"

@@ -3,7 +3,8 @@
 All of it works on the quadratic forms of the logs (`evidence.py`). Which effects a machine has at all: forward
 selection on the sum of its logs' forms, each effect as a curve over the season with five degrees of freedom. Each log's
 own size of those effects then is a short linear solve, scattering by more than its own error from log to log (random
-effects; DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177). Through these sizes goes a broken line: pieces
+effects; DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177). What a machine's tolerances leave open is the
+same in all its logs, so that no number of logs makes it less. Through these sizes goes a broken line: pieces
 of straight lines, cut where that pays (segment neighbourhood, Bai and Perron, Journal of Applied Econometrics 18, 2003,
 1; Schwarz's criterion). A piece that rises is wear, a break towards zero is a repair.
 """
@@ -28,6 +29,7 @@ CURVE_DF = 5                # of an effect's course in the selection
 LEAST_APART = 0.1          # of a level's logs, what is not its machines' own: less, and the two cannot be told apart
 LEAST_LOGS = 3              # of a piece of a course
 PIECE_PRICE = 3.0           # times log(logs): two numbers and a place (Schwarz)
+LEAST_OWN = 1e-3            # of a log's variance, that is not the machine's tolerances
 ALIKE = 0.05                # share of an effect's information that is left beside another
 SHARED_P = 1e-4             # of a factor (product, operator, field) for an effect
 Z90 = 1.645
@@ -68,7 +70,8 @@ class Course(NamedTuple):
     half: tuple[float, ...]
     pieces: tuple[Piece, ...]
     mean: float
-    mean_half: float
+    mean_half: float            # what the machine's tolerances leave open apart
+    open_half: float            # 90 % half width of that; all sizes are off by the same
     alike: tuple[str, ...] = ()     # effects that these logs cannot tell from it
 
     @property
@@ -88,30 +91,66 @@ class Shared(NamedTuple):
     logs: int
 
 
+class _Logs(NamedTuple):
+    """The logs of one machine (n of them, in the order of their times) as arrays; zeros where a log tells nothing."""
+
+    logs: tuple[OneLog, ...]
+    times_d: Array              # (n,)
+    names: tuple[str, ...]      # (q,)
+    normal: Array               # (n, q, q)
+    right: Array                # (n, q)
+    pulls: Array                # (n, q, t)
+
+
+class _Left(NamedTuple):
+    """What logs say of one effect, once others are fitted to each log: (n,), (n,), and the machine's own part (n, t)."""
+
+    information: Array
+    pull: Array
+    own: Array
+
+
 def courses(logs: Sequence[OneLog]) -> tuple[list[Course], list[Shared]]:
     """Of all machines; what is shared is taken off before the courses are cut."""
-    by_machine: dict[str, list[OneLog]] = {}
+    by_name: dict[str, list[OneLog]] = {}
     for log in sorted(logs, key=lambda one: (one.machine, one.time_d)):
-        by_machine.setdefault(log.machine, []).append(log)
-    found = _one_name(by_machine, {machine: selected(own) for machine, own in by_machine.items()})
+        by_name.setdefault(log.machine, []).append(log)
+    by_machine = {machine: _stacked(own) for machine, own in by_name.items()}
+    found = _one_name(by_machine, {machine: _selected(own) for machine, own in by_machine.items()})
     effects = sorted({name for names in found.values() for name, _ in names})
     shared = [one for name in effects for one in _shared(name, by_machine, found)]
     done = []
     for machine, own in by_machine.items():
         names = [name for name, _ in found[machine]]
-        for k, (name, gain) in enumerate(found[machine]):
-            sizes, sd = _sizes(own, names, k)
+        for name, gain in found[machine]:
             off = np.array([sum(one.size for one in shared if one.effect == name
-                                and log.shared.get(one.factor) == one.level) for log in own])
-            done.append(_course(machine, name, gain, own, sizes - off, sd)._replace(alike=_alike(own, name)))
+                                and log.shared.get(one.factor) == one.level) for log in own.logs])
+            seen = _left(own, [other for other in names if other != name], name)
+            done.append(_course(machine, name, gain, own.times_d, seen, off)._replace(alike=_alike(own, name)))
     return done, shared
 
 
-def _one_name(by_machine: Mapping[str, Sequence[OneLog]], found: Mapping[str, list[tuple[str, float]]]
+def _stacked(logs: Sequence[OneLog]) -> _Logs:
+    names = sorted({name for log in logs for form in log.forms for name in form.names})
+    open_ = sorted({name for log in logs for form in log.forms for name in form.open})
+    place, at_open = {name: k for k, name in enumerate(names)}, {name: k for k, name in enumerate(open_)}
+    count, width = len(logs), len(names)
+    normal, right = np.zeros((count, width, width)), np.zeros((count, width))
+    pulls = np.zeros((count, width, len(open_)))
+    for j, log in enumerate(logs):
+        for form in log.forms:
+            here = [place[name] for name in form.names]
+            normal[np.ix_([j], here, here)] = form.normal
+            right[j, here] = form.right
+            if form.open:
+                pulls[np.ix_([j], here, [at_open[name] for name in form.open])] = form.pulls
+    return _Logs(tuple(logs), np.array([log.time_d for log in logs]), tuple(names), normal, right, pulls)
+
+
+def _one_name(by_machine: Mapping[str, _Logs], found: Mapping[str, list[tuple[str, float]]]
               ) -> dict[str, list[tuple[str, float]]]:
     """Of effects that a machine's logs cannot tell apart, the one that explains most over all machines."""
-    basis = {machine: _with_levels(_basis(np.array([log.time_d for log in own])), own)
-             for machine, own in by_machine.items()}
+    basis = {machine: _with_levels(_basis(own.times_d), own.logs) for machine, own in by_machine.items()}
     totals: dict[str, float] = {}
 
     def total(name: str) -> float:
@@ -136,13 +175,18 @@ def selected(logs: Sequence[OneLog]) -> list[tuple[str, float]]:
     Of those that are more than noise beside their scatter from log to log, the one that explains most is taken: what
     only looks like it leaves something in every log.
     """
+    return _selected(_stacked(sorted(logs, key=lambda one: one.time_d)))
+
+
+def _selected(logs: _Logs) -> list[tuple[str, float]]:
     found: list[tuple[str, float]] = []
-    names = sorted({name for log in logs for form in log.forms for name in form.names})
-    basis = _with_levels(_basis(np.array([log.time_d for log in logs])), logs)
+    if not logs.names:
+        return found
+    basis = _with_levels(_basis(logs.times_d), logs.logs)
     while len(found) < MOST_EFFECTS:
         active = [name for name, _ in found]
-        tried = {name: _curve_gain(logs, active, name, basis) for name in names if name not in active}
-        surely = {name: one for name, one in tried.items() if one.p * len(names) < FALSE_FINDS}
+        tried = {name: _curve_gain(logs, active, name, basis) for name in logs.names if name not in active}
+        surely = {name: one for name, one in tried.items() if one.p * len(logs.names) < FALSE_FINDS}
         if not surely:
             break
         best = max(surely, key=lambda name: surely[name].explained)
@@ -170,18 +214,17 @@ def _with_levels(curve: Array, logs: Sequence[OneLog]) -> Array:
     return np.concatenate(columns, axis=1)
 
 
-def _alike(logs: Sequence[OneLog], name: str) -> tuple[str, ...]:
+def _alike(logs: _Logs, name: str) -> tuple[str, ...]:
     """Effects of which next to nothing is left, summed over the logs, once `name` is fitted to each."""
-    alone: dict[str, float] = {}
-    beside: dict[str, float] = {}
-    for log in logs:
-        for form in log.forms:
-            if name in form.names:
-                for k, other in enumerate(form.names):
-                    if other != name:
-                        alone[other] = alone.get(other, 0.0) + form.normal[k][k]
-                        beside[other] = beside.get(other, 0.0) + _left(log, [name], other)[0]
-    return tuple(other for other, sum_ in alone.items() if sum_ > 0.0 and beside[other] < ALIKE * sum_)
+    if name not in logs.names:
+        return ()
+    told = logs.normal[:, logs.names.index(name), logs.names.index(name)] > 0.0
+    found = []
+    for k, other in enumerate(logs.names):
+        alone = float(logs.normal[told, k, k].sum())
+        if other != name and alone > 0.0 and float(_left(logs, [name], other).information[told].sum()) < ALIKE * alone:
+            found.append(other)
+    return tuple(found)
 
 
 def _basis(times_d: Array) -> Array:
@@ -192,42 +235,74 @@ def _basis(times_d: Array) -> Array:
     return np.stack([np.cos(np.pi * k * share) for k in range(df)], axis=1)
 
 
-def _left(log: OneLog, active: Sequence[str], name: str) -> tuple[float, float]:
-    """Information and pull of one effect in one log, once the active ones are fitted to that log."""
-    for form in log.forms:
-        if name in form.names:
-            normal, right = np.array(form.normal), np.array(form.right)
-            at = form.names.index(name)
-            fixed = [form.names.index(one) for one in active if one in form.names and one != name]
-            if not fixed:
-                return float(normal[at, at]), float(right[at])
-            part = normal[np.ix_(fixed, fixed)] + 1e-9 * np.diag(np.diag(normal)[fixed] + 1e-12)
-            solved = np.linalg.solve(part, np.stack([normal[fixed, at], right[fixed]], axis=1))
-            information = float(normal[at, at] - normal[at, fixed] @ solved[:, 0])
-            if information < 1e-3 * normal[at, at]:         # not to be told from them in this log
-                return 0.0, 0.0
-            return information, float(right[at] - normal[at, fixed] @ solved[:, 1])
-    return 0.0, 0.0
+def _left(logs: _Logs, active: Sequence[str], name: str) -> _Left:
+    """Information and pull of one effect in each log, once the active ones are fitted to that log."""
+    count, width = len(logs.times_d), logs.pulls.shape[2]
+    if name not in logs.names:
+        return _Left(np.zeros(count), np.zeros(count), np.zeros((count, width)))
+    at = logs.names.index(name)
+    own, fixed = logs.normal[:, at, at], [logs.names.index(one) for one in active if one in logs.names and one != name]
+    if not fixed:
+        return _Left(own, logs.right[:, at], logs.pulls[:, at])
+    part = logs.normal[:, fixed][:, :, fixed].copy()
+    k = np.arange(len(fixed))
+    part[:, k, k] += 1e-9 * (part[:, k, k] + 1e-12)
+    cross = logs.normal[:, at][:, fixed]
+    solved = np.linalg.solve(part, np.concatenate(
+        [cross[:, :, None], logs.right[:, fixed, None], logs.pulls[:, fixed]], axis=2))
+    off = np.einsum("nk,nkm->nm", cross, solved)
+    information = own - off[:, 0]
+    told = information >= 1e-3 * own                    # less: not to be told from them in this log
+    return _Left(np.where(told, information, 0.0), np.where(told, logs.right[:, at] - off[:, 1], 0.0),
+                 np.where(told[:, None], logs.pulls[:, at] - off[:, 2:], 0.0))
 
 
-def _curve_gain(logs: Sequence[OneLog], active: Sequence[str], name: str, basis: Array) -> _Gain:
-    both = np.array([_left(log, active, name) for log in logs])
-    known = both[:, 0] > 0.0
-    if not known.any():
+class _Sizes(NamedTuple):
+    """Sizes of one effect in the logs that tell of it. own: (n, t) what one s.d. of what is open adds to each."""
+
+    known: npt.NDArray[np.bool_]        # of all logs
+    size: Array
+    information: Array
+    own: Array
+
+    def alone(self, extra: float = 0.0) -> Array:
+        """Variance of each log's own error, `extra` from log to log added."""
+        return np.asarray(np.maximum(1.0 / self.information - np.sum(self.own ** 2, axis=1),
+                                     LEAST_OWN / self.information) + extra)
+
+
+def _sizes(seen: _Left) -> _Sizes:
+    known = seen.information > 0.0
+    information = seen.information[known]
+    return _Sizes(known, seen.pull[known] / information, information, seen.own[known] / information[:, None])
+
+
+def _curve_gain(logs: _Logs, active: Sequence[str], name: str, basis: Array) -> _Gain:
+    seen = _sizes(_left(logs, active, name))
+    if not seen.known.any():
         return _Gain(0.0, 1.0, 0.0)
-    information, sizes = both[known, 0], both[known, 1] / both[known, 0]
-    rows = basis[known][:, :max(1, int(known.sum()) // LEAST_LOGS)]
+    rows = basis[seen.known][:, :max(1, len(seen.size) // LEAST_LOGS)]
     df = int(np.linalg.matrix_rank(rows))
-    gain = _explained(rows, sizes, 1.0 / (1.0 / information + _scatter(sizes, information, rows)))
-    fixed = _explained(rows, sizes, information)
-    free = len(sizes) - df
-    beyond = float(information @ sizes ** 2) - fixed - free - CHANCE_SD * (2.0 * free) ** 0.5
+    extra = _scatter(seen.size, seen.information, rows)
+    gain, _ = _explained(rows, seen.size, seen.alone(extra), seen.own)
+    fixed, whole = _explained(rows, seen.size, seen.alone(), seen.own)
+    free = len(seen.size) - df
+    beyond = whole - fixed - free - CHANCE_SD * (2.0 * free) ** 0.5
     return _Gain(gain, float(chi2.sf(gain, df)), fixed + max(0.0, beyond))
 
 
-def _explained(rows: Array, sizes: Array, weight: Array) -> float:
-    normal, right = rows.T @ (rows * weight[:, None]), rows.T @ (weight * sizes)
-    return float(right @ np.linalg.lstsq(normal, right, rcond=None)[0])
+def _explained(rows: Array, sizes: Array, variance: Array, own: Array) -> tuple[float, float]:
+    """Of twice the log-likelihood what rows (n, df) explain of sizes (n,), and all that there is to explain.
+
+    Errors: `variance` of each log's own, and `own` (n, t) times what is the same in all of them (Woodbury's identity).
+    """
+    both = np.concatenate([rows, sizes[:, None]], axis=1)
+    weighted = both / variance[:, None]
+    cross = own.T @ weighted
+    inner = np.eye(own.shape[1]) + own.T @ (own / variance[:, None])
+    normal = both.T @ weighted - cross.T @ np.linalg.solve(inner, cross)
+    right = normal[:-1, -1]
+    return float(right @ np.linalg.lstsq(normal[:-1, :-1], right, rcond=None)[0]), float(normal[-1, -1])
 
 
 def _scatter(sizes: Array, information: Array, rows: Array) -> float:
@@ -243,28 +318,17 @@ def _scatter(sizes: Array, information: Array, rows: Array) -> float:
     return max(0.0, excess / reach) if reach > 0.0 else 0.0
 
 
-def _sizes(logs: Sequence[OneLog], names: Sequence[str], k: int) -> tuple[Array, Array]:
-    """Size of one of the machine's effects in each log, and its s.d.; NaN and inf where a log does not tell it."""
-    sizes, sd = np.full(len(logs), np.nan), np.full(len(logs), np.inf)
-    others = [name for name in names if name != names[k]]
-    for j, log in enumerate(logs):
-        information, pull = _left(log, others, names[k])
-        if information > 0.0:
-            sizes[j], sd[j] = pull / information, information ** -0.5
-    return sizes, sd
-
-
-def _course(machine: str, effect: str, gain: float, logs: Sequence[OneLog], sizes: Array, sd: Array) -> Course:
-    known = np.isfinite(sd)
-    times_d = np.array([log.time_d for log in logs])[known]
-    sizes, sd = sizes[known], sd[known]
-    extra = _scatter(sizes, sd ** -2, _basis(times_d))
-    whole = np.sqrt(sd ** 2 + extra)
-    pieces = tuple(_piece(times_d, sizes, whole, begin, end) for begin, end in _cut(times_d, sizes, whole))
-    weight = whole ** -2
-    mean = float(np.sum(weight * sizes) / np.sum(weight))
+def _course(machine: str, effect: str, gain: float, times_d: Array, of: _Left, off: Array) -> Course:
+    """off: what is shared, of each log."""
+    seen = _sizes(of)
+    times_d, sizes = times_d[seen.known], seen.size - off[seen.known]
+    extra = _scatter(sizes, seen.information, _basis(times_d))
+    whole, alone = np.sqrt(1.0 / seen.information + extra), np.sqrt(seen.alone(extra))
+    pieces = tuple(_piece(times_d, sizes, alone, begin, end) for begin, end in _cut(times_d, sizes, alone))
+    weight = alone ** -2 / np.sum(alone ** -2)
     return Course(machine, effect, gain, tuple(times_d.tolist()), tuple(sizes.tolist()),
-                  tuple((Z90 * whole).tolist()), pieces, mean, Z90 * float(np.sum(weight)) ** -0.5)
+                  tuple((Z90 * whole).tolist()), pieces, float(weight @ sizes), Z90 * float(np.sum(alone ** -2)) ** -0.5,
+                  Z90 * float(np.linalg.norm(weight @ seen.own)))
 
 
 def _line(times_d: Array, sizes: Array, sd: Array) -> tuple[Array, Array]:
@@ -321,7 +385,7 @@ def _piece(times_d: Array, sizes: Array, sd: Array, begin: int, end: int) -> Pie
                  float(fit[1]), p)
 
 
-def _shared(effect: str, by_machine: Mapping[str, Sequence[OneLog]],
+def _shared(effect: str, by_machine: Mapping[str, _Logs],
             found: Mapping[str, Sequence[tuple[str, float]]]) -> list[Shared]:
     """Levels of each factor that move an effect on the machines that have it, beside a curve of each machine's own."""
     logs: list[OneLog] = []
@@ -330,11 +394,10 @@ def _shared(effect: str, by_machine: Mapping[str, Sequence[OneLog]],
     for machine, own in by_machine.items():
         names = [name for name, _ in found[machine]]
         if effect in names:
-            one, error = _sizes(own, names, names.index(effect))
-            known = np.isfinite(error)
-            logs += [log for log, there in zip(own, known, strict=True) if there]
-            sizes, sd = np.concatenate([sizes, one[known]]), np.concatenate([sd, error[known]])
-            curves.append(_basis(np.array([log.time_d for log in own]))[known][:, :3])
+            seen = _sizes(_left(own, [name for name in names if name != effect], effect))
+            logs += [log for log, there in zip(own.logs, seen.known, strict=True) if there]
+            sizes, sd = np.concatenate([sizes, seen.size]), np.concatenate([sd, seen.information ** -0.5])
+            curves.append(_basis(own.times_d)[seen.known][:, :3])
     if not logs:
         return []
     width = sum(one.shape[1] for one in curves)
