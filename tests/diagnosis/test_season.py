@@ -10,9 +10,9 @@ GRAM = np.array([[1.0, 0.6, 0.1, 0.0], [0.6, 1.0, 0.0, 0.1], [0.1, 0.0, 1.0, 0.0
 
 
 def log(rng: np.random.Generator, number: int, truth: dict[str, float], sd: float = 1.0, machine: str = "m",
-        **shared: str) -> OneLog:
+        gram: np.ndarray = GRAM, **shared: str) -> OneLog:
     """A log whose sizes have errors of about `sd`."""
-    normal = GRAM / sd ** 2
+    normal = gram / sd ** 2
     truly = np.array([truth.get(name, 0.0) for name in NAMES])
     right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=4)
     return OneLog(f"{machine}{number}", machine, float(number), (Form(NAMES, tuple(map(tuple, normal)), tuple(right)),),
@@ -70,6 +70,40 @@ def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() ->
     by_machine = {one.machine: one for one in found if one.effect == "flow.gain"}
     assert by_machine["d"].mean == pytest.approx(-6.0, abs=0.8)
     assert all(len(one.pieces) == 1 for one in by_machine.values())
+
+
+def test_a_field_is_not_blamed_for_what_one_machine_shows_while_it_stands_there() -> None:
+    """Four machines go from field to field together; one gets a new setting on the day of such a move."""
+    rng = np.random.default_rng(8)
+    logs = [log(rng, k, {"flow.gain": 4.0 if machine == "d" and k >= 20 else 0.0}, sd=0.3, machine=machine,
+                field=f"f{k // 10}") for machine in "abcd" for k in range(40)]
+    (course,), shared = courses(logs)
+    assert not shared and course.machine == "d" and course.effect == "flow.gain"
+    assert course.breaks_d == pytest.approx((19.5,)) and course.pieces[-1].end == pytest.approx(4.0, abs=0.4)
+
+
+def test_an_operator_is_not_blamed_for_the_product_that_he_spreads_more_of() -> None:
+    rng, logs = np.random.default_rng(9), []
+    for machine in "abcd":
+        for k in range(40):
+            product = "compound" if (k // 4 + ord(machine)) % 3 == 0 else "urea"
+            by_li = 0.8 if product == "compound" else 0.2
+            logs.append(log(rng, k, {"flow.gain": 5.0 * (product == "compound")}, sd=0.3, machine=machine,
+                            product=product, operator="Li" if rng.random() < by_li else "Wang"))
+    found, shared = courses(logs)
+    assert [(one.factor, one.level) for one in shared] == [("product", "compound")] and not found
+
+
+def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
+    """Fill loss, on one machine too weak to be told from less flow, keeps its name beside a flow that is truly off."""
+    rng, close = np.random.default_rng(12), GRAM.copy()
+    close[0, 1] = close[1, 0] = 0.92
+    logs = [log(rng, k, truth, machine=machine, gram=close) for k in range(40) for machine, truth in (
+        ("a", {"flow.fill_falloff": 0.3 * k}), ("b", {"flow.fill_falloff": 1.05}), ("c", {"flow.gain": -60.0}))]
+    found, _ = courses(logs)
+    assert {(one.machine, one.effect) for one in found} == {
+        ("a", "flow.fill_falloff"), ("b", "flow.fill_falloff"), ("c", "flow.gain")}
+    assert next(one for one in found if one.machine == "b").alike == ("flow.gain",)
 
 
 def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered: bool = True) -> list[OneLog]:

@@ -10,13 +10,14 @@ of straight lines, cut where that pays (segment neighbourhood, Bai and Perron, J
 """
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2, norm
-from scipy.stats import f as f_distribution
 
 from .evidence import Form
 
@@ -30,8 +31,11 @@ LEAST_APART = 0.1          # of a level's logs, what is not its machines' own: l
 LEAST_LOGS = 3              # of a piece of a course
 PIECE_PRICE = 3.0           # times log(logs): two numbers and a place (Schwarz)
 LEAST_OWN = 1e-3            # of a log's variance, that is not the machine's tolerances
-ALIKE = 0.05                # share of an effect's information that is left beside another
-SHARED_P = 1e-4             # of a factor (product, operator, field) for an effect
+ALIKE_GAP = 6.0             # of twice the log-likelihood: behind by less is not told apart (95 % of chi-square: 3.8)
+SHARED_P = 1e-4             # that noise gives so much, over all levels and effects tried
+MOST_SHARED = 12
+LEAST_MACHINES = 2          # that show a level: of one, it is not told from the machine
+LEVEL_DF = 3                # of each machine's own curve beside a level
 Z90 = 1.645
 
 
@@ -80,14 +84,14 @@ class Course(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """What one level of a factor does to an effect on every machine, against the mean of its machines' other logs."""
+    """What one level of a factor does to an effect on every machine, against its machines' other logs."""
 
     factor: str
     level: str
     effect: str
     size: float
     half: float
-    p: float                    # of the whole factor
+    p: float                    # that it is noise, over all that was tried
     logs: int
 
 
@@ -103,7 +107,7 @@ class _Logs(NamedTuple):
 
 
 class _Left(NamedTuple):
-    """What logs say of one effect, once others are fitted to each log: (n,), (n,), and the machine's own part (n, t)."""
+    """What logs say of one effect, once others are fitted to each: (n,), (n,), and the machine's own part (n, t)."""
 
     information: Array
     pull: Array
@@ -111,22 +115,18 @@ class _Left(NamedTuple):
 
 
 def courses(logs: Sequence[OneLog]) -> tuple[list[Course], list[Shared]]:
-    """Of all machines; what is shared is taken off before the courses are cut."""
+    """Of all machines; what is shared is taken off every log before each machine is looked at."""
     by_name: dict[str, list[OneLog]] = {}
     for log in sorted(logs, key=lambda one: (one.machine, one.time_d)):
         by_name.setdefault(log.machine, []).append(log)
-    by_machine = {machine: _stacked(own) for machine, own in by_name.items()}
+    by_machine, shared = _without_shared({machine: _stacked(own) for machine, own in by_name.items()})
     found = _one_name(by_machine, {machine: _selected(own) for machine, own in by_machine.items()})
-    effects = sorted({name for names in found.values() for name, _ in names})
-    shared = [one for name in effects for one in _shared(name, by_machine, found)]
     done = []
     for machine, own in by_machine.items():
-        names = [name for name, _ in found[machine]]
         for name, gain in found[machine]:
-            off = np.array([sum(one.size for one in shared if one.effect == name
-                                and log.shared.get(one.factor) == one.level) for log in own.logs])
-            seen = _left(own, [other for other in names if other != name], name)
-            done.append(_course(machine, name, gain, own.times_d, seen, off)._replace(alike=_alike(own, name)))
+            others = [other for other, _ in found[machine] if other != name]
+            done.append(_course(machine, name, gain, own.times_d, _left(own, others, name))._replace(
+                alike=_alike(own, others, name)))
     return done, shared
 
 
@@ -149,22 +149,23 @@ def _stacked(logs: Sequence[OneLog]) -> _Logs:
 
 def _one_name(by_machine: Mapping[str, _Logs], found: Mapping[str, list[tuple[str, float]]]
               ) -> dict[str, list[tuple[str, float]]]:
-    """Of effects that a machine's logs cannot tell apart, the one that explains most over all machines."""
-    basis = {machine: _with_levels(_basis(own.times_d), own.logs) for machine, own in by_machine.items()}
-    totals: dict[str, float] = {}
+    """Of effects that a machine's logs cannot tell apart, the one that explains most over all machines that have it.
 
-    def total(name: str) -> float:
-        if name not in totals:
-            totals[name] = sum(_curve_gain(own, (), name, basis[machine]).explained
-                               for machine, own in by_machine.items())
-        return totals[name]
+    A machine that surely has another effect says nothing of what this one has.
+    """
+    beside = {(machine, name): [other for other, _ in own if other != name]
+              for machine, own in found.items() for name, _ in own}
+    alike = {key: {key[1], *_alike(by_machine[key[0]], others, key[1])} for key, others in beside.items()}
+
+    def total(name: str, own: str) -> float:
+        return sum(_curve_gain(by_machine[machine], beside[machine, other], name).explained
+                   for (machine, other), names in alike.items() if own in names)
     result = {}
-    for machine, own in found.items():
+    for machine, each in found.items():
         mine: list[tuple[str, float]] = []
-        for name, gain in own:
-            taken = {one for one, _ in (*own, *mine)}
-            alike = [one for one in _alike(by_machine[machine], name) if one not in taken]
-            mine.append((max((name, *alike), key=total), gain))
+        for name, gain in each:
+            free = sorted(alike[machine, name] - {other for other, _ in mine} - set(beside[machine, name]))
+            mine.append((max(free or [name], key=partial(total, own=name)), gain))
         result[machine] = mine
     return result
 
@@ -182,10 +183,9 @@ def _selected(logs: _Logs) -> list[tuple[str, float]]:
     found: list[tuple[str, float]] = []
     if not logs.names:
         return found
-    basis = _with_levels(_basis(logs.times_d), logs.logs)
     while len(found) < MOST_EFFECTS:
         active = [name for name, _ in found]
-        tried = {name: _curve_gain(logs, active, name, basis) for name in logs.names if name not in active}
+        tried = {name: _curve_gain(logs, active, name) for name in logs.names if name not in active}
         surely = {name: one for name, one in tried.items() if one.p * len(logs.names) < FALSE_FINDS}
         if not surely:
             break
@@ -203,28 +203,11 @@ class _Gain(NamedTuple):
     explained: float
 
 
-def _with_levels(curve: Array, logs: Sequence[OneLog]) -> Array:
-    """A curve's columns (logs, df), and one for each level of what is shared that a part of the logs has."""
-    columns = [curve]
-    for factor in sorted({name for log in logs for name in log.shared}):
-        of_log = [log.shared.get(factor, "") for log in logs]
-        levels = sorted({level for level in of_log if level and of_log.count(level) >= LEAST_LOGS})
-        for level in levels[1:] if len(levels) > 1 else []:
-            columns.append(np.array([[float(one == level)] for one in of_log]))
-    return np.concatenate(columns, axis=1)
-
-
-def _alike(logs: _Logs, name: str) -> tuple[str, ...]:
-    """Effects of which next to nothing is left, summed over the logs, once `name` is fitted to each."""
-    if name not in logs.names:
-        return ()
-    told = logs.normal[:, logs.names.index(name), logs.names.index(name)] > 0.0
-    found = []
-    for k, other in enumerate(logs.names):
-        alone = float(logs.normal[told, k, k].sum())
-        if other != name and alone > 0.0 and float(_left(logs, [name], other).information[told].sum()) < ALIKE * alone:
-            found.append(other)
-    return tuple(found)
+def _alike(logs: _Logs, others: Sequence[str], name: str) -> tuple[str, ...]:
+    """Effects that explain a machine's logs beside the others about as well as `name` does."""
+    least = _curve_gain(logs, others, name).explained - ALIKE_GAP
+    return tuple(one for one in logs.names if one != name and one not in others
+                 and _curve_gain(logs, others, one).explained > least)
 
 
 def _basis(times_d: Array) -> Array:
@@ -277,11 +260,11 @@ def _sizes(seen: _Left) -> _Sizes:
     return _Sizes(known, seen.pull[known] / information, information, seen.own[known] / information[:, None])
 
 
-def _curve_gain(logs: _Logs, active: Sequence[str], name: str, basis: Array) -> _Gain:
+def _curve_gain(logs: _Logs, active: Sequence[str], name: str) -> _Gain:
     seen = _sizes(_left(logs, active, name))
     if not seen.known.any():
         return _Gain(0.0, 1.0, 0.0)
-    rows = basis[seen.known][:, :max(1, len(seen.size) // LEAST_LOGS)]
+    rows = _basis(logs.times_d)[seen.known][:, :max(1, len(seen.size) // LEAST_LOGS)]
     df = int(np.linalg.matrix_rank(rows))
     extra = _scatter(seen.size, seen.information, rows)
     gain, _ = _explained(rows, seen.size, seen.alone(extra), seen.own)
@@ -318,17 +301,16 @@ def _scatter(sizes: Array, information: Array, rows: Array) -> float:
     return max(0.0, excess / reach) if reach > 0.0 else 0.0
 
 
-def _course(machine: str, effect: str, gain: float, times_d: Array, of: _Left, off: Array) -> Course:
-    """off: what is shared, of each log."""
+def _course(machine: str, effect: str, gain: float, times_d: Array, of: _Left) -> Course:
     seen = _sizes(of)
-    times_d, sizes = times_d[seen.known], seen.size - off[seen.known]
+    times_d, sizes = times_d[seen.known], seen.size
     extra = _scatter(sizes, seen.information, _basis(times_d))
     whole, alone = np.sqrt(1.0 / seen.information + extra), np.sqrt(seen.alone(extra))
     pieces = tuple(_piece(times_d, sizes, alone, begin, end) for begin, end in _cut(times_d, sizes, alone))
     weight = alone ** -2 / np.sum(alone ** -2)
     return Course(machine, effect, gain, tuple(times_d.tolist()), tuple(sizes.tolist()),
-                  tuple((Z90 * whole).tolist()), pieces, float(weight @ sizes), Z90 * float(np.sum(alone ** -2)) ** -0.5,
-                  Z90 * float(np.linalg.norm(weight @ seen.own)))
+                  tuple((Z90 * whole).tolist()), pieces, float(weight @ sizes),
+                  Z90 * float(np.sum(alone ** -2)) ** -0.5, Z90 * float(np.linalg.norm(weight @ seen.own)))
 
 
 def _line(times_d: Array, sizes: Array, sd: Array) -> tuple[Array, Array]:
@@ -385,60 +367,96 @@ def _piece(times_d: Array, sizes: Array, sd: Array, begin: int, end: int) -> Pie
                  float(fit[1]), p)
 
 
-def _shared(effect: str, by_machine: Mapping[str, _Logs],
-            found: Mapping[str, Sequence[tuple[str, float]]]) -> list[Shared]:
-    """Levels of each factor that move an effect on the machines that have it, beside a curve of each machine's own."""
-    logs: list[OneLog] = []
-    curves: list[Array] = []
-    sizes, sd = np.empty(0), np.empty(0)
-    for machine, own in by_machine.items():
-        names = [name for name, _ in found[machine]]
-        if effect in names:
-            seen = _sizes(_left(own, [name for name in names if name != effect], effect))
-            logs += [log for log, there in zip(own.logs, seen.known, strict=True) if there]
-            sizes, sd = np.concatenate([sizes, seen.size]), np.concatenate([sd, seen.information ** -0.5])
-            curves.append(_basis(own.times_d)[seen.known][:, :3])
-    if not logs:
-        return []
-    width = sum(one.shape[1] for one in curves)
-    base, row, column = np.zeros((len(logs), width)), 0, 0
-    for one in curves:
-        base[row:row + len(one), column:column + one.shape[1]] = one
-        row, column = row + len(one), column + one.shape[1]
-    result: list[Shared] = []
+def _without_shared(by_machine: Mapping[str, _Logs]) -> tuple[dict[str, _Logs], list[Shared]]:
+    """What levels of factors (product, operator, field) do on every machine, strongest first, and the logs without it.
+
+    Each level against a machine's other logs, beside a curve of its own; then over machines as random effects, for
+    what one machine alone shows is the machine's, whatever field it happened to stand in.
+    """
+    left, found = dict(by_machine), list[Shared]()
+    levels = _levels([log for own in by_machine.values() for log in own.logs])
+    while levels and len(found) < MOST_SHARED:
+        best = _strongest(left, levels)
+        if best is None:
+            break
+        found.append(best)
+        left = {machine: _taken_off(own, best) for machine, own in left.items()}
+    return left, found
+
+
+def _levels(logs: Sequence[OneLog]) -> list[tuple[str, str]]:
+    """(factor, level), but the commonest of each factor: the others are held against it."""
+    found = []
     for factor in sorted({name for log in logs for name in log.shared}):
-        result += _levels(effect, factor, [log.shared.get(factor, "") for log in logs], sizes, sd, base)
-    return result
+        counts = Counter(level for log in logs if (level := log.shared.get(factor, "")))
+        found += [(factor, level) for level, _ in counts.most_common()[1:]]
+    return found
 
 
-def _apart(column: Array, base: Array) -> float:
-    """Share of a level's logs that its machines' own curves do not explain: 0 where a machine had no other."""
-    left = column - base @ np.linalg.lstsq(base, column, rcond=None)[0]
-    return float(left @ left) / max(float(column @ column), 1.0)
+class _Contrast(NamedTuple):
+    """One level of a factor on one machine: by how much an effect is larger there. plain: without scatter."""
+
+    size: float
+    variance: float
+    plain: float                # of twice the log-likelihood
+    logs: int
 
 
-def _levels(effect: str, factor: str, of_log: Sequence[str], sizes: Array, sd: Array, base: Array) -> list[Shared]:
-    """Each level against the commonest, in units of the effect; nothing where the factor says nothing."""
-    levels = sorted({level for level in of_log if level}, key=lambda level: -list(of_log).count(level))[1:]
-    columns = [np.array([float(level == own) for own in of_log]) for level in levels]
-    apart = [_apart(column, base) > LEAST_APART for column in columns]
-    levels = [level for level, told in zip(levels, apart, strict=True) if told]
-    if not levels:
-        return []
-    dummies = np.stack([column for column, told in zip(columns, apart, strict=True) if told], axis=1)
-    extra = _scatter(sizes, sd ** -2, np.concatenate([base, dummies], axis=1))
-    whole = np.sqrt(sd ** 2 + extra)
-    rows = np.concatenate([base, dummies], axis=1) / whole[:, None]
-    covariance = np.linalg.pinv(rows.T @ rows)
-    fit = covariance @ (rows.T @ (sizes / whole))
-    here = slice(base.shape[1], None)
-    block = covariance[here, here]
-    wald = float(fit[here] @ np.linalg.lstsq(block, fit[here], rcond=None)[0])
-    free = len(sizes) - np.linalg.matrix_rank(rows)
-    df = int(np.linalg.matrix_rank(block))
-    p = float(f_distribution.sf(wald / df, df, free)) if df and free > 0 else 1.0
-    if p > SHARED_P:
-        return []
-    half = Z90 * np.sqrt(np.maximum(np.diag(block), 0.0))
-    return [Shared(factor, level, effect, float(size), float(error), p, list(of_log).count(level))
-            for level, size, error in zip(levels, fit[here], half, strict=True) if abs(size) > error > 0.0]
+def _strongest(by_machine: Mapping[str, _Logs], levels: Sequence[tuple[str, str]]) -> Shared | None:
+    """Of what is surely shared, that which explains most."""
+    seen: dict[tuple[str, str, str], list[_Contrast]] = {}
+    for own in by_machine.values():
+        for name in own.names:
+            for (factor, level), contrast in _contrasts(own, name, levels).items():
+                seen.setdefault((factor, level, name), []).append(contrast)
+    tried = {key: each for key, each in seen.items() if len(each) >= LEAST_MACHINES}
+    best, most = None, 0.0
+    for (factor, level, name), each in tried.items():
+        size, error = _over_machines(each)
+        p = float(2.0 * norm.sf(abs(size) / error)) * len(tried)
+        explained = sum(one.plain for one in each)
+        if p < SHARED_P and explained > most:
+            best = Shared(factor, level, name, size, Z90 * error, min(p, 1.0), sum(one.logs for one in each))
+            most = explained
+    return best
+
+
+def _contrasts(own: _Logs, name: str, levels: Sequence[tuple[str, str]]) -> dict[tuple[str, str], _Contrast]:
+    seen = _sizes(_left(own, (), name))
+    logs = [log for log, known in zip(own.logs, seen.known, strict=True) if known]
+    here = [(factor, level) for factor, level in levels
+            if LEAST_LOGS <= sum(log.shared.get(factor) == level for log in logs) <= len(logs) - LEAST_LOGS]
+    if not here:
+        return {}
+    base = _basis(own.times_d[seen.known])[:, :LEVEL_DF]
+    dummies = np.array([[float(log.shared.get(factor) == level) for factor, level in here] for log in logs])
+    extra = _scatter(seen.size, seen.information, base)
+    weight = 1.0 / (1.0 / seen.information + extra)
+    rows = base.T * weight
+    off = dummies - base @ np.linalg.lstsq(rows @ base, rows @ dummies, rcond=None)[0]
+    apart = np.sum(off ** 2, axis=0) > LEAST_APART * np.sum(dummies, axis=0)
+    information = (weight @ off ** 2)
+    pull = (weight * seen.size) @ off
+    plain = (seen.information * seen.size) @ off
+    plain_information = seen.information @ off ** 2
+    return {level: _Contrast(float(pull[k] / information[k]), float(1.0 / information[k]),
+                             float(plain[k] ** 2 / plain_information[k]), int(dummies[:, k].sum()))
+            for k, level in enumerate(here) if apart[k] and information[k] > 0.0}
+
+
+def _over_machines(each: Sequence[_Contrast]) -> tuple[float, float]:
+    """Mean and its s.d., machines differing by more than their errors (DerSimonian and Laird)."""
+    size, variance = np.array([one.size for one in each]), np.array([one.variance for one in each])
+    weight = 1.0 / variance
+    mean = float(weight @ size / weight.sum())
+    excess = float(weight @ (size - mean) ** 2) - (len(each) - 1)
+    reach = float(weight.sum() - np.sum(weight ** 2) / weight.sum())
+    weight = 1.0 / (variance + max(0.0, excess / reach))
+    return float(weight @ size / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _taken_off(own: _Logs, one: Shared) -> _Logs:
+    if one.effect not in own.names:
+        return own
+    has = np.array([float(log.shared.get(one.factor) == one.level) for log in own.logs])
+    return own._replace(right=own.right - one.size * has[:, None] * own.normal[:, own.names.index(one.effect)])

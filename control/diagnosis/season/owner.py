@@ -51,26 +51,30 @@ class Low(NamedTuple):
 
 
 def machines(told: Sequence[Told], found: Sequence[Course], shared: Sequence[Shared]) -> list[MachineSeason]:
-    """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread."""
+    """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread.
+
+    Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.
+    """
     result = []
     for machine in sorted({one.machine for one in told}):
         own = sorted((one for one in told if one.machine == machine), key=lambda one: one.time_d)
         mine = [course for course in found if course.machine == machine]
-        percent = {course.effect: np.array([_percent(course, one, shared) for one in own]) for course in mine}
+        percent = [np.array([at(course, one.time_d) * one.percent.get(course.effect, 0.0) for one in own])
+                   for course in mine]
         kg = np.array([one.worked.applied_kg for one in own])
-        wrong = np.abs(sum(percent.values(), np.zeros(len(own)))) @ kg / 100.0
-        costs = [(course, float(np.abs(percent[course.effect]) @ kg / 100.0)) for course in mine]
-        now = float(sum(one[-1] for one in percent.values()))
+        whole = sum(percent, np.array([_shared_percent(one, shared) for one in own]))
+        wrong = np.abs(whole) @ kg / 100.0
+        costs = [(course, float(np.abs(one) @ kg / 100.0)) for course, one in zip(mine, percent, strict=True)]
+        now = float(whole[-1])
         result.append(MachineSeason(machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()),
                                     float(wrong), now, tuple(sorted(costs, key=lambda each: -each[1]))))
     return sorted(result, key=lambda one: -one.wrong_kg)
 
 
-def _percent(course: Course, log: Told, shared: Sequence[Shared]) -> float:
-    """Dose error of one effect in one log, by its course."""
-    size = at(course, log.time_d) + sum(one.size for one in shared if one.effect == course.effect
-                                        and log.shared.get(one.factor) == one.level)
-    return size * log.percent.get(course.effect, 0.0)
+def _shared_percent(log: Told, shared: Sequence[Shared]) -> float:
+    """Dose error of one log by what it shares with others."""
+    return sum(one.size * log.percent.get(one.effect, 0.0) for one in shared
+               if log.shared.get(one.factor) == one.level)
 
 
 def at(course: Course, time_d: float) -> float:
