@@ -79,7 +79,7 @@ def _told(found: object, out: Path, price: float | None, currency: str) -> None:
     assert isinstance(found, Found)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
-    whole = season(found.records, found.broken)
+    whole = season(found.records, found.broken, time.time() / 86_400.0)
     write_tables(out, whole, found.records)
     page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, price, currency,
                       f"topdress {software_version()}")

@@ -6,6 +6,7 @@ import datetime as dt
 import hashlib
 import os
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,9 +41,11 @@ def record(where: str, machine: Mapping[str, Any], about: Mapping[str, str]) -> 
     from control.machine.machine import Machine
     from drivers.files.config import ConfigError
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    began = time.perf_counter(), time.process_time()
     try:
         with local(where) as path:
-            return _judged(where, path, Machine.model_validate(machine), about)
+            made = _judged(where, path, Machine.model_validate(machine), about)
+            return {**made, "took_s": time.perf_counter() - began[0], "processor_s": time.process_time() - began[1]}
     except ConfigError as error:
         return {"format": FORMAT, "path": where, "error": error.lines[0]}
     except Exception as error:      # one log of thousands never stops the rest

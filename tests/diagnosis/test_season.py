@@ -55,6 +55,14 @@ def test_a_size_that_scatters_from_log_to_log_is_not_cut_to_pieces() -> None:
     assert course.half[0] > 3.0                         # the scatter counts, not only each log's own error
 
 
+def test_wear_whose_form_is_not_quite_right_is_one_line() -> None:
+    """What the form is off by changes with the day's work and grows with the effect."""
+    rng = np.random.default_rng(12)
+    logs = [log(rng, k, {"flow.fill_falloff": 0.5 * k * float(np.exp(0.3 * rng.normal()))}, sd=0.5) for k in range(60)]
+    (course,), _ = courses(logs)
+    assert len(course.pieces) == 1 and course.pieces[0].per_day == pytest.approx(0.5, abs=0.1)
+
+
 def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() -> None:
     rng = np.random.default_rng(5)
     logs = []

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import nnls
 from scipy.stats import chi2, norm
 
 from .evidence import Form
@@ -248,7 +249,7 @@ class _Sizes(NamedTuple):
     information: Array
     own: Array
 
-    def alone(self, extra: float = 0.0) -> Array:
+    def alone(self, extra: float | Array = 0.0) -> Array:
         """Variance of each log's own error, `extra` from log to log added."""
         return np.asarray(np.maximum(1.0 / self.information - np.sum(self.own ** 2, axis=1),
                                      LEAST_OWN / self.information) + extra)
@@ -301,10 +302,25 @@ def _scatter(sizes: Array, information: Array, rows: Array) -> float:
     return max(0.0, excess / reach) if reach > 0.0 else 0.0
 
 
+def _scatter_by_size(sizes: Array, information: Array, rows: Array) -> Array:
+    """The same for each log (n,), as a constant and a share of the size: an effect's form is never quite right, and
+    what it is off by changes with the work done and grows with the effect."""
+    constant = _scatter(sizes, information, rows)
+    free = len(sizes) - int(np.linalg.matrix_rank(rows))
+    if constant <= 0.0 or free < 1:
+        return np.full(len(sizes), constant)
+    weight = 1.0 / (1.0 / information + constant)
+    level = rows @ np.linalg.lstsq(rows.T @ (rows * weight[:, None]), rows.T @ (weight * sizes), rcond=None)[0]
+    excess = (sizes - level) ** 2 * len(sizes) / free - 1.0 / information
+    both = np.stack([np.ones(len(sizes)), level ** 2], axis=1)
+    parts, _ = nnls(both * weight[:, None], excess * weight)
+    return np.asarray(both @ parts)
+
+
 def _course(machine: str, effect: str, gain: float, times_d: Array, of: _Left) -> Course:
     seen = _sizes(of)
     times_d, sizes = times_d[seen.known], seen.size
-    extra = _scatter(sizes, seen.information, _basis(times_d))
+    extra = _scatter_by_size(sizes, seen.information, _basis(times_d))
     whole, alone = np.sqrt(1.0 / seen.information + extra), np.sqrt(seen.alone(extra))
     pieces = tuple(_piece(times_d, sizes, alone, begin, end) for begin, end in _cut(times_d, sizes, alone))
     weight = alone ** -2 / np.sum(alone ** -2)
