@@ -20,8 +20,11 @@ FACTORS = {"product": N_("product"), "operator": N_("operator"), "field": N_("fi
 
 def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], low: Sequence[Low],
                units: Mapping[str, str], broken: Sequence[tuple[str, str]], price: float | None, currency: str,
-               software: str) -> str:
-    """A whole HTML page. price: of a kilogram; None: no money. Needs matplotlib."""
+               software: str, aside: Sequence[tuple[str, str]] = (), by_file_date: int = 0) -> str:
+    """A whole HTML page. price: of a kilogram; None: no money. aside: path and date of logs whose clock was wrong.
+
+    by_file_date: logs that tell no time of their own. Needs matplotlib.
+    """
     logs, kg = sum(one.logs for one in machines), sum(one.applied_kg for one in machines)
     wrong = sum(one.wrong_kg for one in machines)
     said = _("{wrong} of {kg} kg were spread too much or too little").format(wrong=fixed(wrong, 0), kg=fixed(kg, 0))
@@ -37,6 +40,7 @@ def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], low:
         section(_("At the next service"), items(service(machines))),
         section(_("What logs share"), items([*(shared_words(one, units) for one in shared), *map(low_words, low)])),
         *(_of_machine(one, units, number) for number, one in enumerate(machines[:SHOWN]) if one.courses),
+        section(_("Logs without a time"), items([*map(aside_words, aside), *by_file_words(by_file_date)])),
         section(_("Logs that could not be read"), items(f"{path}: {why}" for path, why in broken)),
     ]
     about = _("{machines} machines, {logs} logs").format(machines=len(machines), logs=logs)
@@ -94,6 +98,18 @@ def low_words(one: Low) -> str:
     return _("operator {name} works {minutes} min an hour with the hopper nearly empty, the others {others} "
              "({logs} logs)").format(name=one.operator, minutes=fixed(one.minutes_per_hour, 1),
                                      others=fixed(one.others, 1), logs=one.logs)
+
+
+def aside_words(one: tuple[str, str]) -> str:
+    path, date = one
+    return _("{path}: its clock said {date}: left out of the courses and sums; its true time may be told "
+             "(--about, column time)").format(path=path, date=date)
+
+
+def by_file_words(logs: int) -> list[str]:
+    """Nothing where all logs tell their time."""
+    return [_("{logs} logs tell no time: that of their files counts, which a copy may have changed").format(logs=logs)
+            ] if logs else []
 
 
 def _of_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> str:
