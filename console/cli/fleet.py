@@ -74,7 +74,7 @@ def fleet(
 
 
 def _told(found: object, out: Path, price: float | None, currency: str) -> None:
-    from console.reports.fleet_page import aside_words, fleet_page, low_words, shared_words, titled
+    from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, shared_words
     from console.services.fleet import Found
     from console.services.fleet_season import season, write_tables
     from drivers.files.atomic import write_atomically
@@ -88,9 +88,8 @@ def _told(found: object, out: Path, price: float | None, currency: str) -> None:
                       f"topdress {software_version()}", whole.aside, whole.by_file_date)
     write_atomically(out / REPORT, page)
     for one in whole.machines:
-        worst = f"  {titled(one.courses[0][0].effect)}" if one.courses else ""
         typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"
-                   f"{worst}")
+                   f"  {costliest(one)}")
     shared = (shared_words(one, whole.units) for one in whole.shared)
     for said in (*map(aside_words, whole.aside), *shared, *map(low_words, whole.low)):
         typer.echo(said)

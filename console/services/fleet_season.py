@@ -117,7 +117,7 @@ def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) ->
         "pieces": [{"machine": one.machine, "effect": one.effect, **piece._asdict()}
                    for one in of.courses for piece in one.pieces],
         "shared": [one._asdict() for one in of.shared],
-        "machines": [{name: value for name, value in one._asdict().items() if name != "courses"}
+        "machines": [{name: value for name, value in one._asdict().items() if name not in ("courses", "shared")}
                      for one in of.machines],
     }
     for name, rows in tables.items():

@@ -11,11 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from console.reports.fleet_page import fleet_page
+from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
 from console.services.fleet_job import FORMAT, checksum, record
 from console.services.fleet_season import season, write_tables
+from control.diagnosis.season.courses import Shared
 from control.diagnosis.season.evidence import evidence
+from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
 from drivers.files.log_store import write_store
 
@@ -122,6 +124,15 @@ def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) ->
     said = record(str(path), MACHINE, {})
     assert said["error"] and "\n" not in said["error"]
     assert record(str(tmp_path / "not-there.csv"), MACHINE, {})["error"]
+
+
+@pytest.mark.parametrize(("begin", "what"), [(b"PK\x03\x04", "a zip"), (b"PAR1", "a Parquet file"),
+                                             (b"\x1f\x8b", "a gzip file")])
+def test_what_has_anothers_suffix_is_said(tmp_path: Path, begin: bytes, what: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(begin + bytes(range(256)))
+    said = record(str(path), MACHINE, {})["error"]
+    assert said.startswith(f"{path}: {what}") and said.isprintable()
 
 
 def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
@@ -307,6 +318,11 @@ def test_page_and_tables(tmp_path: Path) -> None:
     write_tables(tmp_path, whole, made)
     assert pl.read_parquet(tmp_path / "courses.parquet").height == 4
     assert pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
+    product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1e-9, 4)
+    told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0)) for one in whole.told if one.machine == "two"]
+    (costs,) = machines(told, [], [product])
+    assert costs.wrong_kg == pytest.approx(costs.shared[0][1]) and costs.wrong_kg > 0.0
+    assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")
     page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, 2.5, "CNY", "t")
     assert page.index(">one<") < page.index(">two<") and "<svg" in page and "spoilt &lt;b&gt;" in page
     assert "money, CNY" in page

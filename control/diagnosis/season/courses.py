@@ -29,7 +29,8 @@ MOST_EFFECTS = 6            # of one machine
 CHANCE_SD = 3.0             # of a sum of squares, before more is explained than chance does
 CURVE_DF = 5                # of an effect's course in the selection
 LEAST_APART = 0.1          # of a level's logs, what is not its machines' own: less, and the two cannot be told apart
-LEAST_LOGS = 3              # of a piece of a course
+LEAST_LOGS = 3              # for each number of a curve, and of a level
+LEAST_PIECE = 5             # logs of a piece of a course
 PIECE_PRICE = 3.0           # times log(logs): two numbers and a place (Schwarz)
 LEAST_OWN = 1e-3            # of a log's variance, that is not the machine's tolerances
 ALIKE_GAP = 6.0             # of twice the log-likelihood: behind by less is not told apart (95 % of chi-square: 3.8)
@@ -343,7 +344,7 @@ def _line(times_d: Array, sizes: Array, sd: Array) -> tuple[Array, Array]:
 def _cut(times_d: Array, sizes: Array, sd: Array) -> list[tuple[int, int]]:
     """Where the pieces of the best broken line begin and end (dynamic programming over all places)."""
     count = len(sizes)
-    if count < 2 * LEAST_LOGS:
+    if count < 2 * LEAST_PIECE:
         return [(0, count)]
     weight, time = sd ** -2, times_d - times_d.mean()
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(np.stack([
@@ -352,8 +353,8 @@ def _cut(times_d: Array, sizes: Array, sd: Array) -> list[tuple[int, int]]:
     price = PIECE_PRICE * float(np.log(count))
     best, came = np.full(count + 1, np.inf), [0] * (count + 1)
     best[0] = 0.0
-    for end in range(LEAST_LOGS, count + 1):
-        begins = np.arange(0, end - LEAST_LOGS + 1)
+    for end in range(LEAST_PIECE, count + 1):
+        begins = np.arange(0, end - LEAST_PIECE + 1)
         cost = best[begins] + _squares_left(sums[:, end:end + 1] - sums[:, begins]) + price
         came[end] = int(np.argmin(cost))
         best[end] = cost[came[end]]

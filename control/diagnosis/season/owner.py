@@ -29,7 +29,7 @@ class Told(NamedTuple):
 
 class MachineSeason(NamedTuple):
     """wrong_kg: what was spread too much or too little; now_percent: of the dose, at its last log. courses: costliest
-    first, with the kg of each."""
+    first, with the kg of each; shared: what its logs share with others', the same."""
 
     machine: str
     logs: int
@@ -38,6 +38,7 @@ class MachineSeason(NamedTuple):
     wrong_kg: float
     now_percent: float
     courses: tuple[tuple[Course, float], ...]
+    shared: tuple[tuple[Shared, float], ...]
 
 
 class Low(NamedTuple):
@@ -62,19 +63,21 @@ def machines(told: Sequence[Told], found: Sequence[Course], shared: Sequence[Sha
         percent = [np.array([at(course, one.time_d) * one.percent.get(course.effect, 0.0) for one in own])
                    for course in mine]
         kg = np.array([one.worked.applied_kg for one in own])
-        whole = sum(percent, np.array([_shared_percent(one, shared) for one in own]))
+        levels = [np.array([_percent(one, log) for log in own]) for one in shared]
+        whole = sum((*percent, *levels), np.zeros(len(own)))
         wrong = np.abs(whole) @ kg / 100.0
         costs = [(course, float(np.abs(one) @ kg / 100.0)) for course, one in zip(mine, percent, strict=True)]
+        others = [(one, float(np.abs(each) @ kg / 100.0)) for one, each in zip(shared, levels, strict=True)]
         now = float(whole[-1])
         result.append(MachineSeason(machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()),
-                                    float(wrong), now, tuple(sorted(costs, key=lambda each: -each[1]))))
+                                    float(wrong), now, tuple(sorted(costs, key=lambda each: -each[1])),
+                                    tuple(sorted((each for each in others if each[1]), key=lambda each: -each[1]))))
     return sorted(result, key=lambda one: -one.wrong_kg)
 
 
-def _shared_percent(log: Told, shared: Sequence[Shared]) -> float:
+def _percent(one: Shared, log: Told) -> float:
     """Dose error of one log by what it shares with others."""
-    return sum(one.size * log.percent.get(one.effect, 0.0) for one in shared
-               if log.shared.get(one.factor) == one.level)
+    return one.size * log.percent.get(one.effect, 0.0) if log.shared.get(one.factor) == one.level else 0.0
 
 
 def at(course: Course, time_d: float) -> float:
