@@ -116,7 +116,13 @@ def local(where: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / path.rstrip("/").split("/")[-1]
         system.get_file(path, str(place))
-        beside = str(Path(path).with_suffix(".yaml").as_posix())
+        beside = beside_url(path)
         if system.exists(beside):
             system.get_file(beside, str(place.with_suffix(".yaml")))
         yield place
+
+
+def beside_url(path: str) -> str:
+    """Where a log's sidecar is. Of http a path is the whole URL: as a file's path it would lose a stroke."""
+    folder, stroke, name = path.rpartition("/")
+    return f"{folder}{stroke}{name.rpartition('.')[0] or name}.yaml"

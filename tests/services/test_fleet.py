@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
-from console.services.fleet_job import FORMAT, checksum, record
+from console.services.fleet_job import FORMAT, beside_url, checksum, record
 from console.services.fleet_season import season, write_tables
 from control.diagnosis.season.courses import Shared
 from control.diagnosis.season.evidence import evidence
@@ -143,6 +143,11 @@ def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
     assert checksum(str(tmp_path / "b.csv"), "1") == first
     path.with_suffix(".yaml").write_text("operator: Li\n")
     assert checksum(str(path), "1") != first
+
+
+def test_the_sidecar_of_a_url() -> None:
+    assert beside_url("http://host:8000/m.1/a b.csv") == "http://host:8000/m.1/a b.yaml"
+    assert beside_url("/bucket/a") == "/bucket/a.yaml" and beside_url("a.b.parquet") == "a.b.yaml"
 
 
 def test_which_logs_are_meant(tmp_path: Path) -> None:
@@ -319,7 +324,8 @@ def test_page_and_tables(tmp_path: Path) -> None:
     assert pl.read_parquet(tmp_path / "courses.parquet").height == 4
     assert pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
     product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1e-9, 4)
-    told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0)) for one in whole.told if one.machine == "two"]
+    told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
+            for one in whole.told if one.machine == "two"]
     (costs,) = machines(told, [], [product])
     assert costs.wrong_kg == pytest.approx(costs.shared[0][1]) and costs.wrong_kg > 0.0
     assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.stats import chi2, norm
+
+from control.diagnosis.effects import ROWS
+from control.diagnosis.runs.columns import FORM_SHARE
+from control.machine.machine import CATALOGUE
 
 from .evidence import Form
 
@@ -33,7 +36,10 @@ LEAST_LOGS = 3              # for each number of a curve, and of a level
 LEAST_PIECE = 5             # logs of a piece of a course
 PIECE_PRICE = 3.0           # times log(logs): two numbers and a place (Schwarz)
 LEAST_OWN = 1e-3            # of a log's variance, that is not the machine's tolerances
-ALIKE_GAP = 6.0             # of twice the log-likelihood: behind by less is not told apart (95 % of chi-square: 3.8)
+ALIKE_GAP = 6.0             # of twice the log-likelihood: behind by less is not told apart (95 % of chi2: 3.8) ...
+ALIKE_SHARE = 0.03          # ... or by this share of it: forms are never quite right
+TIE, TIE_SHARE = 1.0, 0.005     # of a gain: the same
+ORDER = tuple(CATALOGUE)
 SHARED_P = 1e-4             # that noise gives so much, over all levels and effects tried
 MOST_SHARED = 12
 LEAST_MACHINES = 2          # that show a level: of one, it is not told from the machine
@@ -160,14 +166,14 @@ def _one_name(by_machine: Mapping[str, _Logs], found: Mapping[str, list[tuple[st
     alike = {key: {key[1], *_alike(by_machine[key[0]], others, key[1])} for key, others in beside.items()}
 
     def total(name: str, own: str) -> float:
-        return sum(_curve_gain(by_machine[machine], beside[machine, other], name).explained
+        return sum(_curve_gain(by_machine[machine], beside[machine, other], name).gain
                    for (machine, other), names in alike.items() if own in names)
     result = {}
     for machine, each in found.items():
         mine: list[tuple[str, float]] = []
         for name, gain in each:
-            free = sorted(alike[machine, name] - {other for other, _ in mine} - set(beside[machine, name]))
-            mine.append((max(free or [name], key=partial(total, own=name)), gain))
+            free = (alike[machine, name] - {other for other, _ in mine} - set(beside[machine, name])) or {name}
+            mine.append((_first({one: total(one, name) for one in free}), gain))
         result[machine] = mine
     return result
 
@@ -175,8 +181,8 @@ def _one_name(by_machine: Mapping[str, _Logs], found: Mapping[str, list[tuple[st
 def selected(logs: Sequence[OneLog]) -> list[tuple[str, float]]:
     """Effects that one machine has, with what each gains; strongest first.
 
-    Of those that are more than noise beside their scatter from log to log, the one that explains most is taken: what
-    only looks like it leaves something in every log.
+    Of those that are more than noise beside their scatter from log to log, those that explain most are looked at: what
+    only looks like them leaves something in every log. Of these the one whose course is most regular is taken.
     """
     return _selected(_stacked(sorted(logs, key=lambda one: one.time_d)))
 
@@ -191,9 +197,33 @@ def _selected(logs: _Logs) -> list[tuple[str, float]]:
         surely = {name: one for name, one in tried.items() if one.p * len(logs.names) < FALSE_FINDS}
         if not surely:
             break
-        best = max(surely, key=lambda name: surely[name].explained)
-        found.append((best, surely[best].gain))
+        most = max(one.explained for one in surely.values())
+        near = {name: one for name, one in surely.items() if one.explained > _near(most)}
+        best = _first({name: one.gain for name, one in near.items()})
+        if near[best].gain < _form_doubt(logs, found, best):
+            break
+        found.append((best, near[best].gain))
     return found
+
+
+def _near(most: float) -> float:
+    """What is not behind `most` by more than a wrong form and chance."""
+    return (1.0 - ALIKE_SHARE) * most - ALIKE_GAP
+
+
+def _first(gains: Mapping[str, float]) -> str:
+    """The name that gains most; of those that gain the same, that which stands first in the catalogue: drives and flow
+    before the sensors that tell of them."""
+    most = max(gains.values())
+    return min((name for name, gain in gains.items() if gain >= (1.0 - TIE_SHARE) * most - TIE),
+               key=lambda name: (ORDER.index(name.split("#")[0]), name))
+
+
+def _form_doubt(logs: _Logs, found: Sequence[tuple[str, float]], name: str) -> float:
+    """What effects that are there may leave to another for their forms are not quite right, in the same channels."""
+    at = logs.names.index(name)
+    return max((FORM_SHARE ** 2 * gain for other, gain in found if ROWS[other.split("#")[0]].form_over
+                and np.any(logs.normal[:, at, logs.names.index(other)])), default=0.0)
 
 
 class _Gain(NamedTuple):
@@ -206,10 +236,11 @@ class _Gain(NamedTuple):
 
 
 def _alike(logs: _Logs, others: Sequence[str], name: str) -> tuple[str, ...]:
-    """Effects that explain a machine's logs beside the others about as well as `name` does."""
-    least = _curve_gain(logs, others, name).explained - ALIKE_GAP
-    return tuple(one for one in logs.names if one != name and one not in others
-                 and _curve_gain(logs, others, one).explained > least)
+    """Effects that explain a machine's logs beside the others about as well as `name` does, as regularly."""
+    own = _curve_gain(logs, others, name)
+    tried = {one: _curve_gain(logs, others, one) for one in logs.names if one != name and one not in others}
+    return tuple(one for one, each in tried.items()
+                 if each.explained > _near(own.explained) and each.gain > _near(own.gain))
 
 
 def _basis(times_d: Array) -> Array:
@@ -387,18 +418,29 @@ def _piece(times_d: Array, sizes: Array, sd: Array, begin: int, end: int) -> Pie
 def _without_shared(by_machine: Mapping[str, _Logs]) -> tuple[dict[str, _Logs], list[Shared]]:
     """What levels of factors (product, operator, field) do on every machine, strongest first, and the logs without it.
 
-    Each level against a machine's other logs, beside a curve of its own; then over machines as random effects, for
-    what one machine alone shows is the machine's, whatever field it happened to stand in.
+    Each level against a machine's other logs, beside a curve of its own and the effects that it has; then over machines
+    as random effects, for what one machine alone shows is the machine's, whatever field it happened to stand in.
     """
     left, found = dict(by_machine), list[Shared]()
     levels = _levels([log for own in by_machine.values() for log in own.logs])
     while levels and len(found) < MOST_SHARED:
-        best = _strongest(left, levels)
+        beside = {machine: [name for name, _ in _selected(own)] for machine, own in left.items()}
+        best = _strongest(left, beside, levels)
         if best is None:
             break
-        found.append(best)
         left = {machine: _taken_off(own, best) for machine, own in left.items()}
+        more = _refined(left, best)         # of what it hid itself: as long as it was there, all scattered by it
+        left = {machine: _taken_off(own, more) for machine, own in left.items()}
+        found.append(more._replace(size=best.size + more.size))
     return left, found
+
+
+def _refined(by_machine: Mapping[str, _Logs], one: Shared) -> Shared:
+    """What is left of a level once it is taken off, with its error."""
+    each = [contrast for own in by_machine.values() for contrast in _contrasts(
+        own, [name for name, _ in _selected(own)], one.effect, [(one.factor, one.level)]).values()]
+    size, error = _over_machines(each)
+    return one._replace(size=size, half=Z90 * error)
 
 
 def _levels(logs: Sequence[OneLog]) -> list[tuple[str, str]]:
@@ -419,27 +461,33 @@ class _Contrast(NamedTuple):
     logs: int
 
 
-def _strongest(by_machine: Mapping[str, _Logs], levels: Sequence[tuple[str, str]]) -> Shared | None:
+def _strongest(by_machine: Mapping[str, _Logs], beside: Mapping[str, Sequence[str]],
+               levels: Sequence[tuple[str, str]]) -> Shared | None:
     """Of what is surely shared, that which explains most."""
     seen: dict[tuple[str, str, str], list[_Contrast]] = {}
-    for own in by_machine.values():
+    for machine, own in by_machine.items():
         for name in own.names:
-            for (factor, level), contrast in _contrasts(own, name, levels).items():
+            for (factor, level), contrast in _contrasts(own, beside[machine], name, levels).items():
                 seen.setdefault((factor, level, name), []).append(contrast)
     tried = {key: each for key, each in seen.items() if len(each) >= LEAST_MACHINES}
-    best, most = None, 0.0
+    surely: dict[tuple[str, str], dict[str, Shared]] = {}
+    explained: dict[tuple[str, str], dict[str, float]] = {}
     for (factor, level, name), each in tried.items():
         size, error = _over_machines(each)
         p = float(2.0 * norm.sf(abs(size) / error)) * len(tried)
-        explained = sum(one.plain for one in each)
-        if p < SHARED_P and explained > most:
-            best = Shared(factor, level, name, size, Z90 * error, min(p, 1.0), sum(one.logs for one in each))
-            most = explained
-    return best
+        if p < SHARED_P:
+            surely.setdefault((factor, level), {})[name] = Shared(
+                factor, level, name, size, Z90 * error, p, sum(one.logs for one in each))
+            explained.setdefault((factor, level), {})[name] = sum(one.plain for one in each)
+    if not surely:
+        return None
+    best = max(explained, key=lambda level: max(explained[level].values()))
+    return surely[best][_first(explained[best])]
 
 
-def _contrasts(own: _Logs, name: str, levels: Sequence[tuple[str, str]]) -> dict[tuple[str, str], _Contrast]:
-    seen = _sizes(_left(own, (), name))
+def _contrasts(own: _Logs, beside: Sequence[str], name: str, levels: Sequence[tuple[str, str]]
+               ) -> dict[tuple[str, str], _Contrast]:
+    seen = _sizes(_left(own, [other for other in beside if other != name], name))
     logs = [log for log, known in zip(own.logs, seen.known, strict=True) if known]
     here = [(factor, level) for factor, level in levels
             if LEAST_LOGS <= sum(log.shared.get(factor) == level for log in logs) <= len(logs) - LEAST_LOGS]

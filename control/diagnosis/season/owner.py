@@ -11,6 +11,7 @@ from .courses import Course, Shared
 from .evidence import Worked
 
 WEAR_P = 1e-3               # of a slope, that it is noise
+REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
 LEAST_OPERATOR_LOGS = 5
 LOW_RATIO = 2.0             # times the others' minutes an hour
@@ -98,9 +99,9 @@ def wears(course: Course) -> bool:
 
 
 def repaired_d(course: Course) -> list[float]:
-    """When it jumped towards zero by more than its uncertainty."""
+    """When it jumped towards zero, by more than its uncertainty and a part of it that is worth the name."""
     return [0.5 * (a.end_d + b.begin_d) for a, b in zip(course.pieces, course.pieces[1:], strict=False)
-            if abs(b.begin) < abs(a.end) and abs(a.end - b.begin) > a.end_half + b.begin_half]
+            if abs(b.begin) < (1.0 - REPAIR_SHARE) * abs(a.end) and abs(a.end - b.begin) > a.end_half + b.begin_half]
 
 
 def low_hoppers(told: Sequence[Told]) -> list[Low]:
