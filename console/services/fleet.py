@@ -9,7 +9,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import logging
+import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,9 @@ ASIDE = (".truth.csv",)
 AHEAD = 4                       # tasks in the cluster for each of its threads: few, so that cancelling is quick
 MEMORY = "2GB"                  # of a local worker
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
+
+GONE = "the scheduler is gone: what is done is kept; the same command goes on"
+LOUD = ("distributed", "tornado.application")       # loggers that tell in traces what is told here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
 
@@ -47,6 +53,8 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         from distributed import Client, LocalCluster
     except ImportError:
         raise NoDask("a fleet needs Dask, and it is not installed: pip install 'topdress[fleet]'") from None
+    for name in LOUD:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         with _of(scheduler, Client) as client:
             yield client
@@ -76,7 +84,28 @@ def _of(scheduler: str, make: Callable[..., Any]) -> Iterator[Any]:
                           f"(dask worker {scheduler})") from None
         for line in unlike(client.get_versions()):
             raise OSError(f"{scheduler}: {line}")
+        for line in without_us(_formats(client)):
+            raise OSError(f"{scheduler}: {line}")
         yield client
+
+
+def _formats(client: Any) -> dict[str, Any]:
+    """By scheduler and worker the format of records that its topdress makes; what was raised where it has none."""
+    asked = (pkgutil.resolve_name, f"{record.__module__}:FORMAT")
+    told = {f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()}
+    try:
+        return {"the scheduler": client.run_on_scheduler(*asked), **told}
+    except ImportError as error:
+        return {"the scheduler": error, **told}
+
+
+def without_us(formats: Mapping[str, Any]) -> Iterator[str]:
+    """Who has no topdress, or one that makes other records, a line each."""
+    for who, said in formats.items():
+        if isinstance(said, BaseException):
+            yield f"{who} has no topdress: allowed is the same as here on the scheduler and every worker"
+        elif said != FORMAT:
+            yield f"{who} has a topdress that makes records {said}: allowed {FORMAT}"
 
 
 def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
@@ -195,6 +224,7 @@ def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any,
             ) -> Iterator[tuple[str, Any, str]]:
     """(path, result, "") or (path, None, why), as they are done; a worker that dies has its tasks done by another."""
     from distributed import as_completed
+    from distributed.comm import CommClosedError
     waiting = iter(todo.items())
     room = max(1, AHEAD * sum(client.nthreads().values()))
     running: dict[Any, str] = {}
@@ -212,14 +242,17 @@ def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any,
         for future in done:
             path = running.pop(future)
             if future.status == "cancelled":
-                raise OSError("the scheduler is gone: what is done is kept; the same command goes on")
+                raise OSError(GONE)
             error = future.exception() if future.status == "error" else None
             result = None if error is not None else future.result()
             future.release()
             put()
             yield path, result, "" if error is None else (str(error).splitlines() or [type(error).__name__])[0]
+    except (CommClosedError, CancelledError):
+        raise OSError(GONE) from None
     finally:
-        client.cancel(list(running))
+        with contextlib.suppress(CommClosedError, CancelledError):
+            client.cancel(list(running))
 
 
 def _place(out: Path, key: str) -> Path:

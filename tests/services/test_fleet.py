@@ -275,6 +275,17 @@ def test_a_cluster_of_other_versions_is_said() -> None:
     assert "worker tcp://a runs Python 3.12.1" in worker
 
 
+def test_a_worker_without_topdress_is_said() -> None:
+    told = {"the scheduler": ModuleNotFoundError("console"), "worker a": FORMAT, "worker b": "topdress-fleet-log/1"}
+    scheduler, worker = fleet.without_us(told)
+    assert scheduler.startswith("the scheduler has no topdress") and "worker b has a topdress that makes" in worker
+
+
+def test_a_cluster_that_is_as_here_is_used(client: Any) -> None:
+    with fleet.cluster(client.scheduler.address, 1) as other:
+        assert other.nthreads() == client.nthreads()
+
+
 def bare(path: str, unit: str, time_d: float, model: str = "one", **shared: str) -> dict[str, Any]:
     return {"key": path, "path": path, "unit": unit, "time_d": time_d, "time_from": "sidecar", "model": model,
             "shared": shared, "forms": [], "units": {}, "percent": {},
