@@ -224,7 +224,7 @@ def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any,
             ) -> Iterator[tuple[str, Any, str]]:
     """(path, result, "") or (path, None, why), as they are done; a worker that dies has its tasks done by another."""
     from distributed import as_completed
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
     waiting = iter(todo.items())
     room = max(1, AHEAD * sum(client.nthreads().values()))
     running: dict[Any, str] = {}
