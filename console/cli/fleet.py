@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import Annotated
 import typer
 
 from console.cli.outputs import Force, marked, named, refuse_collisions
-from console.cli.plain_errors import CommandError
+from console.cli.plain_errors import CANCELLED, CommandError
 
 REPORT, DATA = "report.html", ("logs", "courses", "pieces", "shared", "machines")
 ABOUT = ("log", "unit", "product", "operator", "field", "time")
@@ -40,12 +41,13 @@ def fleet(
     from console.reports.figure import need_matplotlib
     from console.reports.html import GENERATOR
     from console.services.fleet import cluster, diagnosed, logs_at
+    from console.services.fleet_job import FORMAT
     from drivers.files.config import load, sha256_of
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
     need_matplotlib()
     loaded = load(machine, MACHINE)
-    logs = logs_at(paths)
+    logs = logs_at(paths, out)
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
     table = None if about is None else Path(about)
@@ -55,22 +57,24 @@ def fleet(
     refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
     known = {} if table is None else _about(table, logs)
     out.mkdir(parents=True, exist_ok=True)
-    salt = f"{software_version()} {sha256_of(loaded.path)} "
+    salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()
     with cluster(scheduler, workers) as client:
         try:
             found = diagnosed(client, logs, loaded.model.model_dump(mode="json"), known, out, salt, _progress())
         except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))     # a second one waits for no worker
             typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
-            raise typer.Exit(130) from None
+            raise typer.Exit(CANCELLED) from None
     took_s = time.monotonic() - begin
     _told(found, out, price, currency)
-    typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken; "
-               f"{took_s:.0f} s", err=True)
+    twins = f", {found.twins} the same as others" if found.twins else ""
+    typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken"
+               f"{twins}; {took_s:.0f} s", err=True)
 
 
 def _told(found: object, out: Path, price: float | None, currency: str) -> None:
-    from console.reports.fleet_page import fleet_page, low_words, shared_words, titled
+    from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, shared_words
     from console.services.fleet import Found
     from console.services.fleet_season import season, write_tables
     from drivers.files.atomic import write_atomically
@@ -78,16 +82,16 @@ def _told(found: object, out: Path, price: float | None, currency: str) -> None:
     assert isinstance(found, Found)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
-    whole = season(found.records, found.broken)
+    whole = season(found.records, found.broken, time.time() / 86_400.0)
     write_tables(out, whole, found.records)
     page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, price, currency,
-                      f"topdress {software_version()}")
+                      f"topdress {software_version()}", whole.aside, whole.by_file_date)
     write_atomically(out / REPORT, page)
     for one in whole.machines:
-        worst = f"  {titled(one.courses[0][0].effect)}" if one.courses else ""
         typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"
-                   f"{worst}")
-    for said in (*(shared_words(one, whole.units) for one in whole.shared), *map(low_words, whole.low)):
+                   f"  {costliest(one)}")
+    shared = (shared_words(one, whole.units) for one in whole.shared)
+    for said in (*map(aside_words, whole.aside), *shared, *map(low_words, whole.low)):
         typer.echo(said)
     typer.echo(f"report: {out / REPORT}", err=True)
 

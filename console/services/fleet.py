@@ -9,11 +9,14 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import logging
+import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
-from console.services.fleet_job import checksum, record
+from console.services.fleet_job import FORMAT, checksum, record
 from drivers.files.atomic import write_atomically
 
 LOGS, SEEN = "logs", "seen.json"
@@ -21,6 +24,10 @@ SUFFIXES = (".csv", ".parquet", ".pq")
 ASIDE = (".truth.csv",)
 AHEAD = 4                       # tasks in the cluster for each of its threads: few, so that cancelling is quick
 MEMORY = "2GB"                  # of a local worker
+CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
+
+GONE = "the scheduler is gone: what is done is kept; the same command goes on"
+LOUD = ("distributed", "tornado.application")       # loggers that tell in traces what is told here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
 
@@ -31,11 +38,12 @@ class NoDask(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Found:
-    """Records by path, errors by path, and how many were known before."""
+    """Records by path, errors by path, how many were known before, and how many are the same bytes as others."""
 
     records: tuple[Mapping[str, Any], ...]
     broken: tuple[tuple[str, str], ...]
     known: int
+    twins: int
 
 
 @contextlib.contextmanager
@@ -45,8 +53,10 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         from distributed import Client, LocalCluster
     except ImportError:
         raise NoDask("a fleet needs Dask, and it is not installed: pip install 'topdress[fleet]'") from None
+    for name in LOUD:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
-        with Client(scheduler, set_as_default=False) as client:
+        with _of(scheduler, Client) as client:
             yield client
         return
     try:
@@ -58,8 +68,67 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         yield client
 
 
-def logs_at(paths: Iterable[str]) -> list[str]:
-    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each once, in order.
+@contextlib.contextmanager
+def _of(scheduler: str, make: Callable[..., Any]) -> Iterator[Any]:
+    """A client of a scheduler that is there, with workers that can do the work. Raises OSError, in one line."""
+    try:
+        client = make(scheduler, set_as_default=False, timeout=CONNECT_S)
+    except Exception as error:      # of an address that it does not know Dask has many words
+        why = (str(error).splitlines() or ["nobody answers"])[0]
+        raise OSError(f"{scheduler}: no Dask scheduler: {why}") from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=JOIN_S)
+        except TimeoutError:
+            raise OSError(f"{scheduler}: no worker in {JOIN_S:.0f} s: allowed is a scheduler with at least one "
+                          f"(dask worker {scheduler})") from None
+        for line in unlike(client.get_versions()):
+            raise OSError(f"{scheduler}: {line}")
+        for line in without_us(_formats(client)):
+            raise OSError(f"{scheduler}: {line}")
+        yield client
+
+
+def _formats(client: Any) -> dict[str, Any]:
+    """By scheduler and worker the format of records that its topdress makes; what was raised where it has none."""
+    asked = (pkgutil.resolve_name, f"{record.__module__}:FORMAT")
+    told = {f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()}
+    try:
+        return {"the scheduler": client.run_on_scheduler(*asked), **told}
+    except ImportError as error:
+        return {"the scheduler": error, **told}
+
+
+def without_us(formats: Mapping[str, Any]) -> Iterator[str]:
+    """Who has no topdress, or one that makes other records, a line each."""
+    for who, said in formats.items():
+        if isinstance(said, BaseException):
+            yield f"{who} has no topdress: allowed is the same as here on the scheduler and every worker"
+        elif said != FORMAT:
+            yield f"{who} has a topdress that makes records {said}: allowed {FORMAT}"
+
+
+def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
+    """What makes a scheduler or worker unable to work with this program, a line each. versions: as Dask tells them."""
+    here = versions["client"]
+    others = {"the scheduler": versions["scheduler"],
+              **{f"worker {name}": told for name, told in versions["workers"].items()}}
+    for who, told in others.items():
+        if not told:
+            yield f"{who} does not tell its versions"
+            continue
+        for package in ("distributed", "cloudpickle"):
+            if told["packages"].get(package) != here["packages"].get(package):
+                yield (f"{who} has {package} {told['packages'].get(package)}, here is {here['packages'].get(package)}: "
+                       "allowed is the same")
+        if told["host"]["python"].split(".")[:2] != here["host"]["python"].split(".")[:2]:
+            yield (f"{who} runs Python {told['host']['python']}, here is {here['host']['python']}: allowed is the same "
+                   "but for its last number")
+
+
+def logs_at(paths: Iterable[str], out: Path) -> list[str]:
+    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each once, in order; nothing
+    that lies in `out`.
 
     Raises OSError for one that is not there.
     """
@@ -76,7 +145,8 @@ def logs_at(paths: Iterable[str]) -> list[str]:
             found.append(where)
         else:
             raise FileNotFoundError(2, "no such file or folder", where)
-    return list(dict.fromkeys(found))
+    own = out.resolve()
+    return [log for log in dict.fromkeys(found) if "://" in log or own not in Path(log).resolve().parents]
 
 
 def _is_log(name: str) -> bool:
@@ -105,6 +175,7 @@ def diagnosed(client: Any, paths: Sequence[str], machine: Mapping[str, Any], abo
     keys = {path: seen[path][1] for path in paths if path in seen and seen[path][0] == marks[path] and marks[path]}
     unknown = [path for path in paths if path not in keys]
     errors: dict[str, str] = {}
+    kept: dict[str, dict[str, Any]] = {}
     try:
         for number, (path, key, why) in enumerate(_worked(client, checksum, {
                 path: (path, salt + json.dumps(about.get(path, {}), sort_keys=True)) for path in unknown})):
@@ -117,30 +188,43 @@ def diagnosed(client: Any, paths: Sequence[str], machine: Mapping[str, Any], abo
         first: dict[str, str] = {}
         for path, key in keys.items():
             first.setdefault(key, path)
-        todo = {path: key for key, path in first.items() if not _place(out, key).exists()}
-        known = len(first) - len(todo)
+        kept = {key: one for key in first if (one := _kept(out, key)) is not None}
+        todo = {path: key for key, path in first.items() if key not in kept}
+        known = len(kept)
         for number, (path, made, why) in enumerate(_worked(client, record, {
                 path: (path, machine, dict(about.get(path, {}))) for path in todo})):
-            told = {"path": path, "error": why, "lost": True} if why else made
-            if not told.get("lost"):            # what no worker survived is tried again the next time
-                write_atomically(_place(out, todo[path]), json.dumps(told))
-            else:
+            if why:                             # what no worker survived is tried again the next time
                 errors[path] = why
+            elif (mark := _mark(path, salt, about.get(path, {}))) != marks[path]:
+                errors[path] = "it was written while it was read: the same command reads it again"
+                seen.pop(path, None)
+            else:
+                seen[path] = (mark, todo[path])
+                kept[todo[path]] = made
+                write_atomically(_place(out, todo[path]), json.dumps(made))
             tell(known + number + 1, len(first), "diagnosing")
     finally:
         write_atomically(out / SEEN, json.dumps(seen))
-    records = []
-    for key in first:
-        with contextlib.suppress(FileNotFoundError):
-            records.append({"key": key, **json.loads(_place(out, key).read_text(encoding="utf-8"))})
+    records = [{"key": key, **kept[key]} for key in first if key in kept]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
-    return Found(tuple(one for one in records if "error" not in one), tuple(sorted(broken)), known)
+    return Found(tuple(one for one in records if "error" not in one), tuple(sorted(broken)), known,
+                 len(keys) - len(first))
+
+
+def _kept(out: Path, key: str) -> dict[str, Any] | None:
+    """A record of an earlier run; None where there is none that can be read."""
+    try:
+        made = json.loads(_place(out, key).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return made if isinstance(made, dict) and made.get("format") == FORMAT else None
 
 
 def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]
             ) -> Iterator[tuple[str, Any, str]]:
     """(path, result, "") or (path, None, why), as they are done; a worker that dies has its tasks done by another."""
     from distributed import as_completed
+    from distributed.comm.core import CommClosedError
     waiting = iter(todo.items())
     room = max(1, AHEAD * sum(client.nthreads().values()))
     running: dict[Any, str] = {}
@@ -157,23 +241,29 @@ def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any,
     try:
         for future in done:
             path = running.pop(future)
+            if future.status == "cancelled":
+                raise OSError(GONE)
             error = future.exception() if future.status == "error" else None
             result = None if error is not None else future.result()
             future.release()
             put()
             yield path, result, "" if error is None else (str(error).splitlines() or [type(error).__name__])[0]
+    except (CommClosedError, CancelledError):
+        raise OSError(GONE) from None
     finally:
-        client.cancel(list(running))
+        with contextlib.suppress(CommClosedError, CancelledError):
+            client.cancel(list(running))
 
 
 def _place(out: Path, key: str) -> Path:
     return out / LOGS / f"{key}.json"
 
 
-def _seen(out: Path) -> dict[str, Any]:
+def _seen(out: Path) -> dict[str, tuple[str, str]]:
     try:
-        return dict(json.loads((out / SEEN).read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+        told = json.loads((out / SEEN).read_text(encoding="utf-8"))
+        return {path: (mark, key) for path, (mark, key) in told.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
         return {}
 
 

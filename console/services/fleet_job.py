@@ -6,6 +6,7 @@ import datetime as dt
 import hashlib
 import os
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from control.machine.machine import Machine
     from drivers.files.read_log import RunLog
 
-FORMAT = "topdress-fleet-log/1"
+FORMAT = "topdress-fleet-log/2"
 BLOCK = 1 << 20
 SHARED = ("product", "operator", "field")
 
@@ -40,9 +41,11 @@ def record(where: str, machine: Mapping[str, Any], about: Mapping[str, str]) -> 
     from control.machine.machine import Machine
     from drivers.files.config import ConfigError
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    began = time.perf_counter(), time.process_time()
     try:
         with local(where) as path:
-            return _judged(where, path, Machine.model_validate(machine), about)
+            made = _judged(where, path, Machine.model_validate(machine), about)
+            return {**made, "took_s": time.perf_counter() - began[0], "processor_s": time.process_time() - began[1]}
     except ConfigError as error:
         return {"format": FORMAT, "path": where, "error": error.lines[0]}
     except Exception as error:      # one log of thousands never stops the rest
@@ -62,13 +65,14 @@ def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) 
     seen = evidence(log.columns, machine, where)
     found = seen.found
     return {
-        "format": FORMAT, "path": where, "rows": len(log), "duration_s": log.duration_s, "model": machine.id,
-        "unit": _known(log, about, "unit") or _folder(where), "time_d": _days(log, path, about),
+        "format": FORMAT, "path": where, "rows": len(log), "duration_s": log.duration_s,
+        "model": machine.id, "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
+        "unit": _known(log, about, "unit") or _folder(where), **_time(log, path, about),
         "shared": {name: _known(log, about, name) for name in SHARED},
         "verdict": found.verdict, "worked": seen.worked._asdict(), "percent": seen.percent, "units": seen.units,
         "causes": [{"id": cause.id, "size": cause.size.value, "low": cause.size.low, "high": cause.size.high,
                     "probability": cause.probability, "onset_s": cause.onset_s} for cause in found.causes],
-        "forms": [{"names": form.names, "normal": form.normal, "right": form.right} for form in seen.forms]}
+        "forms": [form._asdict() for form in seen.forms]}
 
 
 def _known(log: RunLog, about: Mapping[str, str], name: str) -> str:
@@ -85,15 +89,20 @@ def _folder(where: str) -> str:
     return parts[-2] if len(parts) > 1 else ""
 
 
-def _days(log: RunLog, path: Path, about: Mapping[str, str]) -> float:
-    """When the log began, in days since 1970: as said, as its sidecar or first fix says, else its file."""
-    first = [str(text) for text in log.texts("utc")[:10_000] if text][:1]
-    for said in (about.get("time"), None if log.meta is None else log.meta.started_utc, *first):
+def _time(log: RunLog, path: Path, about: Mapping[str, str]) -> dict[str, Any]:
+    """When the log began, in days since 1970, and who says so: the list, its sidecar, its first fix, else its file.
+
+    A time without a zone counts as UTC.
+    """
+    first = next((str(text) for text in log.texts("utc")[:10_000] if text), None)
+    for whence, said in (("list", about.get("time")), ("sidecar", None if log.meta is None else log.meta.started_utc),
+                         ("log", first)):
         if said:
             with contextlib.suppress(ValueError):
                 moment = dt.datetime.fromisoformat(said.replace("Z", "+00:00"))
-                return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp() / 86_400.0
-    return path.stat().st_mtime / 86_400.0
+                moment = moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)
+                return {"time_d": moment.timestamp() / 86_400.0, "time_from": whence}
+    return {"time_d": path.stat().st_mtime / 86_400.0, "time_from": "file"}
 
 
 @contextlib.contextmanager
@@ -107,7 +116,13 @@ def local(where: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / path.rstrip("/").split("/")[-1]
         system.get_file(path, str(place))
-        beside = str(Path(path).with_suffix(".yaml").as_posix())
+        beside = beside_url(path)
         if system.exists(beside):
             system.get_file(beside, str(place.with_suffix(".yaml")))
         yield place
+
+
+def beside_url(path: str) -> str:
+    """Where a log's sidecar is. Of http a path is the whole URL: as a file's path it would lose a stroke."""
+    folder, stroke, name = path.rpartition("/")
+    return f"{folder}{stroke}{name.rpartition('.')[0] or name}.yaml"

@@ -12,11 +12,14 @@ from drivers.files.read_log import LogError, RunLog, read_rows
 from drivers.files.table import header_of
 
 FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
+TEXTS = frozenset({".csv", ".txt", ".tsv"})
+OTHERS = {b"PK\x03\x04": "a zip or an Excel workbook", b"PAR1": "a Parquet file", b"\x1f\x8b": "a gzip file"}
 KNOWN_SHARE = 0.5               # of the columns; fewer are another program's log, which the import reads better
 
 
 def open_log(path: Path) -> RunLog:
     """Raises LogError, ImportTrouble (the open questions, where the import is not sure of all), OSError."""
+    _not_by_another_name(path)
     if not is_foreign(path):
         try:
             return read_rows(path)
@@ -41,6 +44,16 @@ def open_log(path: Path) -> RunLog:
         log = read_rows(place)
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
     return replace(log, path=path, findings=(*odd, *(one for one in log.findings if one not in odd)))
+
+
+def _not_by_another_name(path: Path) -> None:
+    """Raises LogError where a text's suffix stands on what is none."""
+    if path.is_file() and path.suffix.lower() in TEXTS:
+        with path.open("rb") as file:
+            begin = file.read(4)
+        for magic, what in OTHERS.items():
+            if begin.startswith(magic):
+                raise LogError(f"{path}: {what} by another name: allowed is its own suffix")
 
 
 def is_foreign(path: Path) -> bool:

@@ -10,9 +10,9 @@ GRAM = np.array([[1.0, 0.6, 0.1, 0.0], [0.6, 1.0, 0.0, 0.1], [0.1, 0.0, 1.0, 0.0
 
 
 def log(rng: np.random.Generator, number: int, truth: dict[str, float], sd: float = 1.0, machine: str = "m",
-        **shared: str) -> OneLog:
+        gram: np.ndarray = GRAM, **shared: str) -> OneLog:
     """A log whose sizes have errors of about `sd`."""
-    normal = GRAM / sd ** 2
+    normal = gram / sd ** 2
     truly = np.array([truth.get(name, 0.0) for name in NAMES])
     right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=4)
     return OneLog(f"{machine}{number}", machine, float(number), (Form(NAMES, tuple(map(tuple, normal)), tuple(right)),),
@@ -55,6 +55,14 @@ def test_a_size_that_scatters_from_log_to_log_is_not_cut_to_pieces() -> None:
     assert course.half[0] > 3.0                         # the scatter counts, not only each log's own error
 
 
+def test_wear_whose_form_is_not_quite_right_is_one_line() -> None:
+    """What the form is off by changes with the day's work and grows with the effect."""
+    rng = np.random.default_rng(12)
+    logs = [log(rng, k, {"flow.fill_falloff": 0.5 * k * float(np.exp(0.3 * rng.normal()))}, sd=0.5) for k in range(60)]
+    (course,), _ = courses(logs)
+    assert len(course.pieces) == 1 and course.pieces[0].per_day == pytest.approx(0.5, abs=0.1)
+
+
 def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() -> None:
     rng = np.random.default_rng(5)
     logs = []
@@ -70,6 +78,72 @@ def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() ->
     by_machine = {one.machine: one for one in found if one.effect == "flow.gain"}
     assert by_machine["d"].mean == pytest.approx(-6.0, abs=0.8)
     assert all(len(one.pieces) == 1 for one in by_machine.values())
+
+
+def test_a_field_is_not_blamed_for_what_one_machine_shows_while_it_stands_there() -> None:
+    """Four machines go from field to field together; one gets a new setting on the day of such a move."""
+    rng = np.random.default_rng(8)
+    logs = [log(rng, k, {"flow.gain": 4.0 if machine == "d" and k >= 20 else 0.0}, sd=0.3, machine=machine,
+                field=f"f{k // 10}") for machine in "abcd" for k in range(40)]
+    (course,), shared = courses(logs)
+    assert not shared and course.machine == "d" and course.effect == "flow.gain"
+    assert course.breaks_d == pytest.approx((19.5,)) and course.pieces[-1].end == pytest.approx(4.0, abs=0.4)
+
+
+def test_an_operator_is_not_blamed_for_the_product_that_he_spreads_more_of() -> None:
+    rng, logs = np.random.default_rng(9), []
+    for machine in "abcd":
+        for k in range(40):
+            product = "compound" if (k // 4 + ord(machine)) % 3 == 0 else "urea"
+            by_li = 0.8 if product == "compound" else 0.2
+            logs.append(log(rng, k, {"flow.gain": 5.0 * (product == "compound")}, sd=0.3, machine=machine,
+                            product=product, operator="Li" if rng.random() < by_li else "Wang"))
+    found, shared = courses(logs)
+    assert [(one.factor, one.level) for one in shared] == [("product", "compound")] and not found
+
+
+def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
+    """Fill loss, on one machine too weak to be told from less flow, keeps its name beside a flow that is truly off."""
+    rng, close = np.random.default_rng(12), GRAM.copy()
+    close[0, 1] = close[1, 0] = 0.92
+    logs = [log(rng, k, truth, machine=machine, gram=close) for k in range(40) for machine, truth in (
+        ("a", {"flow.fill_falloff": 0.3 * k}), ("b", {"flow.fill_falloff": 1.05}), ("c", {"flow.gain": -60.0}))]
+    found, _ = courses(logs)
+    assert {(one.machine, one.effect) for one in found} == {
+        ("a", "flow.fill_falloff"), ("b", "flow.fill_falloff"), ("c", "flow.gain")}
+    assert next(one for one in found if one.machine == "b").alike == ("flow.gain",)
+
+
+def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered: bool = True) -> list[OneLog]:
+    """A healthy machine whose flow is off by `off` tolerances, the same in all logs; each log alone cannot tell."""
+    found = []
+    for number in range(logs):
+        plain, pull = GRAM / 0.3 ** 2, (GRAM / 0.3 ** 2)[:, 0] * 0.5
+        normal = plain - np.outer(pull, pull) / (1.0 + 0.25 * plain[0, 0])      # the tolerance (0.5 %) taken out
+        pulls = pull / (1.0 + 0.25 * plain[0, 0])
+        noise = np.linalg.cholesky(normal - np.outer(pulls, pulls)) @ rng.normal(size=4)
+        form = Form(NAMES, tuple(map(tuple, normal)), tuple(pulls * off + noise))
+        if remembered:
+            form = form._replace(open=("flow.gain_percent",), pulls=tuple((one,) for one in pulls))
+        found.append(OneLog(str(number), "m", float(number), (form,)))
+    return found
+
+
+def test_what_is_within_a_machines_tolerance_is_no_effect_however_many_its_logs() -> None:
+    rng, offs = np.random.default_rng(6), np.random.default_rng(7).normal(size=20)
+    told = [selected(within_tolerance(rng, 50, off)) for off in offs]
+    assert sum(bool(one) for one in told) == 0
+    forgotten = [selected(within_tolerance(rng, 50, off, remembered=False)) for off in offs]
+    assert sum(bool(one) for one in forgotten) > 5          # what would be told if each log had a tolerance of its own
+    (course,), _ = courses([one._replace(forms=tuple(_shifted(form) for form in one.forms))
+                            for one in within_tolerance(rng, 50, 0.0)])
+    assert course.mean == pytest.approx(8.0, abs=0.4) and course.mean_half < 0.15
+    assert course.open_half == pytest.approx(1.645 * 0.5, rel=0.1)
+
+
+def _shifted(form: Form) -> Form:
+    """8 % of flow more."""
+    return form._replace(right=tuple(np.array(form.right) + 8.0 * np.array(form.normal)[:, 0]))
 
 
 def test_logs_that_tell_nothing_are_no_trouble() -> None:

@@ -11,11 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from console.reports.fleet_page import fleet_page
+from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
-from console.services.fleet_job import checksum, record
+from console.services.fleet_job import FORMAT, beside_url, checksum, record
 from console.services.fleet_season import season, write_tables
+from control.diagnosis.season.courses import Shared
 from control.diagnosis.season.evidence import evidence
+from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
 from drivers.files.log_store import write_store
 
@@ -36,6 +38,9 @@ def wheel_log(path: Path, percent: float = 0.0, seconds: float = 120.0, seed: in
     return path
 
 
+NOW_D = 20_600.0             # a day in May 2026
+
+
 class Asked:
     """In place of `record`: which logs were asked for stands in a file, for workers have memories of their own."""
 
@@ -45,7 +50,8 @@ class Asked:
     def answer(self, where: str, machine: Any, about: Any) -> dict[str, Any]:
         with self.file.open("a") as opened:
             opened.write(where + "\n")
-        return {"path": where, "error": "spoilt"} if where == self.spoilt else {"path": where}
+        said = {"format": FORMAT, "path": where}
+        return {**said, "error": "spoilt"} if where == self.spoilt else said
 
     @property
     def so_far(self) -> list[str]:
@@ -92,6 +98,25 @@ def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> N
     assert np.std(sizes) == pytest.approx(np.mean(errors), rel=0.7)
 
 
+def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> None:
+    """A wheel off by its tolerance moves the log's score as said."""
+    from drivers.files.read_log import read_rows
+    machine = Machine()
+    off = [evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", k * machine.tolerance.wheel_percent)).columns,
+                    machine).forms[0] for k in (0, 1)]
+    at = off[0].open.index("tolerance speed.radius_percent 0")
+    moved = np.array(off[1].right) - np.array(off[0].right)
+    assert moved == pytest.approx([row[at] for row in off[0].pulls], rel=0.1)
+
+
+def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> None:
+    from drivers.files.read_log import read_rows
+    told = [evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()).forms[0]
+            for k, percent in enumerate((0.0, 0.5))]
+    at = told[0].names.index("speed.wheel_radius")
+    assert told[1].normal[at][at] == pytest.approx(told[0].normal[at][at], rel=0.1)
+
+
 @pytest.mark.parametrize("content", ["", "time_s,speed\n1,2\n", "a,b\nc,d\n", "time_s,speed_mps\n0,1\n0.1,"])
 def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) -> None:
     path = tmp_path / "broken.csv"
@@ -99,6 +124,15 @@ def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) ->
     said = record(str(path), MACHINE, {})
     assert said["error"] and "\n" not in said["error"]
     assert record(str(tmp_path / "not-there.csv"), MACHINE, {})["error"]
+
+
+@pytest.mark.parametrize(("begin", "what"), [(b"PK\x03\x04", "a zip"), (b"PAR1", "a Parquet file"),
+                                             (b"\x1f\x8b", "a gzip file")])
+def test_what_has_anothers_suffix_is_said(tmp_path: Path, begin: bytes, what: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(begin + bytes(range(256)))
+    said = record(str(path), MACHINE, {})["error"]
+    assert said.startswith(f"{path}: {what}") and said.isprintable()
 
 
 def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
@@ -111,14 +145,21 @@ def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
     assert checksum(str(path), "1") != first
 
 
+def test_the_sidecar_of_a_url() -> None:
+    assert beside_url("http://host:8000/m.1/a b.csv") == "http://host:8000/m.1/a b.yaml"
+    assert beside_url("/bucket/a") == "/bucket/a.yaml" and beside_url("a.b.parquet") == "a.b.yaml"
+
+
 def test_which_logs_are_meant(tmp_path: Path) -> None:
     for name in ("x/a.csv", "x/y/b.parquet", "x/c.truth.csv", "x/d.txt", "x/.e.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("")
-    found = fleet.logs_at([str(tmp_path / "x"), str(tmp_path / "x" / "a.csv"), str(tmp_path / "x" / "*.txt")])
+    meant = [str(tmp_path / "x"), str(tmp_path / "x" / "a.csv"), str(tmp_path / "x" / "*.txt")]
+    found = fleet.logs_at(meant, tmp_path / "out")
     assert [Path(one).name for one in found] == ["a.csv", "b.parquet", "d.txt"]
+    assert [Path(one).name for one in fleet.logs_at(meant, tmp_path / "x" / "y")] == ["a.csv", "d.txt"]    # an output
     with pytest.raises(OSError, match="no such file"):
-        fleet.logs_at([str(tmp_path / "nowhere")])
+        fleet.logs_at([str(tmp_path / "nowhere")], tmp_path / "out")
 
 
 def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, client: Any,
@@ -131,7 +172,7 @@ def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, c
     out = tmp_path / "out"
     found = fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
     assert sorted(asked.so_far) == sorted(logs[:3]) and found.known == 0
-    assert len(found.records) == 2 and found.broken == ((logs[2], "spoilt"),)
+    assert len(found.records) == 2 and found.broken == ((logs[2], "spoilt"),) and found.twins == 1
     again = fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
     assert len(asked.so_far) == 3 and again.known == 3 and again.broken == found.broken
     wheel_log(Path(logs[1]), seed=9)
@@ -158,6 +199,121 @@ def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, client: Any, monke
     assert all(asked.so_far.count(log) == 1 for log in kept)     # others may have been begun when it was cancelled
 
 
+def test_a_record_that_cannot_be_read_is_made_again(tmp_path: Path, client: Any,
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
+    asked = Asked(tmp_path / "asked")
+    monkeypatch.setattr(fleet, "record", asked.answer)
+    fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    first, second, _ = sorted((tmp_path / "out" / "logs").glob("*.json"))
+    first.write_text("")
+    second.write_text('{"format": "of long ago"}')
+    (tmp_path / "out" / "seen.json").write_text('{"a": 3}')
+    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    assert len(asked.so_far) == 5 and len(found.records) == 3 and found.known == 1
+
+
+class Written(Asked):
+    """A log that another program still writes."""
+
+    def answer(self, where: str, machine: Any, about: Any) -> dict[str, Any]:
+        if where == self.spoilt:
+            with Path(where).open("a") as opened:
+                opened.write("1000.0,1.0,1.0,300.0\n")
+        return super().answer(where + "", machine, about) | {"path": where}
+
+
+def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, client: Any,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(2)]
+    monkeypatch.setattr(fleet, "record", Written(tmp_path / "asked", logs[0]).answer)
+    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    assert len(found.records) == 1 and found.broken[0][0] == logs[0] and "written while" in found.broken[0][1]
+    asked = Asked(tmp_path / "again")
+    monkeypatch.setattr(fleet, "record", asked.answer)
+    assert len(fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet).records) == 2
+    assert asked.so_far == [logs[0]]
+
+
+def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, client: Any,
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(4)]
+    monkeypatch.setattr(fleet, "record", Asked(tmp_path / "asked").answer)
+    write, room = fleet.write_atomically, [2]
+
+    def written(path: Path, content: str) -> None:
+        room[0] -= 1
+        if room[0] < 0:
+            raise OSError(28, "No space left on device", str(path))
+        write(path, content)
+    monkeypatch.setattr(fleet, "write_atomically", written)
+    with pytest.raises(OSError, match="No space left"):
+        fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    monkeypatch.setattr(fleet, "write_atomically", write)
+    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    assert found.known == 2 and len(found.records) == 4
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    monkeypatch.setattr(fleet, "CONNECT_S", 0.5)
+    for address in ("tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"):
+        with pytest.raises(OSError) as raised, fleet.cluster(address, 1):
+            pass
+        assert str(raised.value).startswith(f"{address}: no Dask scheduler: ") and "\n" not in str(raised.value)
+
+
+def test_a_cluster_of_other_versions_is_said() -> None:
+    def told(**packages: str) -> dict[str, Any]:
+        return {"host": {"python": packages.pop("python", "3.11.7.final.0")},
+                "packages": {"distributed": "2026.8.0", "cloudpickle": "3.1.2", **packages}}
+    same = {"client": told(), "scheduler": told(), "workers": {"tcp://a": told(python="3.11.9.final.0")}}
+    assert not list(fleet.unlike(same))
+    other = {**same, "scheduler": told(distributed="2024.1.0"), "workers": {"tcp://a": told(python="3.12.1.final.0")}}
+    scheduler, worker = fleet.unlike(other)
+    assert "the scheduler has distributed 2024.1.0, here is 2026.8.0" in scheduler
+    assert "worker tcp://a runs Python 3.12.1" in worker
+
+
+def test_a_worker_without_topdress_is_said() -> None:
+    told = {"the scheduler": ModuleNotFoundError("console"), "worker a": FORMAT, "worker b": "topdress-fleet-log/1"}
+    scheduler, worker = fleet.without_us(told)
+    assert scheduler.startswith("the scheduler has no topdress") and "worker b has a topdress that makes" in worker
+
+
+def test_a_cluster_that_is_as_here_is_used(client: Any) -> None:
+    with fleet.cluster(client.scheduler.address, 1) as other:
+        assert other.nthreads() == client.nthreads()
+
+
+def bare(path: str, unit: str, time_d: float, model: str = "one", **shared: str) -> dict[str, Any]:
+    return {"key": path, "path": path, "unit": unit, "time_d": time_d, "time_from": "sidecar", "model": model,
+            "shared": shared, "forms": [], "units": {}, "percent": {},
+            "worked": {"hours": 1.0, "applied_kg": 10.0, "area_ha": 1.0, "low_minutes": 0.0, "refills": 0}}
+
+
+def test_names_that_differ_in_capitals_or_blanks_are_one() -> None:
+    logs = [bare("a", "Seeder 7", 20_500.0, operator="Li, Ming"), bare("b", "seeder  7 ", 20_501.0, operator="王强"),
+            bare("c", "Seeder 7", 20_502.0, operator="li, ming"), bare("d", "Seeder 8", 20_502.0)]
+    found = season(logs, (), NOW_D)
+    assert {one.machine: one.logs for one in found.machines} == {"Seeder 7": 3, "Seeder 8": 1}
+    assert [one.shared.get("operator") for one in found.told] == ["Li, Ming", "王强", "Li, Ming", None]
+
+
+def test_logs_of_two_models_are_two_machines() -> None:
+    logs = [bare("a", "s", 20_500.0), bare("b", "s", 20_501.0, model="two"), bare("c", "t", 20_501.0)]
+    found = season(logs, (), NOW_D)
+    assert sorted(one.machine for one in found.machines) == ["s (one)", "s (two)", "t"]
+
+
+@pytest.mark.parametrize("time_d", [0.001, 40_180.0, -1e12, 1e12])
+def test_a_log_whose_clock_was_wrong_is_said_and_left_out(time_d: float) -> None:
+    found = season([bare("a", "s", 20_500.0), bare("b", "s", time_d)], (), NOW_D)
+    assert found.machines[0].logs == 1 and [one.path for one in found.aside] == ["b"]
+    page = fleet_page(found.machines, [], [], {}, (), None, "CNY", "t", found.aside, 3)
+    assert "b: its clock said" in page and "3 logs tell no time" in page
+
+
 def records(tmp_path: Path) -> list[dict[str, Any]]:
     made = []
     for machine, percent in (("one", 3.0), ("two", 0.0)):
@@ -170,7 +326,7 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
 def test_page_and_tables(tmp_path: Path) -> None:
     made = records(tmp_path)
     assert not [one["error"] for one in made if "error" in one]
-    whole = season(made, [("c.csv", "spoilt <b>")])
+    whole = season(made, [("c.csv", "spoilt <b>")], NOW_D)
     worst = whole.machines[0]
     assert worst.machine == "one" and worst.courses[0][0].effect.startswith("speed.wheel_")
     assert worst.courses[0][0].mean == pytest.approx(3.0, abs=0.3)
@@ -178,6 +334,12 @@ def test_page_and_tables(tmp_path: Path) -> None:
     write_tables(tmp_path, whole, made)
     assert pl.read_parquet(tmp_path / "courses.parquet").height == 4
     assert pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
+    product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1e-9, 4)
+    told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
+            for one in whole.told if one.machine == "two"]
+    (costs,) = machines(told, [], [product])
+    assert costs.wrong_kg == pytest.approx(costs.shared[0][1]) and costs.wrong_kg > 0.0
+    assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")
     page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, 2.5, "CNY", "t")
     assert page.index(">one<") < page.index(">two<") and "<svg" in page and "spoilt &lt;b&gt;" in page
     assert "money, CNY" in page

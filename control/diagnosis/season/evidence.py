@@ -7,7 +7,7 @@ likelihood, so that an effect too weak for any one log shows in many.
 """
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.diagnose import judged_run
-from control.diagnosis.runs.likelihood import calm, projected
+from control.diagnosis.runs.likelihood import Column, Role, calm, fitted, solved, weighted
 from control.diagnosis.runs.selection import Judged
 from control.diagnosis.runs.stages import RunData
 from control.machine.machine import Machine, unit_of
@@ -30,11 +30,16 @@ MOVING_MPS = 0.3
 
 
 class Form(NamedTuple):
-    """The quadratic form of one group of channels. names: effects, with `#k` behind those of a member."""
+    """The quadratic form of one group of channels. names: effects, with `#k` behind those of a member.
+
+    A machine keeps its tolerances: what one log counts as noise of its own is the same in all logs of the machine.
+    """
 
     names: tuple[str, ...]
     normal: tuple[tuple[float, ...], ...]       # (q, q), per unit of the catalogue squared
     right: tuple[float, ...]                    # (q,)
+    open: tuple[str, ...] = ()                  # (t,) nominal values and sensors' own errors that are the machine's
+    pulls: tuple[tuple[float, ...], ...] = ()   # (q, t): how far one s.d. of each moves `right`
 
 
 class Worked(NamedTuple):
@@ -73,10 +78,10 @@ def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
 
 
 def _form(one: Judged) -> Form | None:
-    """Of one group, near nothing wrong, under the noise that is left beside what was found.
+    """Of one group, near nothing wrong.
 
-    Of that noise the calm version: an effect too weak to be named may be taken for drift, and would count for less than
-    it is worth. What truly drifts more scatters from log to log, and the season sees that.
+    The noise is fitted with every effect free and what was found in place: noise fitted to what an effect has left
+    grows with the effect, and a log would count for the less the more it has to tell.
     """
     columns, model = one.search.columns, one.search.model
     model.move({})              # nominal values as the file has them: what they may be off is projected out
@@ -84,10 +89,36 @@ def _form(one: Judged) -> Form | None:
     parts = {_name(part.id, part.member): part for part in straight}
     if not parts:
         return None
-    p, before = columns.compressed((), [columns.of_candidate((), part) for part in parts.values()])
-    normal, right = projected(p, np.arange(before), calm(one.found.noise, model.channels))
+    others = [part for part in one.found.parts if part.onset_s is not None or ROWS[part.id].probe is None]
+    p, before = columns.compressed((), [columns.of_candidate((), part) for part in (*parts.values(), *others)])
+    noise = fitted(p, np.arange(len(p.labels)), calm(one.found.noise, model.channels)).noise
+    normal, right = weighted(p, noise)
+    amplitude, covariance = solved(p, np.arange(before), noise)
     here = slice(before, before + len(parts))
-    return Form(tuple(parts), tuple(map(tuple, normal[here, here].tolist())), tuple(right[here].tolist()))
+    cross = normal[here, :before]
+    left = normal[here, here] - cross @ covariance @ cross.T
+    own = [k for k, column in enumerate(columns.fixed) if _of_the_machine(column)]
+    pulls = cross @ covariance[:, own] / p.sd[own]
+    return Form(tuple(parts), _rows(left), tuple((right[here] - cross @ amplitude).tolist()),
+                _named([columns.fixed[k] for k in own]), _rows(pulls))
+
+
+def _named(of: Sequence[Column]) -> tuple[str, ...]:
+    """A name for each that is the same in every log of a machine."""
+    names: list[str] = []
+    for column in of:
+        name = f"{column.label.role.name.lower()} {column.label.name or '+'.join(column.coefficients)}"
+        names.append(f"{name} {sum(one.startswith(name) for one in names)}")
+    return tuple(names)
+
+
+def _rows(of: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, of.tolist()))
+
+
+def _of_the_machine(column: Column) -> bool:
+    """Whether what is open there is the machine's and its sensors', not the log's (the level in the hopper is)."""
+    return column.label.role is not Role.READING or "scale" not in column.coefficients
 
 
 def _name(effect_id: str, member: int | None) -> str:

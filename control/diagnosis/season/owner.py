@@ -11,6 +11,7 @@ from .courses import Course, Shared
 from .evidence import Worked
 
 WEAR_P = 1e-3               # of a slope, that it is noise
+REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
 LEAST_OPERATOR_LOGS = 5
 LOW_RATIO = 2.0             # times the others' minutes an hour
@@ -29,7 +30,7 @@ class Told(NamedTuple):
 
 class MachineSeason(NamedTuple):
     """wrong_kg: what was spread too much or too little; now_percent: of the dose, at its last log. courses: costliest
-    first, with the kg of each."""
+    first, with the kg of each; shared: what its logs share with others', the same."""
 
     machine: str
     logs: int
@@ -38,6 +39,7 @@ class MachineSeason(NamedTuple):
     wrong_kg: float
     now_percent: float
     courses: tuple[tuple[Course, float], ...]
+    shared: tuple[tuple[Shared, float], ...]
 
 
 class Low(NamedTuple):
@@ -51,26 +53,32 @@ class Low(NamedTuple):
 
 
 def machines(told: Sequence[Told], found: Sequence[Course], shared: Sequence[Shared]) -> list[MachineSeason]:
-    """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread."""
+    """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread.
+
+    Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.
+    """
     result = []
     for machine in sorted({one.machine for one in told}):
         own = sorted((one for one in told if one.machine == machine), key=lambda one: one.time_d)
         mine = [course for course in found if course.machine == machine]
-        percent = {course.effect: np.array([_percent(course, one, shared) for one in own]) for course in mine}
+        percent = [np.array([at(course, one.time_d) * one.percent.get(course.effect, 0.0) for one in own])
+                   for course in mine]
         kg = np.array([one.worked.applied_kg for one in own])
-        wrong = np.abs(sum(percent.values(), np.zeros(len(own)))) @ kg / 100.0
-        costs = [(course, float(np.abs(percent[course.effect]) @ kg / 100.0)) for course in mine]
-        now = float(sum(one[-1] for one in percent.values()))
+        levels = [np.array([_percent(one, log) for log in own]) for one in shared]
+        whole = sum((*percent, *levels), np.zeros(len(own)))
+        wrong = np.abs(whole) @ kg / 100.0
+        costs = [(course, float(np.abs(one) @ kg / 100.0)) for course, one in zip(mine, percent, strict=True)]
+        others = [(one, float(np.abs(each) @ kg / 100.0)) for one, each in zip(shared, levels, strict=True)]
+        now = float(whole[-1])
         result.append(MachineSeason(machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()),
-                                    float(wrong), now, tuple(sorted(costs, key=lambda each: -each[1]))))
+                                    float(wrong), now, tuple(sorted(costs, key=lambda each: -each[1])),
+                                    tuple(sorted((each for each in others if each[1]), key=lambda each: -each[1]))))
     return sorted(result, key=lambda one: -one.wrong_kg)
 
 
-def _percent(course: Course, log: Told, shared: Sequence[Shared]) -> float:
-    """Dose error of one effect in one log, by its course."""
-    size = at(course, log.time_d) + sum(one.size for one in shared if one.effect == course.effect
-                                        and log.shared.get(one.factor) == one.level)
-    return size * log.percent.get(course.effect, 0.0)
+def _percent(one: Shared, log: Told) -> float:
+    """Dose error of one log by what it shares with others."""
+    return one.size * log.percent.get(one.effect, 0.0) if log.shared.get(one.factor) == one.level else 0.0
 
 
 def at(course: Course, time_d: float) -> float:
@@ -91,9 +99,9 @@ def wears(course: Course) -> bool:
 
 
 def repaired_d(course: Course) -> list[float]:
-    """When it jumped towards zero by more than its uncertainty."""
+    """When it jumped towards zero, by more than its uncertainty and a part of it that is worth the name."""
     return [0.5 * (a.end_d + b.begin_d) for a, b in zip(course.pieces, course.pieces[1:], strict=False)
-            if abs(b.begin) < abs(a.end) and abs(a.end - b.begin) > a.end_half + b.begin_half]
+            if abs(b.begin) < (1.0 - REPAIR_SHARE) * abs(a.end) and abs(a.end - b.begin) > a.end_half + b.begin_half]
 
 
 def low_hoppers(told: Sequence[Told]) -> list[Low]:
