@@ -29,7 +29,7 @@ MEMORY = "2GB"                  # of a local worker
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
 
 GONE = "the scheduler is gone: what is done is kept; the same command goes on"
-LOUD = ("distributed", "tornado", "tornado.application", "asyncio")     # loggers: traces of what is told in a line
+LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is told here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
 
@@ -55,8 +55,9 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         from distributed import Client, LocalCluster
     except ImportError:
         raise NoDask("a fleet needs Dask, and it is not installed: pip install 'topdress[fleet]'") from None
-    for name in LOUD:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    for name in logging.root.manager.loggerDict:
+        if name.startswith(LOUD):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         with _of(scheduler, Client) as client:
             yield client
