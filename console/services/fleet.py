@@ -11,6 +11,8 @@ import dataclasses
 import json
 import logging
 import pkgutil
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
@@ -27,7 +29,7 @@ MEMORY = "2GB"                  # of a local worker
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
 
 GONE = "the scheduler is gone: what is done is kept; the same command goes on"
-LOUD = ("distributed", "tornado.application")       # loggers that tell in traces what is told here in a line
+LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is told here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
 
@@ -53,19 +55,34 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         from distributed import Client, LocalCluster
     except ImportError:
         raise NoDask("a fleet needs Dask, and it is not installed: pip install 'topdress[fleet]'") from None
-    for name in LOUD:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    for name in logging.root.manager.loggerDict:
+        if name.startswith(LOUD):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         with _of(scheduler, Client) as client:
             yield client
         return
     try:
-        local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
-                             dashboard_address=None)
+        with _deaf():
+            local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
+                                 dashboard_address=None)
     except RuntimeError as error:
         raise OSError(f"the workers of this computer did not start: {error}") from None
     with local, Client(local, set_as_default=False) as client:
         yield client
+
+
+@contextlib.contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes that begin here do not hear Ctrl-C: it is this one's to end them, without a trace from each."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager
