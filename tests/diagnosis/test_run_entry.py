@@ -36,3 +36,8 @@ def test_a_page_that_only_shows_a_diagnosis_starts_without_the_search() -> None:
 
 def test_the_package_says_that_it_has_types() -> None:
     assert (Path(control.__file__).parent / "py.typed").exists()
+
+
+def test_a_part_that_gains_less_than_nothing_has_a_probability_all_the_same():
+    assert by_chance(-0.4) == 1.0 and by_chance(0.0) == 1.0
+    assert by_chance(3.84) == pytest.approx(0.05, abs=0.001)

@@ -69,11 +69,17 @@ def channel_rows(one: Judged, data: RunData) -> list[Channel]:
     return found
 
 
+def by_chance(gain: float) -> float:
+    """Probability that one size gains as much where there is nothing (chi-square, one degree of freedom). A part that
+    its equal beside it makes superfluous may gain less than nothing: that is 1, and no probability is not a number."""
+    return float(chdtrc(1.0, max(0.0, gain)))
+
+
 def _structure_p(one: Judged) -> float:
     """Probability of the best single explanation's gain where there is nothing, over the catalogue searched."""
     gain = max(one.structure_gain, 2.0 * (one.found.log_likelihood - one.null.log_likelihood),
                0.0 if one.left is None else one.left.gain)
-    single = float(chdtrc(1.0, max(gain, 0.0)))
+    single = by_chance(gain)
     return float(1.0 - (1.0 - single) ** (BEGINS * max(LEAST_TRIED, len(one.scan))))
 
 
@@ -224,7 +230,7 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
     low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
     size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
-    return Cause(seen.part.id, size, seen.part.onset_s, float(1.0 - chdtrc(1.0, seen.gain)), (), None, effect.advice,
+    return Cause(seen.part.id, size, seen.part.onset_s, 1.0 - by_chance(seen.gain), (), None, effect.advice,
                  field_cost(seen.part, machine, data))
 
 
@@ -234,7 +240,7 @@ def _cause(one: Judged, k: int, machine: Machine, data: RunData, suspicious: boo
     entry = CATALOGUE[part.id]
     unit = unit_of(part.id, machine)
     weights = np.exp(-0.5 * np.array([0.0, *(max(0.0, r.behind) for r in one.rivals[k])]))
-    nothing = float(chdtrc(1.0, one.gains[k]))
+    nothing = by_chance(one.gains[k])
     shares = weights / (weights.sum() + nothing)
     if entry.effect.onset_only:
         size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
