@@ -11,6 +11,7 @@ import pytest
 
 import control
 import control.diagnosis as entry
+from control.diagnosis.runs.report import by_chance
 
 
 @pytest.mark.parametrize("module", ["control.diagnosis.runs.diagnose", "control.diagnosis.extend"])
