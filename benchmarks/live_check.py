@@ -21,18 +21,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "diagnosis"))
 sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from hidden import noise as run_noise
+from hidden import runlog
+from hidden.courses import ONSET, Course
+from hidden.nominal import Effect
+from hidden.plant import Plant
+from hidden.programmes import Programme, chosen, drive
+from hidden.run_cases import LEAST_KG, within_tolerance
 
 from control.diagnosis.live.watch import LOOK_S, LiveCheck
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
-from tests.diagnosis.hidden import noise as run_noise
-from tests.diagnosis.hidden import runlog
-from tests.diagnosis.hidden.courses import ONSET, Course
-from tests.diagnosis.hidden.nominal import Effect
-from tests.diagnosis.hidden.plant import Plant
-from tests.diagnosis.hidden.programmes import Programme, chosen, drive
-from tests.diagnosis.hidden.run_cases import LEAST_KG, within_tolerance
 
 Columns = dict[str, npt.NDArray[Any]]
 PROMISED = 1.0                  # false alarms in 100 hours, at most
