@@ -10,7 +10,7 @@ from control.diagnosis.effects import ROWS
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal
 
-from .changes import changes
+from .changes import END_S, changes
 from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .model import HALT_S, GroupModel
 from .search import Candidate, Refit, Search
@@ -210,15 +210,15 @@ def refined(search: Search, found: Refit, data: RunData) -> Refit:
     """Onsets and ends moved to where they fit best, in ever smaller steps."""
     best = found
     step = float(np.median(np.diff(working_times(data))))
-    for _ in range(5):
-        step *= 0.45
+    first_s, last_s = float(data.time_s[0]) + END_S, float(data.time_s[-1]) - END_S
+    for _ in range(HALVINGS):
+        step *= NARROWER
         for k, part in enumerate(best.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
             for moved in (*_moved(part, -step), *_moved(part, step)):
                 times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
-                if not (data.time_s[0] < times[0] < times[-1] < data.time_s[-1] or
-                        data.time_s[0] < times[0] == times[-1] < data.time_s[-1]):
+                if times != sorted(set(times)) or times[0] < first_s or times[-1] > last_s:
                     continue
                 tried = search.refit(replaced(best.parts, k, moved), best.noise)
                 if tried.log_likelihood > best.log_likelihood:
