@@ -13,7 +13,7 @@ import logging
 import pkgutil
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
@@ -143,9 +143,9 @@ def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
                    "but for its last number")
 
 
-def logs_at(paths: Iterable[str], out: Path) -> list[str]:
-    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each once, in order; nothing
-    that lies in `out`.
+def logs_at(paths: Sequence[str], out: Path) -> list[str]:
+    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each once, in order. Of what
+    lies in `out` only what was named itself: that is refused before it is written over.
 
     Raises OSError for one that is not there.
     """
@@ -162,8 +162,9 @@ def logs_at(paths: Iterable[str], out: Path) -> list[str]:
             found.append(where)
         else:
             raise FileNotFoundError(2, "no such file or folder", where)
-    own = out.resolve()
-    return [log for log in dict.fromkeys(found) if "://" in log or own not in Path(log).resolve().parents]
+    own, named = out.resolve(), set(paths)
+    return [log for log in dict.fromkeys(found)
+            if "://" in log or log in named or own not in Path(log).resolve().parents]
 
 
 def _is_log(name: str) -> bool:
