@@ -58,6 +58,7 @@ class LiveCheck:
         self._machine, self._test, self._diagnose = machine, test or Beginnings(machine), diagnose
         self._bars = dict(bars)
         self._raised: dict[str, float] = {}         # bars until the next quarter of an hour
+        self._nameless: dict[str, float] = {}       # when a beginning without a name was seen first, by group
         self._rows: list[dict[str, Array]] = []     # pieces as they came
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._told_s = 0.0
@@ -117,11 +118,16 @@ class LiveCheck:
         onset_s = first.part.onset_s or self.now_s
         if self.standing is not None and _GROUP_OF.get(self.standing.channel) == first.group:
             return                      # it is said already
+        seen_s = self._nameless.get(first.group, -np.inf)
+        if self.now_s - seen_s < NAMED_AFTER_S:
+            return
         departure = self._told(onset_s - BEFORE_S, first.group)
-        if departure is not None and _borne_out(first, departure):
-            self.standing = _dated(departure, onset_s)
-        else:
+        if departure is None or not _borne_out(first, departure):
             self._raised[first.group] = REFUSED * first.gain
+        elif departure.cause or self.now_s - seen_s < QUARTER_S:
+            self.standing = _dated(departure, onset_s)
+        else:                           # what has no name must be seen twice: a moment's noise has none either
+            self._nameless[first.group] = self.now_s
 
     def _bar(self, group: str) -> float:
         return max(self._bars[group], self._raised.get(group, 0.0))
