@@ -96,7 +96,8 @@ def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
     assert said(cause("gate.offset"))[0].since_s == pytest.approx(500.0)
 
 
-def test_what_has_no_name_must_be_seen_twice() -> None:
+@pytest.mark.parametrize(("until_s", "said"), [(400.0, False), (800.0, True)])
+def test_what_has_no_name_must_be_seen_twice(until_s: float, said: bool) -> None:
     """Two minutes apart: a moment's noise has no name either."""
     def nameless(*_: Any) -> Diagnosis:
         left = Unexplained("speed", "", 0.3, 0.05, 0.02, "m/s")
@@ -104,10 +105,9 @@ def test_what_has_no_name_must_be_seen_twice() -> None:
 
     def begins(_: Any, now_s: float) -> list[Begun]:
         return [Begun("speed", Part("speed.wheel_radius", 1.0, 400.0), 50.0)] if now_s < until_s else []
-    for until_s, said in ((400.0, False), (800.0, True)):
-        seen = fed(LiveCheck(MACHINE, begins, nameless), wheel_log(800.0))
-        times = [at_s for at_s, one in seen if one is not None]
-        assert bool(times) is said and all(at_s >= seen[0][0] + NAMED_AFTER_S for at_s in times)
+    seen = fed(LiveCheck(MACHINE, begins, nameless), wheel_log(800.0))
+    times = [at_s for at_s, one in seen if one is not None]
+    assert bool(times) is said and all(at_s >= seen[0][0] + NAMED_AFTER_S for at_s in times)
 
 
 def by_quarter(*causes: tuple[Cause, ...], asked: list[int]) -> Any:
