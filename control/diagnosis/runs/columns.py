@@ -15,7 +15,7 @@ from control.machine.over_log import MOST_STEP_S
 from .channels import ChannelSeries
 from .hypothesis import Part, Parts, schedule
 from .likelihood import Column, Label, Problem, Role, problem, projected
-from .model import GroupModel, adds_up, bent_course, stamp_sd_s, with_course
+from .model import GroupModel, adds_up, course, stamp_sd_s, with_course
 from .noise import coefficients, series_of
 from .smooth import TABLES, series, span
 from .stages import RunData
@@ -205,7 +205,7 @@ class Columns:
         channels = [c for c in model.channels if c.name in ROWS[part.id].channels]
         whole = {c.name: grown[c.name] - steady[c.name] for c in channels}
         return [_column(model, Label(Role.FORM, part.id, k),
-                        {c.name: with_course(whole[c.name], bent_course(c, part, waves), c.copies,
+                        {c.name: with_course(whole[c.name], np.sin(waves * np.pi * course(c, part)), c.copies,
                                               adds_up(part, c.name)) / part.size for c in channels},
                         max(1e-9, share * bend * abs(part.size)))
                 for waves, bend in enumerate(BENDS, start=1)]

@@ -100,13 +100,6 @@ def course(channel: ChannelSeries, part: Part) -> Array:
     return weight if part.until_s is None else np.where(time_s < part.until_s, weight, 0.0)
 
 
-def bent_course(channel: ChannelSeries, part: Part, waves: int) -> Array:
-    """How a growth differs from an even one: so many half-waves from its onset to the end of the log. (m,)"""
-    time_s, onset_s = channel.grid.even_s, float(part.onset_s or 0.0)
-    share = np.clip((time_s - onset_s) / max(1e-9, float(time_s[-1]) - onset_s), 0.0, 1.0)
-    return np.asarray(np.sin(waves * np.pi * share))
-
-
 def with_course(change: Array, weight: Array, copies: int, summed: bool) -> Array:
     """Changes (..., copies x m) in the course of weights (..., m). summed : the channel adds up what an effect does."""
     if summed:
@@ -168,30 +161,29 @@ class GroupModel:
     def run(self, parts: Parts, base: Stages | None = None, only: Collection[str] | None = None) -> dict[str, Array]:
         """The model run under a hypothesis: (m,) by channel. base : other stages; only : these channels."""
         channels = [c for c in self.channels if only is None or c.name in only]
+        if not any(part.grows for part in parts):
+            return self._steady(parts, channels, base)
         there = tuple(part for part in parts if not part.grows)
-        if base is None and len(there) < len(parts):
-            steady = self._known(there, channels)
-        else:
-            plan = schedule(base or self.base, there)
-            steady = {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
+        steady = self._known(there, channels, base)
         now = dict(steady)
         for part in parts:
             if part.grows:
-                whole = (*there, part._replace(onset_s=None, grows=False))
                 touched = [c for c in channels if c.name in ROWS[part.id].channels]
-                grown = self._known(whole, touched) if base is None else {
-                    c.name: c.predict(schedule(base, whole), MOST_STEP_S) for c in touched}
+                grown = self._known((*there, part._replace(onset_s=None, grows=False)), touched, base)
                 for c in touched:
                     now[c.name] = now[c.name] + in_course(grown[c.name] - steady[c.name], c, part)
         return now
 
-    def _known(self, parts: Parts, channels: Sequence[ChannelSeries]) -> dict[str, Array]:
-        """Predictions of some channels, kept where all are asked for: growths of many sizes share them."""
-        if parts in self._predictions or len(channels) == len(self.channels):
-            known = self.predicted(parts)
-            return {c.name: known[c.name] for c in channels}
-        plan = schedule(self.base, parts)
+    def _steady(self, parts: Parts, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+        plan = schedule(base or self.base, parts)
         return {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
+
+    def _known(self, parts: Parts, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+        """The same, kept where all channels are asked for: growths of many sizes share them."""
+        if base is not None or (parts not in self._predictions and len(channels) < len(self.channels)):
+            return self._steady(parts, channels, base)
+        known = self.predicted(parts)
+        return {c.name: known[c.name] for c in channels}
 
     def residual(self, parts: Parts) -> dict[str, Array]:
         """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts runs down."""

@@ -129,12 +129,17 @@ def rounding_error(true_rpm: Array, step_rpm: float, noise_rpm: float) -> Array:
     return np.where(true_rpm > step_rpm, mean - true_rpm, 0.0)
 
 
+def _steady(readings_rpm: Array, rpm: Array, step_rpm: float) -> npt.NDArray[np.bool_]:
+    """Rows (n,) in which the shaft turns about as fast as it should: no start, no stop."""
+    return np.isfinite(readings_rpm) & (rpm > step_rpm) & (np.abs(readings_rpm - rpm) < 1.5 * step_rpm)
+
+
 def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> float:
     """Turned over asked speed in rows (n,) that are not read in steps; 1 where there are too few.
 
     A shaft that is held at few speeds does not average its rounding out: its own readings do not say it afterwards.
     """
-    steady = np.isfinite(readings_rpm) & (asked_rpm > step_rpm) & (np.abs(readings_rpm - asked_rpm) < 1.5 * step_rpm)
+    steady = _steady(readings_rpm, asked_rpm, step_rpm)
     if steady.sum() < MIN_READINGS:
         return 1.0
     return float(np.median(readings_rpm[steady] / asked_rpm[steady]))
@@ -142,7 +147,7 @@ def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> floa
 
 def noise_before_rounding(readings_rpm: Array, true_rpm: Array, step_rpm: float, usual_rpm: float) -> float:
     """The noise (1 s.d.) under which readings (n,) rounded to steps are most probable at their true speeds (n,)."""
-    steady = np.isfinite(readings_rpm) & (true_rpm > step_rpm) & (np.abs(readings_rpm - true_rpm) < 1.5 * step_rpm)
+    steady = _steady(readings_rpm, true_rpm, step_rpm)
     up = readings_rpm[steady] + 0.5 * step_rpm - true_rpm[steady]
     tried = usual_rpm * NOISE_TRIED
 

@@ -229,8 +229,10 @@ def _forward_step(search: Search, now: Refit, barred: Sequence[Part] = ()) -> _S
     told = {(part.id, part.member, part.onset_s is None) for part in barred}
     tried: list[tuple[float, Refit]] = []
     for part, price in (*((f.part, 0.0) for f in ranked), *((part, BEGINS_PRICE) for part in _begin(search, now))):
+        if (part.id, part.member, part.onset_s is None) in told:
+            continue
         refit = search.refit((*now.parts, part), now.noise)
-        if refit.tangled < MAX_TANGLED and (part.id, part.member, part.onset_s is None) not in told:
+        if refit.tangled < MAX_TANGLED:
             tried.append((2.0 * (refit.log_likelihood - now.log_likelihood) - price, refit))
     tried = _best_begun_refined(search, now, sorted(tried, key=lambda one: -one[0]))
     best_gain = max((gain for gain, _ in tried[:1]), default=max((f.gain for f in found[:1]), default=0.0))
