@@ -40,8 +40,8 @@ def _compiled(run: Callable[..., Any]) -> Run:
     return compiled(run)
 
 
-shaft_run = _compiled(over_log(shaft.shaft_step))
-gate_run = _compiled(over_log(gate.gate_step))
+shaft_run = _compiled(over_log(shaft.shaft_step, exact=True))
+gate_run = _compiled(over_log(gate.gate_step, exact=True))
 flow_run = _compiled(over_log(flow.flow_step))
 speed_run = _compiled(over_log(speed.speed_step))
 scale_run = _compiled(mapped(scale.scale_reads))

@@ -14,13 +14,14 @@ LEAST_STEPS = 4             # model steps a row, at least
 Run = Callable[..., npt.NDArray[np.float64]]
 
 
-def over_log(step: Callable[..., Any]) -> Run:
+def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
     """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`.
 
     sets : parameter sets in the order in which they come into force; set j+1 from row switch_rows[j] on, so that
     any effect may begin mid-run. state, first : state and output at time_s[0]. rows : record array of the stage's
     inputs, row k in force from time_s[k] to time_s[k+1]. The output of row k is that at time_s[k]: what was
-    commanded in row k cannot show in it. Rows may come at any step; each is cut into at least LEAST_STEPS.
+    commanded in row k cannot show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for
+    a step that is exact however long its inputs are held: there is nothing to be gained by cutting it.
     """
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         count = len(rows)
@@ -34,7 +35,7 @@ def over_log(step: Callable[..., Any]) -> Run:
                 current += 1
             if row + 1 < count:
                 dt_s = time_s[row + 1] - time_s[row]
-                steps = max(LEAST_STEPS, ceil(dt_s / most_step_s - 1e-9))
+                steps = 1 if exact else max(LEAST_STEPS, ceil(dt_s / most_step_s - 1e-9))
                 for _ in range(steps):
                     state, output = step(sets[current], state, rows[row], dt_s / steps)
         return out

@@ -211,14 +211,25 @@ class Columns:
                 for waves, bend in enumerate(BENDS, start=1)]
 
     def _wobbles(self, parts: Parts, part: Part) -> list[Column]:
-        """Shapes by which a part's form may differ: over its own variable, and those of its siblings."""
+        """Shapes by which a part's form may differ, where and as it is there: over its own variable, and those of its
+        siblings."""
         row = ROWS[part.id]
-        found = list(self.forms.over(row.stage, row.form_over)) if row.form_over else []
+        over = self.forms.over(row.stage, row.form_over) if row.form_over else []
+        found = [self._while_there(column, part) for column in over]
         for sibling in row.siblings:
             step = ROWS[sibling].on(self.model.machine).ladder[1]
-            change = self.model.difference(parts, Part(sibling, step))
+            change = self.model.difference(parts, part._replace(id=sibling, size=step))
             found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
         return found
+
+    def _while_there(self, column: Column, part: Part) -> Column:
+        """A column in the course of a part that begins, ends or grows."""
+        if part.onset_s is None:
+            return column
+        touched = [c for c in self.model.channels if c.name in column.coefficients]
+        return _column(self.model, column.label, {
+            c.name: with_course(series_of(column.coefficients[c.name], c.cut), course(c, part), c.copies,
+                                adds_up(part, c.name)) for c in touched})
 
     def of_candidate(self, parts: Parts, part: Part) -> Column:
         """What one unit of a further part does on top of a hypothesis."""
