@@ -17,6 +17,8 @@ WRONG_ONCE = [
                  id="a dead time on stairs: all answers pass a row at once; a size beyond its bound gained thousands"),
     pytest.param(14, 121, ("onset",), id="a dead band that begins, met four times after it began"),
     pytest.param(39, 121, ("growth",), id="a growth that levels off, taken for drift though none was left beside it"),
+    pytest.param(48, 125, ("growth", "onset", "temporary"),
+                 id="a head fouled for a while: its end was taken for a drift that begins again"),
 ]
 
 

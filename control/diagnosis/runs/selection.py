@@ -241,6 +241,10 @@ def _forward_step(search: Search, now: Refit, barred: Sequence[Part] = ()) -> _S
         if gain <= THRESHOLD:
             break
         doubt = _all_along(best.parts[-1], refused) or _doubt(search, best, len(now.parts), now)
+        if doubt is not None and doubt.doubt is Doubt.DRIFT:
+            ended = with_end(search, best, ONSET_THRESHOLD)     # what ends is the like beginning again
+            if ended is not best and _doubt(search, ended, len(now.parts), now) is None:
+                best, doubt = ended, None
         if doubt is None:
             return _Step(best, [], best_gain)
         refused.append(doubt)
