@@ -25,7 +25,8 @@ def test_nothing_is_told_to_begin_at_either_end_of_a_log(work):
 
 
 @pytest.mark.parametrize("grows", [False, True])
-@pytest.mark.parametrize(("part", "channel"), [(Part("shaft.gain", -3.0), "shaft"), (Part("flow.zero_offset", -5.0), "scale")])
+@pytest.mark.parametrize(("part", "channel"), [(Part("shaft.gain", -3.0), "shaft"),
+                                               (Part("flow.zero_offset", -5.0), "scale")])
 def test_how_a_cause_may_differ_in_form_is_confined_to_when_it_is_there(work, part, channel, grows):
     """What a part that begins late may be wrong by cannot stand for what was there all along."""
     machine = load("huanghai", MACHINE).model
