@@ -13,7 +13,7 @@ from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import LEAST_STEPS, MOST_STEP_S, input_rows
+from control.machine.over_log import LEAST_STEPS, input_rows
 from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
@@ -231,12 +231,6 @@ def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
     if data.heads is not None:
         found["heads"] = heads_channel(data.heads, machine)
     return found
-
-
-def step_error(channel: ChannelSeries, plan: Schedule) -> float:
-    """Largest typical change of the prediction when the model's step is halved, in units of the channel's noise."""
-    change = channel.predict(plan, 0.5 * MOST_STEP_S) - channel.predict(plan, MOST_STEP_S)
-    return float(np.sqrt(np.mean(change ** 2))) / channel.prior.fast_sd
 
 
 def _channel(name: str, unit: str, grid: Grid, measured: Array, predict: Callable[[Schedule, float], Array],

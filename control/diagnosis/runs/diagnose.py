@@ -11,7 +11,8 @@ from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
 from .channels import ChannelSeries, channels
-from .findings import between_rows, on_the_whole, step_findings, unsure_drives
+from .findings import between_rows, on_the_whole, unsure_drives
+from .hum import without_hum
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate
 from .model import GROUPS
@@ -121,8 +122,8 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
             progress(share, word)
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
-    seen = channels(data, machine)
-    findings = [*log.findings, *unsure_drives(log, data), *step_findings(seen, machine)]
+    seen, hums = without_hum(channels(data, machine), machine)
+    findings = [*log.findings, *unsure_drives(log, data), *hums]
     step(0.1, "model")
     groups = _judged(seen, machine, data, step, each)
     findings += on_the_whole(log, groups, machine)

@@ -1,7 +1,7 @@
 """Sentences about the recorded data itself: what the gate saw, rows that may be missing, long logs held as a whole."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,13 +9,12 @@ from control.diagnosis.effects import ROWS
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import ChannelSeries, drive_channel, step_error
-from .hypothesis import schedule, stages_of
+from .channels import drive_channel
+from .hypothesis import schedule
 from .log import Clean
 from .selection import Judged
 from .stages import FINE_LOG_S, RunData, looked_at, whole_drives
 
-STEP_SHARE = 0.1            # halving the model's step may change a prediction by this share of the noise
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
 
@@ -45,16 +44,6 @@ def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list
             said.append(f"stage {name}: what was named {words} on every row: error {errors[0]:.3g} -> {errors[1]:.3g} "
                         f"{channel.unit}")
     return said
-
-
-def step_findings(seen: Mapping[str, ChannelSeries], machine: Machine) -> list[str]:
-    """Said of a drive whose prediction depends on the model's own step: a numerical error is no cause."""
-    plan = schedule(stages_of(machine), ())
-    found = []
-    for word in ("shaft", "gate"):
-        if word in seen and (error := step_error(seen[word], plan)) > STEP_SHARE:
-            found.append(f"stage {word}: halving the model's step changes the prediction by {error:.2f} of the noise")
-    return found
 
 
 def unsure_drives(log: Clean, data: RunData) -> list[str]:

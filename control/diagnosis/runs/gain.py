@@ -20,7 +20,7 @@ from control.simulation.errors import Errors, errors
 
 from .held_out import BLOCKS, HELD_OUT, HeldOut, amplitudes, errors_of, held_out
 from .likelihood import Z90, Column, Role, fitted
-from .noise import Noise, segments, series_of
+from .noise import Noise, series_of
 from .selection import Judged
 from .smooth import TABLES, variables_of
 from .unexplained import DOWNSTREAM
@@ -107,8 +107,7 @@ def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
 def _corrected(blocks: HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
                noise: dict[str, Noise]) -> Array:
     """The error once `others` are fitted, beside the tolerances, to the fitted blocks, and taken off everywhere."""
-    whole = segments(len(before))
-    shapes = [series_of(c.coefficients[blocks.whole.name], whole) for c in others]
+    shapes = [series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
     amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
 

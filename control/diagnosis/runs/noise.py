@@ -54,6 +54,14 @@ def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> 
     return Segments(length, bounds, order, starts, count.astype(np.float64), mean)
 
 
+def leaving_out(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
+    """The same without some of its bands, (bands,): no coefficient of theirs is looked at."""
+    kept = ~np.repeat(bands, cut.members.astype(np.int64))
+    members = cut.members[~bands]
+    starts = np.concatenate(([0], np.cumsum(members[:-1]))).astype(np.int64)
+    return Segments(cut.length, cut.bounds, cut.order[kept], starts, members, cut.omega[~bands])
+
+
 def coefficients(series: Array, cut: Segments) -> Array:
     """Cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
     parts = [dct(series[..., begin:end], norm="ortho", axis=-1) for begin, end in cut.bounds]
@@ -62,7 +70,7 @@ def coefficients(series: Array, cut: Segments) -> Array:
 
 def series_of(banded: Array, cut: Segments) -> Array:
     """The series (n,) of cosine coefficients sorted by band (m,); zero outside the segments."""
-    plain = np.empty(len(banded))
+    plain = np.zeros(sum(end - begin for begin, end in cut.bounds))
     plain[cut.order] = banded
     out = np.zeros(cut.length)
     begin_at = 0

@@ -17,6 +17,7 @@ from control.diagnosis.result import Gain
 from control.machine.machine import bounds
 
 from .channels import ChannelSeries
+from .hum import QUICK_S
 from .likelihood import problem, solved, taken_off
 from .noise import series_of, strengths
 from .selection import THRESHOLD, Doubt, Judged, Refused
@@ -31,7 +32,6 @@ MIN_BLOCKS = 8              # of DRIFT_S
 MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
                             # largest of 60 healthy channels: 29
 MIN_PERIODS = 5.0           # of a line within the log: what comes round less often is drift
-MIN_PERIOD_S = 4.5          # quicker than that a sensor hums, and no dose follows it on the ground
 MAX_LOUD = 8.0              # of the machine file's noise: sensors are not worse by more (healthy loud logs: 5)
 MAX_SHORT_DRIFT = 3.0       # of the noise, for the r.m.s. of a log shorter than MIN_BLOCKS
 MIN_SHARE = 0.05            # of what the names explain: less is how forms differ
@@ -66,7 +66,7 @@ def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
         period_s = _line(one, channel, rest[channel.name])
         if one.found.noise[channel.name].fast_sd > MAX_LOUD * channel.prior.fast_sd:
             found.append(Remains(channel.name, "loud", _nearest(one, channel, rest[channel.name])))
-        if period_s is not None and period_s > MIN_PERIOD_S:
+        if period_s is not None and period_s > QUICK_S:
             found.append(Remains(channel.name, "line", period_s=period_s))
     best: dict[str, Remains] = {}
     for each in found:
@@ -135,7 +135,7 @@ def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
     power = left ** 2 / strengths(one.found.noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
     omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in channel.cut.bounds])
     omega = omega[channel.cut.order]
-    power = np.where(omega * len(left) > 2.0 * np.pi * MIN_PERIODS, power, 0.0)
+    power = np.where(omega * channel.cut.length > 2.0 * np.pi * MIN_PERIODS, power, 0.0)
     at = int(np.argmax(power))
     highest = float(omega[at])
     explained = max(0.0, 2.0 * (one.found.log_likelihood - one.null.log_likelihood))
