@@ -1,5 +1,6 @@
 """The live check: what begins is said within minutes, nothing is said of a healthy machine or of a single odd look."""
 from dataclasses import replace
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -7,9 +8,11 @@ import pytest
 
 from control.diagnosis.live.change import Begun, begun
 from control.diagnosis.live.departure import Departure
+from control.diagnosis.live.rolling import Rolling
 from control.diagnosis.live.watch import BARS, LOOK_S, NAMED_AFTER_S, QUARTER_S, LiveCheck, departure_of
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size, Unexplained
 from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.noise import Noise
 from control.machine.machine import Machine
 
 MACHINE = Machine()
@@ -94,6 +97,33 @@ def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
     assert not said(cause("flow.hopper_head"))                  # all along, and another name
     assert said(cause("flow.hopper_head", onset_s=480.0))[0].since_s == pytest.approx(480.0)
     assert said(cause("gate.offset"))[0].since_s == pytest.approx(500.0)
+
+
+@pytest.mark.parametrize("onsets_s", [(400.0, None), (200.0, 400.0)], ids=["now and then", "never the same"])
+def test_a_beginning_that_two_looks_in_a_row_do_not_see_is_not_diagnosed(onsets_s: tuple[float | None, ...]) -> None:
+    each = cycle(onsets_s)
+
+    def test(*_: Any) -> list[Begun]:
+        at_s = next(each)
+        return [] if at_s is None else [Begun("speed", Part("speed.wheel_radius", 1.0, at_s), 50.0)]
+    check = LiveCheck(MACHINE, test, lambda *_: pytest.fail("diagnosed"))
+    assert all(one is None for _, one in fed(check, wheel_log(800.0)))
+
+
+def test_the_drift_is_learnt_of_the_looks_before_and_not_of_what_begins_now() -> None:
+    """A change would pass for a noise that drifts as much as it changed."""
+    rolling = Rolling(MACHINE)
+    quiet, loud = (Noise((-3.0, 0.0, float(np.log(sd)), 5.0)) for sd in (0.1, 0.9))
+    first = rolling._usual("shaft", quiet)
+    assert first == quiet                       # nothing learnt yet
+    for at_s in range(30, 1500, 30):
+        rolling._until_s = float(at_s)
+        usual = rolling._usual("shaft", quiet if at_s < 1300 else loud)
+    assert usual.slow_sd == pytest.approx(0.1)
+    for at_s in range(1500, 6000, 30):          # what has been there for an hour is its noise
+        rolling._until_s = float(at_s)
+        usual = rolling._usual("shaft", loud)
+    assert usual.slow_sd == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize(("until_s", "said"), [(400.0, False), (800.0, True)])

@@ -18,10 +18,10 @@ from control.diagnosis.runs.changes import best_begins, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.columns import nuisance_columns
 from control.diagnosis.runs.diagnose import series_of_log
-from control.diagnosis.runs.likelihood import Column, Role
+from control.diagnosis.runs.likelihood import Column, Role, best_fitted, problem
 from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
 from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
-from control.diagnosis.runs.noise import NoisePrior, coefficients, segments, series_of, start
+from control.diagnosis.runs.noise import Noise, NoisePrior, coefficients, segments, series_of, start
 from control.diagnosis.runs.row_order import Move, moved, order_of
 from control.diagnosis.runs.search import Candidate, Scanned, candidates
 from control.diagnosis.runs.stages import Grid
@@ -37,6 +37,8 @@ COMES_TO_ROWS = 2 * MIN_ROWS
 NOT_YET_S = 2.0             # the last of the rows: smoothing has not seen what follows
 LEAST_BINS = 60
 MATTERS = 15.0              # of twice the log-likelihood: half the lowest bar; what gains less is had less exactly
+SEEN_S = 20.0               # that a beginning is seen for, at least: a late answer or a stop passes sooner
+LEARNT_S = (300.0, 3900.0)  # before now: looks of which the drift is learnt; what begins now is in none of them
 LATER_S = 10.0              # a fill that began less than so long before the end of a piece may not be over
 
 Key = tuple[str, str, int | None]       # role or effect, name, member or place
@@ -67,6 +69,7 @@ class Rolling:
         self._move: Move | None = None
         self._whole = True              # the next piece is the whole window
         self._tried = _tried(machine)
+        self._noises: dict[str, list[tuple[float, Noise]]] = {}     # fitted at each look, by channel
 
     def take(self, rows: Rows, now_s: float) -> None:
         """The rows until now taken in. rows : those since a time.
@@ -124,9 +127,26 @@ class Rolling:
             base += [one.columns[key]._replace(coefficients={channel.name: column})
                      for key, column in zip(open_, columns, strict=True)]
         noise = {channel.name: start(channel.prior) for channel in series}
-        found = best_begins(series, banded, base, noise, list(tried.values()), [traces[key] for key in tried],
-                            MATTERS)
+        fit = best_fitted(problem(series, banded, base), np.arange(len(base)), noise, series)
+        usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
+        found = best_begins(series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
+                            MATTERS, SEEN_S)
         return found[0] if found else None
+
+    def _usual(self, name: str, now: Noise) -> Noise:
+        """The noise of a channel with the drift that the last hour had: what begins now is in its own noise too.
+
+        Until minutes of the log are known, the noise as it is fitted now.
+        """
+        looks = self._noises.setdefault(name, [])
+        looks.append((self._until_s, now))
+        while looks[0][0] < self._until_s - LEARNT_S[1]:
+            looks.pop(0)
+        learnt = [one for at_s, one in looks if at_s <= self._until_s - LEARNT_S[0]]
+        if not learnt:
+            return now
+        drift = 0.5 * float(np.log(np.mean([one.slow_sd ** 2 for one in learnt])))
+        return Noise((*now.theta[:2], drift, float(np.mean([one.theta[3] for one in learnt]))))
 
     @property
     def groups(self) -> tuple[str, ...]:

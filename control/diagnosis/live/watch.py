@@ -34,9 +34,11 @@ FIRST_S = 300.0             # of the log, before which nothing can be said
 BEFORE_S = 600.0            # of a beginning, that its diagnosis sees
 MOST_S = 1800.0             # of a stretch that is diagnosed: what is kept of the log
 NAMED_AFTER_S = 120.0       # what has no name is diagnosed again when so much more of it is seen
-# What a beginning must gain (twice the log-likelihood), by group of channels; benchmarks/live_check.py measures the run
-# length that follows. With 40 a healthy machine is diagnosed about once in an hour; with 30, three times, to no use.
-BARS = {"shaft": 40.0, "metering": 40.0, "speed": 40.0, "heads": 40.0}
+SAME_S = 60.0               # by so much the beginnings of two looks in a row may differ
+# What a beginning must gain (twice the log-likelihood) at two looks in a row, by group of channels; the run length
+# that follows is measured by benchmarks/live_check.py. Of 75 hours of healthy logs that drift (tuning seeds) 0 to 5
+# beginnings passed; a shaft 1 % slow gains 3,000, a wheel of 2 % 200.
+BARS = {"shaft": 80.0, "metering": 40.0, "speed": 30.0, "heads": 40.0}
 REFUSED = 1.5               # times the gain that a diagnosis did not bear out: the bar for the next quarter of an hour
 
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {"flow": "metering"}
@@ -58,6 +60,7 @@ class LiveCheck:
         self._machine, self._test, self._diagnose = machine, test or Beginnings(machine), diagnose
         self._bars = dict(bars)
         self._raised: dict[str, float] = {}         # bars until the next quarter of an hour
+        self._seen: dict[str, float] = {}           # beginnings that the look before saw, by group
         self._nameless: dict[str, float] = {}       # when a beginning without a name was seen first, by group
         self._rows: list[dict[str, Array]] = []     # pieces as they came
         self._begin_s: float | None = None
@@ -111,11 +114,14 @@ class LiveCheck:
             found = self._test(self._since, self.now_s)
         except ValueError:              # too few rows of anything
             return
-        over = [(one.gain - self._bar(one.group), one) for one in found if one.gain > self._bar(one.group)]
+        high = [one for one in found if one.gain > self._bar(one.group)]
+        before, self._seen = self._seen, {one.group: _onset_s(one, self.now_s) for one in high}
+        over = [(one.gain - self._bar(one.group), one) for one in high
+                if abs(before.get(one.group, np.inf) - self._seen[one.group]) <= SAME_S]
         if not over:
             return
         _, first = max(over, key=lambda each: each[0])
-        onset_s = first.part.onset_s or self.now_s
+        onset_s = _onset_s(first, self.now_s)
         if self.standing is not None and _GROUP_OF.get(self.standing.channel) == first.group:
             return                      # it is said already
         seen_s = self._nameless.get(first.group, -np.inf)
@@ -197,6 +203,10 @@ def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
                      not not_adoptable(cause) and not cause.rivals,
                      found.next_run.plan if cause.rivals and found.next_run is not None else "",
                      cause.size.value, cause.size.unit)
+
+
+def _onset_s(begun: Begun, now_s: float) -> float:
+    return now_s if begun.part.onset_s is None else begun.part.onset_s
 
 
 def _borne_out(begun: Begun, told: Departure) -> bool:

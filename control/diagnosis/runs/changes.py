@@ -67,8 +67,11 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
     if not begins:
         return []
     traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
-    return best_begins(columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts),
-                       noise, begins, traces)
+    channels, banded, base = columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts)
+    fit = best_fitted(problem(channels, banded, base), np.arange(len(base)), noise, channels)
+    at_ease = calm(fit.noise, channels)
+    under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
+    return best_begins(channels, banded, base, under, begins, traces)
 
 
 def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
@@ -79,22 +82,21 @@ def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
 
 
 def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
-                noise: dict[str, Noise], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-                matters: float = MAY_MATTER) -> list[Scanned]:
+                under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
+                matters: float = MAY_MATTER, end_s: float = END_S) -> list[Scanned]:
     """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
 
-    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. matters : gain from
-    which on the information is had at more times.
+    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. under : noises, of
+    which each candidate has the one that speaks most for it. matters : gain from which on the information is had at
+    more times. end_s : from either end, within which nothing is looked for.
     """
     best: dict[tuple[str, int | None, bool], Scanned] = {}
     p = problem(channels, banded, base)
-    fit = best_fitted(p, np.arange(len(base)), noise, channels)
-    starts = [fit.noise, calm(fit.noise, channels)]
-    for start in starts[:1] if starts[0] == starts[1] else starts:
-        amplitude, _ = solved(p, np.arange(len(base)), start)
-        ground = _ground(channels, taken_off(banded, base, amplitude), base, start)
+    for noise in under:
+        amplitude, _ = solved(p, np.arange(len(base)), noise)
+        ground = _ground(channels, taken_off(banded, base, amplitude), base, noise)
         for grows in (False, True):
-            for found in _begun_all(ground, begins, traces, grows, matters):
+            for found in _begun_all(ground, begins, traces, grows, matters, end_s):
                 name = (found.part.id, found.part.member, grows)
                 if name not in best or found.gain > best[name].gain:
                     best[name] = found
@@ -122,7 +124,7 @@ def _ground(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Seq
 
 
 def _begun_all(ground: _Ground, tried: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-               grows: bool, matters: float) -> list[Scanned]:
+               grows: bool, matters: float, end_s: float) -> list[Scanned]:
     """The best time for each candidate to begin; those of the same channels are looked at side by side."""
     alike: dict[tuple[tuple[str, ...], tuple[bool, ...]], list[_Tried]] = {}
     for candidate, trace in zip(tried, traces, strict=True):
@@ -136,16 +138,16 @@ def _begun_all(ground: _Ground, tried: Sequence[Candidate], traces: Sequence[dic
         seen = [ground.channels[name] for name in names]
         each = max(1, MOST_CELLS // (TIMES * sum(one.weighted.size for one in seen)))
         for begin in range(0, len(ones), each):
-            found += _begun(ground, seen, summed, ones[begin:begin + each], grows, matters)
+            found += _begun(ground, seen, summed, ones[begin:begin + each], grows, matters, end_s)
     return found
 
 
 def _begun(ground: _Ground, seen: Sequence[_Whitened], summed: Sequence[bool], ones: Sequence[_Tried],
-           grows: bool, matters: float) -> list[Scanned]:
+           grows: bool, matters: float, end_s: float) -> list[Scanned]:
     """The best time to begin for candidates that touch the same channels in the same way."""
     finest = max((one.channel for one in seen), key=lambda c: len(c.grid.even_s))
     time_s = finest.grid.even_s
-    inside = (time_s > time_s[0] + END_S) & (time_s < time_s[-1] - END_S)
+    inside = (time_s > time_s[0] + end_s) & (time_s < time_s[-1] - end_s)
     if not inside.any():
         return []
     units = [np.array([one.units[k] for one in ones]) for k in range(len(seen))]
@@ -157,7 +159,7 @@ def _begun(ground: _Ground, seen: Sequence[_Whitened], summed: Sequence[bool], o
     left = np.arange(len(ones))
     found: dict[int, Scanned] = {}
     for count in (FEW_TIMES, TIMES):
-        exact_s = np.linspace(time_s[0] + END_S, time_s[-1] - END_S, count)
+        exact_s = np.linspace(time_s[0] + end_s, time_s[-1] - end_s, count)
         exact = _information(ground, seen, summed, [unit[left] for unit in units], exact_s, grows)
         more = []
         for k, line in zip(left.tolist(), exact, strict=True):
