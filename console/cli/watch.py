@@ -33,11 +33,11 @@ def watch(
             time.sleep(POLL_S)
         return not to_end
     try:
-        for at_s, departure in followed(log, machine, wait):
+        for look in followed(log, machine, wait):
             looks += 1
-            if departure != last:
-                typer.echo(f"{clock(at_s)}  {said(departure)}")
-            last = departure
+            if look.departure != last:
+                typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
+            last = look.departure
     except ImportTrouble as trouble:
         for line in trouble.lines:
             typer.echo(line, err=True)

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from control.diagnosis.live.departure import Departure
@@ -26,6 +26,14 @@ NICE = 19
 POLL_S = 5.0
 MOST_SHARE = 0.05               # of one core's time, that bringing in the log may take
 DEFAULT_MACHINE = "huanghai"
+
+
+class Look(NamedTuple):
+    """What stands after a look, and at what time of the log; newest: not of rows that came long ago."""
+
+    at_s: float
+    departure: Departure | None
+    newest: bool = True
 
 
 def machine_of_log(log: Path, machine: str | None) -> Machine:
@@ -40,8 +48,8 @@ def machine_of_log(log: Path, machine: str | None) -> Machine:
     return load(machine or DEFAULT_MACHINE, MACHINE).model
 
 
-def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[tuple[float, Departure | None]]:
-    """(time of the log, what stands) after each look, for ever; `wait` returns False where that is enough.
+def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[Look]:
+    """Each look, for ever; `wait` returns False where that is enough.
 
     Rows that are there already are gone through as if they came now. Rows that are earlier than those before are
     another log's, which is checked from its beginning. Raises LogError, ImportTrouble, ConfigError, OSError.
@@ -59,18 +67,15 @@ def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterat
         took_s = time.process_time() - begin_s
         if check is None or rows["time_s"][0] < check.now_s:
             check = LiveCheck(machine_of_log(log, machine))
-        for piece in _pieces(rows):
+        pieces = list(_pieces(rows))
+        for k, piece in enumerate(pieces):
             check.add(piece)
             if check.due:
-                yield _looked(check)
+                standing = check.look()
+                yield Look(check.now_s, standing, k == len(pieces) - 1 and not growing.behind)
         for _ in range(int(took_s / (MOST_SHARE * POLL_S))):        # a log that is brought in anew each time
             if not wait():
                 break
-
-
-def _looked(check: LiveCheck) -> tuple[float, Departure | None]:
-    standing = check.look()
-    return check.now_s, standing
 
 
 def _pieces(rows: Columns) -> Iterator[Columns]:
@@ -89,16 +94,16 @@ def main(arguments: list[str]) -> int:
     threading.Thread(target=_end_with_stdin, daemon=True).start()
     from drivers.files.config import ConfigError
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
-    said: object = ()
+    said: Departure | None | tuple[()] = ()
 
     def wait() -> bool:
         time.sleep(POLL_S)
         return True
     try:
-        for at_s, departure in followed(log, machine, wait):
-            if departure != said:
-                said = departure
-                _say({"departure": None if departure is None else departure._asdict(), "at_s": at_s})
+        for look in followed(log, machine, wait):
+            if look.newest and look.departure != said:      # what departed hours ago is not said as if it did now
+                said = look.departure
+                _say({"departure": None if said is None else said._asdict(), "at_s": look.at_s})
     except (ValueError, OSError, ConfigError) as error:      # LogError and ImportTrouble are ValueErrors
         _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
     return 1

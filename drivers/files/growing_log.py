@@ -22,7 +22,10 @@ FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 class GrowingLog:
-    """Rows as they come. A file that is not there yet, or has no whole row, has none."""
+    """Rows as they come. A file that is not there yet, or has no whole row, has none.
+
+    behind : whether the file had more than is read at a time.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -30,6 +33,7 @@ class GrowingLog:
 
     def _begin(self) -> None:
         self.last_s = -np.inf
+        self.behind = False
         self._offset = 0                # of the first byte that was not read
         self._header = b""
         self._size, self._place = -1, (0, 0)        # of the file when it was read last
@@ -77,6 +81,7 @@ class GrowingLog:
         with self.path.open("rb") as file:
             file.seek(self._offset)
             data = file.read(MOST_BYTES)
+        self.behind = len(data) == MOST_BYTES
         whole = data[:data.rfind(b"\n") + 1]
         if not whole:
             return None

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.services import live_check
+from console.services.live_check import Look
 from control.diagnosis.live.departure import Departure
 
 RUNNER = CliRunner()
@@ -23,8 +24,8 @@ def rows(count: int) -> str:
 
 
 def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[tuple[float, Departure | None]]:
-        yield from ((330.0, None), (660.0, FOUND), (690.0, FOUND), (2700.0, None))
+    def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[Look]:
+        yield from (Look(330.0, None), Look(660.0, FOUND, False), Look(690.0, FOUND), Look(2700.0, None))
     monkeypatch.setattr(live_check, "followed", followed)
     log = tmp_path / "run.csv"
     log.write_text(rows(3))
@@ -46,7 +47,7 @@ def test_a_log_that_is_too_short_is_no_healthy_machine(tmp_path: Path, text: str
 
 
 def test_ctrl_c_ends_it_and_it_says_beforehand_that_it_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def followed(*_: object) -> Iterator[tuple[float, Departure | None]]:
+    def followed(*_: object) -> Iterator[Look]:
         raise KeyboardInterrupt
         yield
     monkeypatch.setattr(live_check, "followed", followed)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import types
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from console.services import live_check
 from console.services.live_check import followed
 from console.services.live_checker import LiveChecker
 from control.diagnosis.live.departure import Departure
+from drivers.files import growing_log
 from drivers.files.growing_log import GrowingLog
 from drivers.files.log_store import write_store
 
@@ -145,7 +147,7 @@ def test_a_new_log_is_checked_from_its_beginning(tmp_path: Path, monkeypatch: py
             other.replace(path)
         replaced.append(True)
         return len(replaced) < 3
-    looks = [at_s for at_s, _ in followed(path, "huanghai", wait)]
+    looks = [look.at_s for look in followed(path, "huanghai", wait)]
     assert len([at_s for at_s in looks if at_s < 400.0]) == 6               # three of each log
     assert looks[-1] < 400.0
 
@@ -174,6 +176,39 @@ def test_rows_at_once_are_gone_through_as_they_would_have_come(tmp_path: Path, m
     monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
     path = tmp_path / "run.csv"
     path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 6000))
-    looks = [at_s for at_s, _ in followed(path, "huanghai", lambda: False)]
+    looks = [look.at_s for look in followed(path, "huanghai", lambda: False)]
     assert len(looks) == 10 and looks[0] == pytest.approx(300.0, abs=30.1)
     assert live_check.machine_of_log(path, None).id == "huanghai"
+
+
+def test_what_departed_before_it_was_started_is_not_said_as_if_it_did_now(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """A console that is started again goes through the rows of the morning: only what stands now is said."""
+    from control.diagnosis.live import watch
+
+    def look(self: watch.LiveCheck) -> Departure | None:
+        self._looked_s = self.now_s
+        return FOUND if self.now_s < 500.0 else None
+    monkeypatch.setattr(watch.LiveCheck, "look", look)
+    monkeypatch.setattr(live_check, "lower_priority", lambda: None)
+    monkeypatch.setattr(live_check.threading, "Thread", lambda **_: types.SimpleNamespace(start=lambda: None))
+
+    def end(_: float) -> None:
+        raise OSError("enough")
+    monkeypatch.setattr(live_check.time, "sleep", end)
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 6300))
+    live_check.main([str(path), "huanghai"])
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line.get("departure", "ended") for line in lines] == [None, "ended"]
+
+
+def test_a_log_that_is_read_in_parts_is_behind_until_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growing_log, "MOST_BYTES", 2000)
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 200))
+    growing, behind, count = GrowingLog(path), [], 0
+    while (more := growing.more()) is not None:
+        behind.append(growing.behind)
+        count += len(more["time_s"])
+    assert count == 200 and behind[0] and not behind[-1]
