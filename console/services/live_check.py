@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from control.diagnosis.live.departure import Departure
-    from control.diagnosis.live.watch import LiveCheck
     from control.machine.machine import Machine
     from drivers.files.table import Columns
 
@@ -94,7 +93,7 @@ def main(arguments: list[str]) -> int:
     threading.Thread(target=_end_with_stdin, daemon=True).start()
     from drivers.files.config import ConfigError
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
-    said: Departure | None | tuple[()] = ()
+    said: Departure | tuple[()] | None = ()
 
     def wait() -> bool:
         time.sleep(POLL_S)
