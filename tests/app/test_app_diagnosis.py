@@ -493,7 +493,7 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
     known = catalogue("zh").texts
     assert known.get(title_of(UNKNOWN))
     for entry in CATALOGUE.values():
-        for text in (entry.effect.title, entry.effect.advice):
+        for text in (entry.effect.title, entry.effect.advice, entry.effect.separate):
             assert known.get(text), text
 
 
