@@ -28,6 +28,7 @@ TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case t
 REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
 UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
+TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
 MAX_KEPT = 200              # columns of candidates that are kept
 
 
@@ -215,21 +216,37 @@ class Columns:
         siblings."""
         row = ROWS[part.id]
         over = self.forms.over(row.stage, row.form_over) if row.form_over else []
-        found = [self._while_there(column, part) for column in over]
+        found = [self._while_there(column, part, row.stage) for column in over]
         for sibling in row.siblings:
             step = ROWS[sibling].on(self.model.machine).ladder[1]
             change = self.model.difference(parts, part._replace(id=sibling, size=step))
             found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
         return found
 
-    def _while_there(self, column: Column, part: Part) -> Column:
-        """A column in the course of a part that begins, ends or grows."""
+    def _while_there(self, column: Column, part: Part, stage: str) -> Column:
+        """A column of a stage's form in the course of a part that begins, ends or grows."""
         if part.onset_s is None:
             return column
-        touched = [c for c in self.model.channels if c.name in column.coefficients]
-        return _column(self.model, column.label, {
-            c.name: with_course(series_of(column.coefficients[c.name], c.cut), course(c, part), c.copies,
-                                adds_up(part, c.name)) for c in touched})
+        found = {}
+        for channel in self.model.channels:
+            if channel.name in column.coefficients:
+                whole = series_of(column.coefficients[channel.name], channel.cut)
+                if stage == "shaft":        # it goes there with the motor, as the part's own column does
+                    found[channel.name] = whole * self._shaft_course(channel, part)
+                else:
+                    found[channel.name] = with_course(whole, course(channel, part), channel.copies,
+                                                      adds_up(part, channel.name))
+        return _column(self.model, column.label, found)
+
+    def _shaft_course(self, channel: ChannelSeries, part: Part) -> Array:
+        """How much of a constant gain of the shaft shows at each sample if it is there as a part is: (m,)."""
+        unit = TABLES["shaft"].unit
+        size = ROWS[unit.id].on(self.model.machine).probe
+        assert size is not None
+        all_along, there = (self.model.difference((), one)[channel.name] for one in (
+            unit._replace(size=size), part._replace(id=unit.id, size=size)))
+        turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
+        return np.divide(there, all_along, out=course(channel, part), where=turns)
 
     def of_candidate(self, parts: Parts, part: Part) -> Column:
         """What one unit of a further part does on top of a hypothesis."""
