@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
@@ -11,7 +10,6 @@ from control.machine.terms import Form, Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
-MOST_UNSEEN_DEG = 150.0     # up and down a field (180) leaves what lies across open; three directions do not
 WORSE = -0.05               # held-out gain below which a term is neither told nor adopted: less is scale noise
 
 
@@ -88,18 +86,7 @@ def term_not_adoptable(found: TermFound) -> str:
         return "it holds for a span of one run: the model stays"
     if found.held_out_gain is None or found.held_out_gain < WORSE:
         return "rows that it was not fitted to come out worse with it"
-    driven_deg = [place for place, _, _ in found.seen]
-    if found.term["form"] == Form.PERIODIC.value and _unseen_deg(driven_deg) > MOST_UNSEEN_DEG:
-        return "it was seen on too few headings to be known on others: drive across as well"
     return ""
-
-
-def _unseen_deg(angles_deg: Sequence[float]) -> float:
-    """Widest sector of a circle in which no angle lies; the whole circle where there is none."""
-    if not angles_deg:
-        return 360.0
-    around = sorted(angle % 360.0 for angle in angles_deg)
-    return max(after - before for before, after in pairwise([*around, around[0] + 360.0]))
 
 
 def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
