@@ -107,6 +107,22 @@ def test_a_constant_that_is_lost_of_every_command_is_no_gain() -> None:
     assert "off by -2.5 r/min whatever it is told" in sentence(found.terms[0].term)
 
 
+def test_a_term_about_another_place_is_no_gain_beside_it() -> None:
+    """What it does on the mean is its level; the shaft runs up at the drive's limit whatever the term says."""
+    found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=-0.5 at=2"), Machine())
+    assert found.causes == ()
+    assert found.terms[0].term["coefficients"]["level"] == pytest.approx(1.0, abs=0.1)
+    assert found.terms[0].term["coefficients"]["slope"] == pytest.approx(-0.5, abs=0.03)
+
+
+def test_a_drift_of_one_log_is_no_level_of_a_term() -> None:
+    columns = shaft_log("shaft_percent slope roll_deg slope=-0.5")
+    columns["shaft_rpm"] = columns["shaft_rpm"] + 0.4 * slow(np.random.default_rng(7), 150.0)
+    found = diagnose_run(columns, Machine())
+    assert terms_of(found) == [("shaft_percent", "slope", ["roll_deg"])]
+    assert found.terms[0].term["coefficients"]["level"] == 0.0
+
+
 def test_a_name_that_explains_the_same_wins() -> None:
     machine = Machine()
     sagging = machine.model_copy(update={"shaft": machine.shaft._replace(sag_percent_per_v=3.0)})

@@ -5,12 +5,13 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis import effects
-from control.machine.compiled import remembered_run
-from control.machine.terms import TOLD_RPM, Acts
+from control.machine.over_log import MOST_STEP_S
+from control.machine.terms import Acts
 
-from .hypothesis import Part, Parts
+from .channels import drive_rows
+from .hypothesis import Part, Parts, schedule
 from .model import GroupModel
-from .stages import bin_mean, metered_mean
+from .stages import Drive, bin_mean, metered_mean
 
 Array = npt.NDArray[np.float64]
 
@@ -18,6 +19,7 @@ CHANNEL_OF: dict[Acts, str] = {
     Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "scale",
     Acts.SCALE_KG: "scale", Acts.WHEEL_PERCENT: "speed"}
 FLOW_UNIT = Part(effects.FLOW_GAIN.id, 1.0)
+SHAFT_PROBE = 0.5           # % or r/min, for a slope
 WHEEL_UNIT = Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)
 
 
@@ -33,7 +35,7 @@ class ActedOn:
 
     def __init__(self, model: GroupModel, parts: Parts, acts: Acts) -> None:
         self.channel = model.channel(CHANNEL_OF[acts])
-        self.acts, self._model = acts, model
+        self.acts, self._model, self._parts = acts, model, parts
         unit = {Acts.FLOW_PERCENT: FLOW_UNIT, Acts.WHEEL_PERCENT: WHEEL_UNIT}.get(acts)
         self._unit = np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
 
@@ -54,17 +56,21 @@ class ActedOn:
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
     def _of_drive(self, rows: Array) -> Array:
-        """What shows at a row was in force in the row before it; the shaft goes there with its time constant."""
-        data, machine = self._model.data, self._model.machine
+        """What shows at a row was in force in the row before it; the shaft goes there as its stage does."""
+        data = self._model.data
         drive = data.shaft if self.channel.name == "shaft" else data.gate
         assert drive is not None
         at = np.clip(np.searchsorted(data.row_s, drive.time_s), 0, len(data.row_s) - 1)
         picked = rows[:, at]
         if self.channel.name == "shaft":
-            told = data.inputs[TOLD_RPM][at]
-            picked = picked * (told / 100.0 if self.acts is Acts.SHAFT_PERCENT else (told > 0.0).astype(np.float64))
-            keep = float(np.exp(-float(np.median(np.diff(drive.time_s))) / (
-                machine.shaft.time_constant_s + machine.shaft.slow_s)))
-            late = np.concatenate((np.zeros((len(picked), 1)), (1.0 - keep) * picked[:, :-1]), axis=1)
-            return np.array([remembered_run(keep, one) for one in late])
+            return np.array([self._of_shaft(drive, one) for one in picked])
         return np.concatenate((picked[:, :1], picked[:, :-1]), axis=1)
+
+    def _of_shaft(self, drive: Drive, one: Array) -> Array:
+        """Slope of the shaft's speed in so much of a series over its rows: while it runs up it is not told apart."""
+        share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
+        moved = drive._replace(more=drive.more + share * one) if self.acts is Acts.SHAFT_PERCENT else \
+            drive._replace(more_rpm=drive.more_rpm + share * one)
+        plan = schedule(self._model.base, self._parts)
+        was, now = (drive_rows(each)(plan, MOST_STEP_S)[:, 0] for each in (drive, moved))
+        return np.asarray((now - was) / share)

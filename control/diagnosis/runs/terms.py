@@ -58,6 +58,8 @@ SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
 SPAN_AGAIN = 4.0            # times what a further box gains
+LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
+MAX_TANGLED = 0.97          # ... and how alike it and a name's size may be
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
@@ -330,10 +332,10 @@ class _Fits(NamedTuple):
 
 
 def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], form: Tried,
-          acted: ActedOn, variables: _Variables) -> _Fits:
+          acted: ActedOn, variables: _Variables, levelled: bool = True) -> _Fits:
     data, channel = search.model.data, acted.channel
     series = acted.of(_form_series(form, variables, data))
-    level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form.over) else series[:0]
+    level = acted.of(np.ones((1, len(data.row_s)))) if levelled and _has_level(acted.acts, form.over) else series[:0]
     both = np.concatenate((level, series))
     columns = tuple(Column(Label(Role.FORM, "term"), {channel.name: coefficients(row, channel.cut)}, np.inf)
                     for row in both)
@@ -345,6 +347,17 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
     return _Fits(columns, both, len(level), max(plain, again, key=lambda fit: fit.log_likelihood), full)
 
 
+def _sure_of_level(fits: _Fits, base: Sequence[Column]) -> bool:
+    """Whether the log holds a level beside a form: a slow drift of this log is no trait of the machine, and what a name
+    of the hypothesis does is the name's."""
+    at, covariance = len(base), fits.full.covariance
+    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    names = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
+    if any(abs(covariance[at, k]) > MAX_TANGLED * sd[at] * sd[k] for k in names):
+        return False
+    return abs(float(fits.full.amplitude[at])) > LEVEL_SD * float(sd[at])
+
+
 def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], one: _Candidate,
               acted: ActedOn, variables: _Variables) -> Found:
     """A candidate with its knobs settled, refitted with the noise."""
@@ -352,6 +365,8 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     quiet = _still(noise) if one.tried.form is Form.SPAN else _starts(search, noise)[-1]
     form = _settled(Ground(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
     fits = _fits(search, now, base, held, noise, form, acted, variables)
+    if fits.levels and not _sure_of_level(fits, base):
+        fits = _fits(search, now, base, held, noise, form, acted, variables, levelled=False)
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
     trace = coefficients(amplitude @ fits.series, channel.cut)
     own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
