@@ -42,5 +42,6 @@ def test_how_a_cause_may_differ_in_form_is_confined_to_when_it_is_there(work, pa
     assert shapes and all(np.abs(s[before]).max() < 1e-3 * np.abs(s).max() for s in shapes)
     (own,) = columns.slopes((late,))
     does = np.abs(series_of(own.coefficients[channel], one.cut))
-    not_yet = (one.grid.even_s < 301.0) & (does < 1e-3 * does.max())      # the drive follows: a leap would tell a reading
+    # the drive follows: a leap would tell one reading
+    not_yet = (one.grid.even_s < 301.0) & (does < 1e-3 * does.max())
     assert all(np.abs(s[not_yet]).max() < 1e-2 * np.abs(s).max() for s in shapes)
