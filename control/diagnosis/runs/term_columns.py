@@ -19,7 +19,8 @@ CHANNEL_OF: dict[Acts, str] = {
     Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "scale",
     Acts.SCALE_KG: "scale", Acts.WHEEL_PERCENT: "speed"}
 FLOW_UNIT = Part(effects.FLOW_GAIN.id, 1.0)
-SHAFT_PROBE = 0.5           # % or r/min, for a slope
+SHAFT_PROBE = 0.5           # % or r/min, for a slope ...
+SHAFT_NOTHING = 1e-6        # ... and r/min of it that are rounding
 WHEEL_UNIT = Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)
 
 
@@ -73,4 +74,5 @@ class ActedOn:
             drive._replace(more_rpm=drive.more_rpm + share * one)
         plan = schedule(self._model.base, self._parts)
         was, now = (drive_rows(each)(plan, MOST_STEP_S)[:, 0] for each in (drive, moved))
-        return np.asarray((now - was) / share)
+        change = now - was
+        return np.asarray(change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change)))

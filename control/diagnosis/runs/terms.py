@@ -62,6 +62,7 @@ LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing 
 MAX_TANGLED = 0.97          # ... and how alike it and a name's size may be
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
+TURNS_SHARE = 1e-3          # of the fastest that a shaft is told: below, it is told to stand
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
 
 
@@ -143,7 +144,7 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
     for candidate in _candidates(search, dictionary, now, base, noise):
         found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
         verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
-    for found in sorted(verified, key=lambda f: f.tried.price - f.gain):
+    for found in _plainer_first(sorted(verified, key=lambda f: f.tried.price - f.gain)):
         enough = found.gain - found.tried.price > walks(dictionary.of[found.term.acts_on][0].channel) * \
             _threshold(found, explained) and _worth(found)
         if enough and _holds(search, now, base, len(held), found, *dictionary.of[found.term.acts_on]) \
@@ -152,6 +153,17 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
             if found.tried.form is Form.SPAN or found.held_out > WORSE:
                 return found
     return None
+
+
+def _plainer_first(ranked: Sequence[Found]) -> list[Found]:
+    """The same, best first, but that a form over fewer of the best one's variables which is nearly as good leads."""
+    if not ranked:
+        return []
+    best = ranked[0]
+    least = best.gain - best.tried.price - max(PLAINER, PLAINER_SHARE * best.gain)
+    plainer = [one for one in ranked[1:] if one.term.acts_on is best.term.acts_on
+               and set(one.tried.over) < set(best.tried.over) and one.gain - one.tried.price > least]
+    return [*plainer, *(one for one in ranked if one not in plainer)]
 
 
 def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],
@@ -332,10 +344,10 @@ class _Fits(NamedTuple):
 
 
 def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], form: Tried,
-          acted: ActedOn, variables: _Variables, levelled: bool = True) -> _Fits:
+          acted: ActedOn, variables: _Variables) -> _Fits:
     data, channel = search.model.data, acted.channel
     series = acted.of(_form_series(form, variables, data))
-    level = acted.of(np.ones((1, len(data.row_s)))) if levelled and _has_level(acted.acts, form.over) else series[:0]
+    level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form.over) else series[:0]
     both = np.concatenate((level, series))
     columns = tuple(Column(Label(Role.FORM, "term"), {channel.name: coefficients(row, channel.cut)}, np.inf)
                     for row in both)
@@ -365,12 +377,12 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     quiet = _still(noise) if one.tried.form is Form.SPAN else _starts(search, noise)[-1]
     form = _settled(Ground(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
     fits = _fits(search, now, base, held, noise, form, acted, variables)
-    if fits.levels and not _sure_of_level(fits, base):
-        fits = _fits(search, now, base, held, noise, form, acted, variables, levelled=False)
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
     trace = coefficients(amplitude @ fits.series, channel.cut)
     own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
-    return Found(_term(one.acts, form, amplitude, levels, fits.full, len(base), variables, data), form, fits.gain,
+    level = float(amplitude[0]) if levels and _sure_of_level(fits, base) else 0.0
+    return Found(_term(one.acts, form, amplitude[levels:], level, fits.full, len(base) + levels, variables, data), form,
+                 fits.gain,
                  fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
                  _explained(search, now, base, held, fits, channel.name, own), 0.0, fits.full.noise,
                  fits.full.log_likelihood)
@@ -384,18 +396,19 @@ def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fi
     return float(np.clip(np.sum(own ** 2) / max(1e-300, left), 0.0, 1.0))
 
 
-def _term(acts: Acts, form: Tried, amplitude: Array, levels: int, fit: Fit, base: int, variables: _Variables,
+def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int, variables: _Variables,
           data: RunData) -> Term:
-    level, sizes = (float(amplitude[0]) if levels else 0.0), amplitude[levels:]
+    """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
     stage = STAGE_OF[acts]
     over: list[dict[str, Any]]
     nodes: list[float]
     values: list[float]
-    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[base + levels:], 0.0))
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[at:], 0.0))
     share = Z90 * float(np.max(sd / np.maximum(np.abs(sizes), 1e-300))) if len(sizes) == 1 else None
     if "constant" in form.knobs:
         told = data.inputs[own_command("shaft", "shaft_rpm")]
-        least = float(np.min(told[told > 0.0], initial=abs(float(sizes[0])) + 1e-3))
+        turning = told > TURNS_SHARE * float(told.max(initial=0.0))
+        least = float(np.min(told[turning], initial=abs(float(sizes[0])) + 1e-3))
         end = min(max(abs(float(sizes[0])), 1e-3), least)
         numbers = {"slope": float(sizes[0]) / end, "low_end": 0.0, "high_end": end}
         over = [{"name": "shaft_rpm"}]
