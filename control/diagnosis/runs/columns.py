@@ -145,6 +145,7 @@ class Columns:
         self.model = model
         self.forms = Forms(model)
         self._kept: dict[tuple[Parts, Part], Column] = {}
+        self._courses: dict[Part, Array] = {}       # of the shaft's gain, by when it is there
         self._fixed: list[Column] = []
         self._made_at = -1          # of the model's moves
 
@@ -152,6 +153,7 @@ class Columns:
         if self._made_at != self.model.moves:
             self._made_at = self.model.moves
             self._kept.clear()
+            self._courses.clear()
             self._fixed = nuisance_columns(self.model)
 
     @property
@@ -240,13 +242,19 @@ class Columns:
 
     def _shaft_course(self, channel: ChannelSeries, part: Part) -> Array:
         """How much of a constant gain of the shaft shows at each sample if it is there as a part is: (m,)."""
+        self._refresh()
         unit = TABLES["shaft"].unit
         size = ROWS[unit.id].on(self.model.machine).probe
         assert size is not None
-        all_along, there = (self.model.difference((), one)[channel.name] for one in (
-            unit._replace(size=size), part._replace(id=unit.id, size=size)))
-        turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
-        return np.divide(there, all_along, out=course(channel, part), where=turns)
+        here = part._replace(id=unit.id, size=size)
+        if here not in self._courses:
+            if len(self._courses) > MAX_KEPT:
+                self._courses.clear()
+            all_along, there = (self.model.difference((), one)[channel.name] for one in (
+                unit._replace(size=size), here))
+            turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
+            self._courses[here] = np.divide(there, all_along, out=course(channel, part), where=turns)
+        return self._courses[here]
 
     def of_candidate(self, parts: Parts, part: Part) -> Column:
         """What one unit of a further part does on top of a hypothesis."""

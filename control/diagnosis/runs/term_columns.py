@@ -64,15 +64,17 @@ class ActedOn:
         at = np.clip(np.searchsorted(data.row_s, drive.time_s), 0, len(data.row_s) - 1)
         picked = rows[:, at]
         if self.channel.name == "shaft":
-            return np.array([self._of_shaft(drive, one) for one in picked])
+            was = self._shaft_rpm(drive)
+            return np.array([self._of_shaft(drive, was, one) for one in picked])
         return np.concatenate((picked[:, :1], picked[:, :-1]), axis=1)
 
-    def _of_shaft(self, drive: Drive, one: Array) -> Array:
+    def _shaft_rpm(self, drive: Drive) -> Array:
+        return drive_rows(drive)(schedule(self._model.base, self._parts), MOST_STEP_S)[:, 0]
+
+    def _of_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
         """Slope of the shaft's speed in so much of a series over its rows: while it runs up it is not told apart."""
         share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
         moved = drive._replace(more=drive.more + share * one) if self.acts is Acts.SHAFT_PERCENT else \
             drive._replace(more_rpm=drive.more_rpm + share * one)
-        plan = schedule(self._model.base, self._parts)
-        was, now = (drive_rows(each)(plan, MOST_STEP_S)[:, 0] for each in (drive, moved))
-        change = now - was
+        change = self._shaft_rpm(moved) - was
         return np.asarray(change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change)))
