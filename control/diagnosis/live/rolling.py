@@ -127,9 +127,10 @@ class Rolling:
             base += [one.columns[key]._replace(coefficients={channel.name: column})
                      for key, column in zip(open_, columns, strict=True)]
         noise = {channel.name: start(channel.prior) for channel in series}
-        fit = best_fitted(problem(series, banded, base), np.arange(len(base)), noise, series)
+        p = problem(series, banded, base)
+        fit = best_fitted(p, np.arange(len(base)), noise, series)
         usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
-        found = best_begins(series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
+        found = best_begins(p, series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
                             MATTERS, SEEN_S)
         return found[0] if found else None
 

@@ -20,7 +20,7 @@ from control.machine.machine import CATALOGUE
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Part, Parts
-from .likelihood import Column, best_fitted, calm, problem, solved, taken_off
+from .likelihood import Column, Problem, best_fitted, calm, problem, solved, taken_off
 from .model import adds_up, course, with_course
 from .noise import Noise, coefficients, series_of, strengths
 from .search import Candidate, Scanned
@@ -68,10 +68,11 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise],
         return []
     traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
     channels, banded, base = columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts)
-    fit = best_fitted(problem(channels, banded, base), np.arange(len(base)), noise, channels)
+    p = problem(channels, banded, base)
+    fit = best_fitted(p, np.arange(len(base)), noise, channels)
     at_ease = calm(fit.noise, channels)
     under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
-    return best_begins(channels, banded, base, under, begins, traces)
+    return best_begins(p, channels, banded, base, under, begins, traces)
 
 
 def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
@@ -81,17 +82,16 @@ def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
             and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)]
 
 
-def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
+def best_begins(p: Problem, channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
                 under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
                 matters: float = MAY_MATTER, end_s: float = END_S) -> list[Scanned]:
     """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
 
-    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. under : noises, of
-    which each candidate has the one that speaks most for it. matters : gain from which on the information is had at
-    more times. end_s : from either end, within which nothing is looked for.
+    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. p : both as one
+    problem. under : noises, of which each candidate has the one that speaks most for it. matters : gain from which on
+    the information is had at more times. end_s : from either end, within which nothing is looked for.
     """
     best: dict[tuple[str, int | None, bool], Scanned] = {}
-    p = problem(channels, banded, base)
     for noise in under:
         amplitude, _ = solved(p, np.arange(len(base)), noise)
         ground = _ground(channels, taken_off(banded, base, amplitude), base, noise)

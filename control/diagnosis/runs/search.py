@@ -20,6 +20,7 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
+MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
 MAX_ROUNDS = 4              # rounds of a refit: the model is run, then sizes are fitted
 SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size moves by more
 RIVAL_FORM_SHARE = 0.1      # of an effect's own signal that its form may be wrong by, where names are held together

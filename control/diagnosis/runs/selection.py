@@ -36,7 +36,7 @@ from .names_or_terms import beyond_names
 from .onset import as_begun, blocked, refined, stands_below, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
-from .search import Candidate, Refit, Scanned, Search
+from .search import MAX_TANGLED, Candidate, Refit, Scanned, Search
 from .settle import settle
 from .terms import Found
 from .unexplained import SLOW_ENERGY, Dependence, gain_elsewhere, unexplained
@@ -52,7 +52,6 @@ BEGUN_REFITTED = 4          # best of these that are refitted in full, and as ma
 MAY_LEAD = 0.7              # of the best gain: what begins and gains so much is refined before they are compared
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full
-MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
 
 # Whether one part's evidence holds (`_holds`).
 FALSE_ALARMS = 0.002        # of one group in one log: share of bootstrap replicates in which noise gains as much

@@ -29,7 +29,7 @@ from .evidence import coarser, spread_over, without_best_block
 from .held_out import amplitudes, errors_of, held_out
 from .likelihood import Z90, Column, Fit, Label, Role, best_fitted, calm, fitted, power_left, problem, projected
 from .noise import Noise, coefficients, segments, series_of
-from .search import Refit, Search
+from .search import MAX_TANGLED, Refit, Search
 from .smooth import MIN_RANGE, RANGES
 from .stages import RunData
 from .term_columns import CHANNEL_OF, ActedOn, tried
@@ -58,8 +58,7 @@ SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
 SPAN_AGAIN = 4.0            # times what a further box gains
-LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
-MAX_TANGLED = 0.97          # ... and how alike it and a name's size may be
+LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
 TURNS_SHARE = 1e-3          # of the fastest that a shaft is told: below, it is told to stand
