@@ -10,6 +10,7 @@ from control.diagnosis.effects import ROWS
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal
 
+from .boxes import MIN_SPAN_S
 from .changes import END_S, changes
 from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .model import HALT_S, GroupModel
@@ -34,7 +35,6 @@ STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
 TIMES = 16                  # tried over the working time
-MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
 ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
 HALVINGS = 5                # of the step by which an onset is moved, about
 NARROWER = 0.45             # factor on the step in each halving

@@ -47,7 +47,7 @@ Array = npt.NDArray[np.float64]
 # the tuning half of the benchmark (docs/diagnosis.md, "Verdicts"); above them each log has the null of its own noise.
 THRESHOLD = 17.0            # for one effect, the largest over the whole catalogue
 ONSET_THRESHOLD = 16.0      # for one onset, the largest over all times tried
-BEGINS_PRICE = 10.0         # of a part that is found with its onset: every time of the log was tried
+BEGINS_PRICE = 10.0         # of a part that is found with its onset: every time was tried; as much of its end
 BEGUN_REFITTED = 4          # best of these that are refitted in full, and as many that grow: unevenly, a scan misses it
 MAY_LEAD = 0.7              # of the best gain: what begins and gains so much is refined before they are compared
 MAX_CAUSES = 4              # of one group of channels
@@ -227,7 +227,8 @@ def _forward_step(search: Search, now: Refit, barred: Sequence[Part] = ()) -> _S
                and still_disobeys(search.model, now.parts, f.part)]
     told = {(part.id, part.member, part.onset_s is None) for part in barred}
     tried: list[tuple[float, Refit]] = []
-    for part, price in (*((f.part, 0.0) for f in ranked), *((part, BEGINS_PRICE) for part in _begin(search, now))):
+    begun = _begin(search, now, boxes=True)
+    for part, price in (*((f.part, 0.0) for f in ranked), *((part, _price(part)) for part in begun)):
         if (part.id, part.member, part.onset_s is None) in told:
             continue
         refit = search.refit((*now.parts, part), now.noise)
@@ -259,7 +260,7 @@ def _best_begun_refined(search: Search, now: Refit, tried: list[tuple[float, Ref
     if begun is None or _price(tried[0][1].parts[-1]) or begun[0] < MAY_LEAD * tried[0][0]:
         return tried
     moved = refined(search, begun[1], search.model.data)
-    gain = 2.0 * (moved.log_likelihood - now.log_likelihood) - BEGINS_PRICE
+    gain = 2.0 * (moved.log_likelihood - now.log_likelihood) - _price(moved.parts[-1])
     return sorted([(gain, moved), *(one for one in tried if one is not begun)], key=lambda one: -one[0])
 
 
@@ -271,16 +272,22 @@ def _all_along(begun: Part, refused: Sequence[Refused]) -> Refused | None:
                  and (one.part.id, one.part.member) == (begun.id, begun.member)), None)
 
 
-def _begin(search: Search, now: Refit) -> list[Part]:
-    """The best parts that begin within the log, at once or growing."""
+def _begin(search: Search, now: Refit, boxes: bool = False) -> list[Part]:
+    """The best parts that begin within the log, at once or growing. boxes : with those that end in it too."""
     rounded = any(ROWS[part.id].found_by is FoundBy.STEPS for part in now.parts)    # rounding changes with the speed
-    if rounded or len({time_s for part in now.parts for time_s in part.switches}) + 1 > MAX_SWITCHES:
+    switches = len({time_s for part in now.parts for time_s in part.switches})
+    if rounded or switches + 1 > MAX_SWITCHES:
         return []
     taken = {(p.id, p.member) for p in now.parts}
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
-    found = [f for f in changes(search.columns, now.parts, now.noise, tried) if f.gain > THRESHOLD]
-    at_once, growing = ([f for f in found if f.part.grows is grows] for grows in (False, True))
-    return [as_begun(f.part) for f in (*at_once[:BEGUN_REFITTED], *growing[:BEGUN_REFITTED])]
+    found = [f for f in changes(search.columns, now.parts, now.noise, tried, boxes and switches + 2 <= MAX_SWITCHES)
+             if f.gain > THRESHOLD]
+    ended = [f for f in found if f.part.until_s is not None]
+    at_once, growing = ([f for f in found if f.part.until_s is None and f.part.grows is grows]
+                        for grows in (False, True))
+    least = max((f.gain for f in (*at_once, *growing)), default=0.0) + BEGINS_PRICE     # what an end must be worth
+    ended = [f for f in ended if f.gain > least]
+    return [as_begun(f.part) for f in (*at_once[:BEGUN_REFITTED], *growing[:BEGUN_REFITTED], *ended[:BEGUN_REFITTED])]
 
 
 def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None:
@@ -474,8 +481,10 @@ def _rivals(search: Search, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[
 
 
 def _price(part: Part) -> float:
-    """Of a part that begins within the log: every time of it was tried. A stop shows when it was."""
-    return 0.0 if part.onset_s is None or CATALOGUE[part.id].effect.onset_only else BEGINS_PRICE
+    """Of a part that begins within the log, and of its end: every time was tried. A stop shows when it was."""
+    if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
+        return 0.0
+    return BEGINS_PRICE * (1 + (part.until_s is not None))
 
 
 def _begun_rivals(search: Search, others: Parts, part: Part, alone: Refit) -> list[Part]:
