@@ -16,8 +16,9 @@ from .search import Scanned
 Array = npt.NDArray[np.float64]
 
 EDGES = 13                  # times of a log at which a box may begin or end at first
-LIKELY = 0.3                # of the best gain of the like: what gains less is not tried at finer times
-FINER = 4                   # parts of their distance, in which it may in the end
+FEW = 4                     # best of those that touch the same channels, that are tried at finer times
+LEVELS = 2                  # of finer times ...
+FINER = 4                   # ... each so many times finer
 MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
 
 
@@ -34,19 +35,23 @@ def box(ground: Ground, group: Alike, time_s: Array, pull: Array, matters: float
     group, pull = group.only(may), pull[may]
     edges_s = np.linspace(first_s, last_s, EDGES)
     found = _best(ground, group, time_s, pull, edges_s) if group.ones else []
-    for k, one in enumerate(found):
-        if one.gain >= matters and one.gain >= LIKELY * max(other.gain for other in found):
+    for k in np.argsort([-one.gain for one in found])[:FEW].tolist():
+        one = found[k]
+        if one.gain >= matters:
             only = [j == k for j in range(len(found))]
-            found[k] = _best(ground, group.only(only), time_s, pull[only], _about(one, edges_s))[0]
+            apart_s = float(edges_s[1] - edges_s[0])
+            for _ in range(LEVELS):
+                about_s = np.clip(_about(one, apart_s), first_s, last_s)
+                one = found[k] = _best(ground, group.only(only), time_s, pull[only], np.unique(about_s))[0]
+                apart_s /= FINER
     return [one for one in found if one.gain >= matters]
 
 
-def _about(one: Scanned, edges_s: Array) -> Array:
-    """Times about a box's beginning and end."""
+def _about(one: Scanned, apart_s: float) -> Array:
+    """Times about a box's beginning and end. apart_s : those tried before."""
     assert one.part.onset_s is not None and one.part.until_s is not None
-    finer_s = (edges_s[1] - edges_s[0]) / FINER * np.arange(-FINER + 1, FINER)
-    times = np.concatenate([one.part.onset_s + finer_s, one.part.until_s + finer_s])
-    return np.unique(np.clip(times, edges_s[0], edges_s[-1]))
+    finer_s = apart_s / FINER * np.arange(-FINER + 1, FINER)
+    return np.concatenate([one.part.onset_s + finer_s, one.part.until_s + finer_s])
 
 
 def _best(ground: Ground, group: Alike, time_s: Array, pull: Array, edges_s: Array) -> list[Scanned]:
