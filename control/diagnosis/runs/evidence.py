@@ -183,11 +183,23 @@ def without_best_block(seen: Scores, k: int) -> float:
     return float(least)
 
 
+def while_there(seen: Scores, channels: Sequence[ChannelSeries], from_s: float, to_s: float) -> Scores:
+    """The blocks in which a part that comes and goes is there; what nuisances do elsewhere is none of its evidence."""
+    inside = []
+    for channel in channels:
+        time_s = channel.grid.even_s
+        edges_s = time_s[np.minimum(np.linspace(0, len(time_s), BLOCKS + 1).astype(int), len(time_s) - 1)]
+        inside.append((edges_s[1:] > from_s) & (edges_s[:-1] < to_s))
+    kept = np.append(np.concatenate(inside), True)
+    return Scores(seen.score[kept], seen.energy[kept])
+
+
 def without_best_stretch(seen: Scores, k: int, blocks: int = 4) -> float:
-    """The same with `blocks` in a row left out, tolerances apart; 0 where no other stretch could tell of the trace."""
+    """The same with `blocks` in a row left out, or a quarter where those are more, tolerances apart; 0 where no other
+    stretch could tell of the trace."""
     score, energy = seen.score[:-1, k], seen.energy[:-1, k]
     sign, total = 1.0 if score.sum() >= 0.0 else -1.0, float(energy.sum())
-    row = np.ones(blocks)
+    row = np.ones(max(1, min(blocks, len(score) // 4)))
     rest = np.maximum(0.0, sign * score.sum() - np.convolve(sign * score, row, "valid"))
     left = total - np.convolve(energy, row, "valid")
     told = left > MIN_ENERGY_LEFT * max(total, 1e-12)

@@ -26,6 +26,7 @@ from .evidence import (
     slow_share,
     spread_over,
     unevenness,
+    while_there,
     without_best_block,
     without_best_stretch,
 )
@@ -235,22 +236,35 @@ def _forward_step(search: Search, now: Refit, barred: Sequence[Part] = ()) -> _S
         if refit.tangled < MAX_TANGLED:
             tried.append((2.0 * (refit.log_likelihood - now.log_likelihood) - price, refit))
     tried = _best_begun_refined(search, now, sorted(tried, key=lambda one: -one[0]))
-    best_gain = max((gain for gain, _ in tried[:1]), default=max((f.gain for f in found[:1]), default=0.0))
+    best_gain = max((f.gain for f in found[:1]), default=0.0) if not tried else 0.0
     refused: list[Refused] = []
     for gain, best in tried:
         if gain <= THRESHOLD:
+            best_gain = max(best_gain, gain)
             break
-        doubt = _all_along(best.parts[-1], refused) or _doubt(search, best, len(now.parts), now)
-        if doubt is not None and doubt.doubt is Doubt.DRIFT:
-            ended = with_end(search, best, ONSET_THRESHOLD)     # what ends is the like beginning again
-            if ended is not best and _doubt(search, ended, len(now.parts), now) is None:
-                best, doubt = ended, None
+        better, doubt = _held(search, now, best, refused)
         if doubt is None:
-            return _Step(best, [], best_gain)
-        refused.append(doubt)
+            return _Step(better, [], gain)
+        if not _odd_stretch(doubt):
+            refused.append(doubt)
     if refused:
         best_gain = max(one.beyond for one in refused)
     return _Step(None, refused, best_gain)
+
+
+def _held(search: Search, now: Refit, found: Refit, refused: Sequence[Refused]) -> tuple[Refit, Refused | None]:
+    """A hypothesis with one more part, with an end where it holds only so; and why it does not hold."""
+    doubt = _all_along(found.parts[-1], refused) or _doubt(search, found, len(now.parts), now)
+    if doubt is not None and doubt.doubt is Doubt.DRIFT:
+        ended = with_end(search, found, ONSET_THRESHOLD)        # what ends is the like beginning again
+        if ended is not found and _doubt(search, ended, len(now.parts), now) is None:
+            return ended, None
+    return found, doubt
+
+
+def _odd_stretch(doubt: Refused) -> bool:
+    """Whether one moment alone speaks for what comes and goes: some moment of a log is always the oddest."""
+    return doubt.part.until_s is not None and doubt.doubt is Doubt.STRETCH
 
 
 def _best_begun_refined(search: Search, now: Refit, tried: list[tuple[float, Refit]]) -> list[tuple[float, Refit]]:
@@ -311,7 +325,9 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None
     spread, tone = spread_over(seen, 0), colour(search.columns, found.parts, found.noise, trace)
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
-    kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(seen, 0)
+    there = seen if part.onset_s is None or part.until_s is None else \
+        while_there(seen, search.model.channels, part.onset_s, part.until_s)
+    kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(there, 0)
     if kept < least or gain < THRESHOLD * spread ** 0.5:
         return Refused(part, gain, Doubt.STRETCH, gain / (spread * tone))
     if gain < THRESHOLD * tone * spread:
@@ -347,7 +363,7 @@ def _begins_as_drift(search: Search, found: Refit, k: int, alone: Refit, trace: 
         return True
     low, high = bounds(part.id, search.model.machine)
     same = Candidate(part._replace(onset_s=None, until_s=None, grows=False), low - part.size, high - part.size)
-    again = changes(search.columns, found.parts, found.noise, [same])
+    again = changes(search.columns, found.parts, found.noise, [same], boxes=part.until_s is not None)
     return bool(again) and gain < BEGUN_AGAIN * again[0].gain
 
 
