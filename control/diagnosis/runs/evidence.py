@@ -7,7 +7,7 @@ maximum over everything searched, hundreds of times.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from .noise import Noise, series_of
 Array = npt.NDArray[np.float64]
 
 BLOCKS = 64                 # of each channel: a block is far longer than whitened noise remembers
+SHORT_BLOCKS = 16           # of what comes and goes
 REPLICATES = 1000           # a probability of 0.002 is then two of them
 SEED = 20260101             # of the signs: the same log gives the same diagnosis
 UNEVEN = 1.5                # times the variance between blocks that even noise gives: below it is chance
@@ -42,8 +43,9 @@ class Scores(NamedTuple):
     energy: Array               # (blocks + 1, k): sum of trace squared
 
 
-def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column]) -> Scores:
-    """Block sums of `traces` on top of a hypothesis."""
+def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequence[Column],
+           counts: Mapping[str, int] | None = None) -> Scores:
+    """Block sums of `traces` on top of a hypothesis. counts : blocks by channel; BLOCKS of each if None."""
     base, model = columns.of_hypothesis(parts), columns.model
     before, data = len(base), model.banded_residual(parts)
     p = problem(model.channels, data, [*base, *traces])
@@ -56,7 +58,8 @@ def scores(columns: Columns, parts: Parts, noise: dict[str, Noise], traces: Sequ
         for j, column in enumerate(base):
             if channel.name in column.coefficients:
                 plain -= shares[j][:, None] * column.coefficients[channel.name]
-        found.append(_block_sums(channel, noise[channel.name], left[channel.name], plain))
+        count = BLOCKS if counts is None else counts[channel.name]
+        found.append(_block_sums(channel, noise[channel.name], left[channel.name], plain, count))
     told = (p.mean[:before] - amplitude) / p.sd[:before]
     tolerated = -shares / p.sd[:before, None]
     found.append(((told @ tolerated)[None], (tolerated ** 2).sum(axis=0)[None]))
@@ -72,12 +75,18 @@ def _stacked(traces: Sequence[Column], channel: ChannelSeries) -> Array:
     return stack
 
 
-def _block_sums(channel: ChannelSeries, noise: Noise, left: Array, traces: Array) -> tuple[Array, Array]:
-    """Sums over BLOCKS blocks, (blocks, k) each: whitened residual times whitened traces, and these squared."""
+def _edges(samples: int, blocks: int) -> npt.NDArray[np.int_]:
+    """First samples of so many blocks (blocks,)."""
+    return np.linspace(0, samples, blocks + 1).astype(int)[:-1]
+
+
+def _block_sums(channel: ChannelSeries, noise: Noise, left: Array, traces: Array,
+                blocks: int) -> tuple[Array, Array]:
+    """Sums over blocks, (blocks, k) each: whitened residual times whitened traces, and these squared."""
     scale = 1.0 / np.sqrt(noises.strengths(noise, channel.prior, channel.cut, channel.grid.step_s))
     residual = series_of(left * scale, channel.cut)
-    edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
-    sums, squares = np.empty((BLOCKS, len(traces))), np.empty((BLOCKS, len(traces)))
+    edges = _edges(len(residual), blocks)
+    sums, squares = np.empty((blocks, len(traces))), np.empty((blocks, len(traces)))
     for k, banded in enumerate(traces):
         trace = series_of(banded * scale, channel.cut)
         sums[:, k] = np.add.reduceat(residual * trace, edges)
@@ -183,24 +192,34 @@ def without_best_block(seen: Scores, k: int) -> float:
     return float(least)
 
 
-def while_there(seen: Scores, channels: Sequence[ChannelSeries], from_s: float, to_s: float) -> Scores:
-    """The blocks in which a part that comes and goes is there; what nuisances do elsewhere is none of its evidence."""
-    inside = []
-    for channel in channels:
+def while_there(columns: Columns, parts: Parts, noise: dict[str, Noise], trace: Column, from_s: float,
+                to_s: float) -> Scores:
+    """Block sums of a trace that comes and goes, over SHORT_BLOCKS of the time in which it is there.
+
+    What nuisances take of it elsewhere is none of its evidence.
+    """
+    inside, counts = [], {}
+    for channel in columns.model.channels:
         time_s = channel.grid.even_s
-        edges_s = time_s[np.minimum(np.linspace(0, len(time_s), BLOCKS + 1).astype(int), len(time_s) - 1)]
-        inside.append((edges_s[1:] > from_s) & (edges_s[:-1] < to_s))
+        each = max(1, round(SHORT_BLOCKS * float(time_s[-1] - time_s[0]) / (to_s - from_s)))
+        counts[channel.name] = channel.copies * min(each, len(time_s))
+        there = np.tile((time_s >= from_s) & (time_s < to_s), channel.copies)
+        inside.append(np.logical_or.reduceat(there, _edges(len(there), counts[channel.name])))
+    seen = scores(columns, parts, noise, [trace], counts)
     kept = np.append(np.concatenate(inside), True)
     return Scores(seen.score[kept], seen.energy[kept])
 
 
-def without_best_stretch(seen: Scores, k: int, blocks: int = 4) -> float:
-    """The same with `blocks` in a row left out, or a quarter where those are more, tolerances apart; 0 where no other
-    stretch could tell of the trace."""
+def without_best_stretch(seen: Scores, k: int, blocks: int = 4, scaled: bool = True) -> float:
+    """The same with `blocks` in a row left out, tolerances apart; 0 where no other stretch could tell of the trace.
+
+    scaled : to the whole, for what would tell more were the log longer; else what the other stretches gain.
+    """
     score, energy = seen.score[:-1, k], seen.energy[:-1, k]
     sign, total = 1.0 if score.sum() >= 0.0 else -1.0, float(energy.sum())
-    row = np.ones(max(1, min(blocks, len(score) // 4)))
+    row = np.ones(blocks)
     rest = np.maximum(0.0, sign * score.sum() - np.convolve(sign * score, row, "valid"))
     left = total - np.convolve(energy, row, "valid")
     told = left > MIN_ENERGY_LEFT * max(total, 1e-12)
-    return float(np.min((rest * told / np.where(told, left, 1.0)) ** 2) * total)
+    kept = rest ** 2 * told / np.where(told, left, 1.0)
+    return float(np.min(kept * total / np.where(told, left, 1.0) if scaled else kept))

@@ -5,22 +5,28 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 from control.machine.terms import Form
 
-from .hypothesis import MAX_SWITCHES, Parts
+from .hypothesis import MAX_SWITCHES, Parts, without
+from .likelihood import Column, Label, Role, best_fitted, problem
+from .noise import coefficients
 from .search import Refit, Search
-from .term_columns import CHANNEL_OF
+from .term_columns import CHANNEL_OF, ActedOn, tried
 from .term_forms import PER_AMPLITUDE
 from .terms import Dictionary, Found, found_terms, series_of_term, total_price
+
+Array = npt.NDArray[np.float64]
 
 NAME_PRICE = 17.0           # of twice the log-likelihood: what a name must gain
 NAME_WINS = 10.0            # a term takes a name's place from so much more on ...
 NAME_WINS_SHARE = 0.05      # ... or from this share of what the names explain
 NAMES_TRIED = 3             # for a box in time
 BOX_SHARE = 0.15            # of a box's gain: an effect for a while may explain so much less
+SAME = 0.9999               # cosine of a box and what an effect does for a while: above it they are one
 MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's
 
 
@@ -62,16 +68,47 @@ def _for_a_while(search: Search, now: Refit, box: Found) -> Refit | None:
     if len({t for part in now.parts for t in part.switches} | {begin, end}) > MAX_SWITCHES:
         return None
     name = CHANNEL_OF[box.term.acts_on]
-    tried = [c._replace(part=c.part._replace(onset_s=begin, until_s=end)) for c in search.candidates
+    those = [c._replace(part=c.part._replace(onset_s=begin, until_s=end)) for c in search.candidates
              if name in ROWS[c.part.id].channels and ROWS[c.part.id].may_begin and not ROWS[c.part.id].threshold
              and c.part.onset_s is None and not CATALOGUE[c.part.id].effect.onset_only]
     refits = [search.refit((*now.parts, one.part), now.noise)
-              for one in search.scan(now.parts, box.noise, tried)[:NAMES_TRIED] if one.gain > NAME_PRICE]
+              for one in search.scan(now.parts, box.noise, those)[:NAMES_TRIED] if one.gain > NAME_PRICE]
     best = max(refits, key=lambda one: one.log_likelihood, default=None)
     least = box.gain - max(NAME_WINS, BOX_SHARE * box.gain)
     if best is None or 2.0 * (best.log_likelihood - now.log_likelihood) < least:
         return None
     return best
+
+
+def boxes_as_good(search: Search, now: Refit) -> tuple[str, ...]:
+    """Ids of the parts that come and go whose time a mere constant, added for as long, explains as well.
+
+    A part that is itself such a constant (an offset of the gate) is left out.
+    """
+    model, found = search.model, []
+    for k, part in enumerate(now.parts):
+        if part.onset_s is None or part.until_s is None or part.grows:
+            continue
+        row_s, others = model.data.row_s, without(now.parts, k)
+        there = ((row_s >= part.onset_s) & (row_s < part.until_s)).astype(np.float64)
+        own = search.columns.trace(now.parts, k)
+        base = search.columns.of_hypothesis(others)
+        for acted in (ActedOn(model, others, acts) for acts in tried(model)
+                      if CHANNEL_OF[acts] in ROWS[part.id].channels):
+            name, series = acted.channel.name, acted.of(there[None])
+            box = Column(Label(Role.CANDIDATE, part.id), {name: coefficients(series, acted.channel.cut)[0]}, np.inf)
+            if name not in own.coefficients or _alike(own.coefficients[name], box.coefficients[name]) > SAME:
+                continue
+            p = problem(model.channels, model.banded_residual(others), [*base, box])
+            fit = best_fitted(p, np.arange(len(base) + 1), now.noise, model.channels)
+            if 2.0 * (now.log_likelihood - fit.log_likelihood) < NAME_WINS:
+                found.append(part.id)
+    return tuple(dict.fromkeys(found))
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Cosine of two traces."""
+    return float(abs(one @ other) / max(1e-300, float(np.linalg.norm(one) * np.linalg.norm(other))))
 
 
 def _explained(now: Refit, terms: Sequence[Found]) -> float:

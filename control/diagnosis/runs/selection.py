@@ -33,7 +33,7 @@ from .evidence import (
 from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
-from .names_or_terms import beyond_names
+from .names_or_terms import beyond_names, boxes_as_good
 from .onset import as_begun, blocked, refined, stands_below, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
@@ -146,6 +146,7 @@ def judged(search: Search) -> Judged:
         if beside is not current:
             current, left = beside, unexplained(search.columns, beside, explained)
     current, gains, rivals = _best_placed(search, current)
+    or_boxes = (*or_boxes, *boxes_as_good(search, current))
     return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms,
                   or_boxes)
 
@@ -325,9 +326,13 @@ def _doubt(search: Search, found: Refit, k: int, alone: Refit) -> Refused | None
     spread, tone = spread_over(seen, 0), colour(search.columns, found.parts, found.noise, trace)
     share = 0.0 if row.threshold else MIN_SHARE_WITHOUT_BLOCK     # a threshold is passed now and then
     least = max(MIN_WITHOUT_BLOCK * THRESHOLD, share * gain)
-    there = seen if part.onset_s is None or part.until_s is None else \
-        while_there(seen, search.model.channels, part.onset_s, part.until_s)
-    kept = without_best_block(seen, 0) if part.onset_s is None else without_best_stretch(there, 0)
+    if part.onset_s is None:
+        kept = without_best_block(seen, 0)
+    elif part.until_s is None:
+        kept = without_best_stretch(seen, 0)
+    else:
+        there = while_there(search.columns, others, found.noise, trace, part.onset_s, part.until_s)
+        kept = without_best_stretch(there, 0, scaled=False)
     if kept < least or gain < THRESHOLD * spread ** 0.5:
         return Refused(part, gain, Doubt.STRETCH, gain / (spread * tone))
     if gain < THRESHOLD * tone * spread:
