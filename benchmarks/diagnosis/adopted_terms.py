@@ -4,8 +4,8 @@
 
 A machine with a term that control does not know is simulated, its log diagnosed and adopted, the new file checked, all
 by the commands that a user would give. Then the same machine is driven on other fields by control that reads the
-shipped file, the adopted one, and one with the true term: dose and place on the ground, in truth. At the end the
-adopted terms are taken out of the file again. Exit code 1 where a machine's term is not found.
+shipped file, the adopted one, and one with the true term: dose and place on the ground, in truth. At the end
+`topdress history --undo` takes the change back. Exit code 1 where a machine's term is not found.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from adopted import ROOT, Driven, command, judged
 sys.path.insert(0, str(ROOT))
 
 # One over two variables, one over one; both as `topdress simulate --term` takes them.
-TERMS = ("flow_percent product roll_deg,speed_mps slope=7 at=0 second_at=1.2",
+TERMS = ("flow_percent product roll_deg,speed_mps slope=20 at=0 second_at=1.2",
          "flow_percent hinge speed_mps at=1.2 above=-25")
 STRATEGY = "opening_first"
 ROUGHNESS_DEG, SLOW_KMH, FAST_KMH, EVERY_S = 2.0, 3.0, 6.0, 45.0      # of the field that is driven
@@ -69,13 +69,15 @@ def outcome(text: str, seconds: float, seeds: int, folder: Path) -> Outcome:
     from drivers.files.kinds import MACHINE
     from drivers.files.setup import load_setup
 
-    log, answer, new, again = (folder / name for name in ("run.csv", "answer.json", "adopted.yaml", "again.json"))
+    log, answer, again = folder / "run.csv", folder / "answer.json", folder / "again.json"
+    new, undone = folder / "adopted.yaml", folder / "undone.yaml"
     job = field_job(folder, seconds)
     command("simulate", "--job", str(job), "--seconds", str(seconds), "--seed", str(LOGGED_SEED), "--strategy",
             STRATEGY, "--flow-trim", "off", "--term", text, "--out", str(log))
     command("diagnose", str(log), "--json", str(answer), "--adopt", str(new))
     command("check", str(new))
     command("diagnose", str(log), "--machine", str(new), "--json", str(again))
+    command("history", str(new), "--undo", "--out", str(undone))
     said, after = (json.loads(path.read_text(encoding="utf-8")) for path in (answer, again))
     setup = load_setup("huanghai", str(job), dt.date.today())
     term = parse_term(text, Term.model_validate)
@@ -84,12 +86,7 @@ def outcome(text: str, seconds: float, seeds: int, folder: Path) -> Outcome:
     driven = {word: [_driven(setup, known, term, seconds, DRIVEN_SEED + k) for k in range(seeds)]
               for word, known in files.items()}
     return Outcome(text, said["verdict"], told(said), ", ".join(_share(t["held_out_gain"]) for t in said["terms"]),
-                   after["verdict"], _undone(adopted, str(log)) == setup.machine, driven)
-
-
-def _undone(adopted: Any, data: str) -> Any:
-    """The file without what came from some data, by the history that it keeps."""
-    return adopted.model_copy(update={"terms": tuple(t for t in adopted.terms if t.source.data != data)})
+                   after["verdict"], load(str(undone), MACHINE).model == setup.machine, driven)
 
 
 def _driven(setup: Any, known: Any, term: Any, seconds: float, seed: int) -> Driven:
@@ -157,7 +154,7 @@ def main() -> None:
         f"first, flow trim off, ground of {ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and {FAST_KMH:g} km/h in turn; log of "
         f"seed {LOGGED_SEED}, fields of seeds from {DRIVEN_SEED} on (mean +- s.d.). The machine has the hidden term; "
         "control reads the shipped file, the adopted one, one with the true term. After: verdict of the same log with "
-        "the adopted file. Undone: without the terms that came from this log the file is the shipped one again.", "",
+        "the adopted file. Undone: after `topdress history --undo` the file is the shipped one again.", "",
         *table(outcomes), *(f"\nNot adopted: {line}" for line in failed)]) + "\n"
     if args.out is None:
         print(text)

@@ -143,7 +143,7 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
     for candidate in _candidates(search, dictionary, now, base, noise):
         found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
         verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
-    for found in _plainer_first(sorted(verified, key=lambda f: f.tried.price - f.gain)):
+    for found in _plainer_first(sorted(verified, key=_short_of)):
         enough = found.gain - found.tried.price > walks(dictionary.of[found.term.acts_on][0].channel) * \
             _threshold(found, explained) and _worth(found)
         if enough and _holds(search, now, base, len(held), found, *dictionary.of[found.term.acts_on]) \
@@ -152,6 +152,12 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
             if found.tried.form is Form.SPAN or found.held_out > WORSE:
                 return found
     return None
+
+
+def _short_of(one: Found) -> float:
+    """What ranks terms on top of the same: a box in time has its level in itself, other forms beside them."""
+    levels = len(one.columns) > one.tried.mix.shape[1]
+    return float(one.tried.price + term_forms.PER_AMPLITUDE * levels - 2.0 * one.log_likelihood)
 
 
 def _plainer_first(ranked: Sequence[Found]) -> list[Found]:
