@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
-from control.machine.terms import Form, Source, Term
+from control.machine.terms import SHAFT_ANGLE, Form, Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
@@ -84,6 +84,8 @@ def term_not_adoptable(found: TermFound) -> str:
     """Why no machine file takes up a term; "" where one may."""
     if found.term["form"] == Form.SPAN.value:
         return "it holds for a span of one run: the model stays"
+    if any(variable["name"] == SHAFT_ANGLE for variable in found.term["over"]):
+        return "where the shaft stands when another run begins is not known: the model stays"
     if found.held_out_gain is None or found.held_out_gain < WORSE:
         return "rows that it was not fitted to come out worse with it"
     return ""

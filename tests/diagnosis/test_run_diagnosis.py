@@ -508,6 +508,17 @@ def test_evidence_of_one_block_falls_with_it():
     assert even > 15.0 and evidence.without_best_block(evidence.Scores(score, energy), 0) == 0.0
 
 
+def test_a_wheel_that_rolls_shorter_on_one_side_of_a_slope_misses_no_pulses() -> None:
+    """What follows the roll is no dip that comes at any time: a term is found, and no name beside it."""
+    columns = a_run(Machine(), seed=11)
+    roll = 4.0 * np.sin(columns["time_s"] / 23.0)
+    columns["roll_deg"] = roll + 0.05 * np.random.default_rng(1).standard_normal(len(roll))
+    columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * np.where(roll < -2.5, 0.85, 1.0)
+    found = diagnose_run(columns, Machine())
+    assert "speed.missed_pulses" not in ids(found)
+    assert any([v["name"] for v in one.term["over"]] == ["roll_deg"] for one in found.terms)
+
+
 def test_pulses_that_stay_away_for_a_second_are_missing_though_tails_rise_as_often() -> None:
     """Spells of many rows count beside single outliers, which both sides have."""
     rng, count = np.random.default_rng(2), 12_000

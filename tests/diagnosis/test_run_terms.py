@@ -37,14 +37,15 @@ def slow(rng: np.random.Generator, tau_s: float) -> Any:
     return found
 
 
-def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL) -> dict[str, Any]:
-    """A log of the shaft alone, ten rows a second, of a machine that has terms."""
+def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: float = 0.0) -> dict[str, Any]:
+    """A log of the shaft alone, ten rows a second, of a machine that has terms. along : of the roll in the torque."""
     rng = np.random.default_rng(seed)
     time_s = STEP_S * np.arange(ROWS)
     command = np.repeat(rng.uniform(20.0, 90.0, ROWS // 60), 60).round(1)
     columns = {"time_s": time_s, "shaft_rpm_cmd": command, "supply_v": 13.5 + 0.4 * slow(rng, 25.0),
                "pitch_deg": 1.5 * slow(rng, 6.0), "roll_deg": 1.5 * slow(rng, 5.0),
                "engine_torque_nm": 300.0 + 40.0 * slow(rng, 12.0)}
+    columns["engine_torque_nm"] = columns["engine_torque_nm"] + along * columns["roll_deg"]
     values = {**columns, "told_rpm": told_over_log(command, time_s, machine.shaft.dead_time_s)}
     terms = [parse_term(text, Term.model_validate) for text in texts]
     more = over_log(terms, values, time_s, term_run)
@@ -113,6 +114,31 @@ def test_a_term_about_another_place_is_no_gain_beside_it() -> None:
     assert found.causes == ()
     assert found.terms[0].term["coefficients"]["level"] == pytest.approx(1.0, abs=0.1)
     assert found.terms[0].term["coefficients"]["slope"] == pytest.approx(-0.5, abs=0.03)
+
+
+def test_terms_that_are_alike_are_told_with_the_sizes_that_they_have_together() -> None:
+    """The first is fitted before the second is known, and takes a part of it upon itself."""
+    texts = ("shaft_percent slope roll_deg slope=0.6",
+             "shaft_percent hinge engine_torque_nm at=330 above=-0.015")
+    columns = shaft_log(*texts, along=40.0)
+    found = diagnose_run(columns, Machine())
+    assert len(found.terms) == 2
+    values = {**columns, "told_rpm": columns["shaft_rpm_cmd"]}
+    true, told = (over_log(terms, values, columns["time_s"], term_run)["shaft_percent"] for terms in (
+        [parse_term(text, Term.model_validate) for text in texts],
+        [Term.model_validate({k: v for k, v in one.term.items() if k != "source"}) for one in found.terms]))
+    assert np.std(told - true) < 0.3 * np.std(true)
+
+
+def test_where_the_shaft_stands_is_not_adopted() -> None:
+    """Another run begins at another place of the shaft."""
+    found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=0.4"), Machine())
+    term = found.terms[0]
+    over = [{"name": "shaft_angle_deg", "valid": [0.0, 360.0]}]
+    turned = replace(term, term={**term.term, "form": "periodic", "over": over,
+                                 "coefficients": {"cycles": 1.0, "sine": 0.4, "cosine": 0.0}})
+    assert not term_not_adoptable(term) and "not known" in term_not_adoptable(turned)
+    assert adoptable_terms(replace(found, terms=(turned,))) == ()
 
 
 def test_a_drift_of_one_log_is_no_level_of_a_term() -> None:

@@ -4,6 +4,7 @@ What they account for is taken out of the data before anything else is looked fo
 """
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,9 @@ LONG_DIP = 3                # ... rows of one, or of those that last so long: a 
 DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
 MIN_DIP = 0.1               # of the speed
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
+CLASSES = 16                # of a variable that the dips may follow ...
+FOLLOWS = 0.4               # ... where its class tells so much of when they come: missing pulses come at any time
+COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")      # and what changes how many pulses there are
 FAST_MPS = 0.6              # below this speed a reading says little about the ratio
 
 
@@ -58,7 +62,7 @@ def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Read
     """The data with spells taken out, and the effects that they were."""
     found: list[ReadOff] = []
     if data.speed is not None:
-        speed, seen = _without_dips(data.speed)
+        speed, seen = _without_dips(data.speed, _where(data))
         if seen is not None:
             data = data._replace(speed=speed)
             found.append(seen)
@@ -70,8 +74,18 @@ def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Read
     return data, tuple(found)
 
 
-def _without_dips(s: Speed) -> tuple[Speed, ReadOff | None]:
-    """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed."""
+def _where(data: RunData) -> list[Array]:
+    """What a wheel's rolling may depend on, at the speeds' rows: what follows one of these is no missing pulse."""
+    assert data.speed is not None
+    return [np.interp(data.speed.time_s, data.time_s, values) for name, values in data.variables.items()
+            if name not in COMES_WITH_TIME]
+
+
+def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | None]:
+    """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed.
+
+    where : variables that a wheel's rolling may depend on (rows,).
+    """
     moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
     ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
     if not moving.any():
@@ -89,11 +103,22 @@ def _without_dips(s: Speed) -> tuple[Speed, ReadOff | None]:
     if not any(_starts(_lasting(dips, rows)) >= MIN_DIPS + 3 * _starts(_lasting(rises, rows))
                for rows in (1, LONG_DIP)):
         return s, None
+    if any(_told_by(dips[moving], values[moving]) > FOLLOWS for values in where):
+        return s, None
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / starts)
     return s._replace(wheel_mps=wheel), ReadOff(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
+
+
+def _told_by(on: npt.NDArray[np.bool_], values: Array) -> float:
+    """Share of the variance of what is on or off that the class of a variable tells (R squared), CLASSES of them."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
+    of, share = np.searchsorted(edges, values), float(np.mean(on))
+    counts = np.bincount(of, minlength=len(edges) + 1)
+    shares = np.bincount(of, on, minlength=len(edges) + 1) / np.maximum(1, counts)
+    return float(np.sum(counts * (shares - share) ** 2) / max(1e-12, len(on) * share * (1.0 - share)))
 
 
 def _usual(ratio: Array) -> tuple[float, float]:

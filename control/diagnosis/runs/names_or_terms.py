@@ -17,7 +17,7 @@ from .noise import coefficients
 from .search import Refit, Search
 from .term_columns import CHANNEL_OF, ActedOn, tried
 from .term_forms import PER_AMPLITUDE
-from .terms import Dictionary, Found, found_terms, series_of_term, total_price
+from .terms import Dictionary, Found, found_terms, levels_of, series_of_term, total_price
 
 Array = npt.NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def _explained(now: Refit, terms: Sequence[Found]) -> float:
 
 def _worth(now: Refit, terms: Sequence[Found]) -> float:
     """The same less all prices."""
-    levels = sum(len(one.columns) > one.tried.mix.shape[1] for one in terms)
+    levels = sum(levels_of(one) for one in terms)
     return float(_explained(now, terms) - NAME_PRICE * len(now.parts) - total_price(terms) - PER_AMPLITUDE * levels)
 
 
@@ -131,7 +131,7 @@ def _may_replace(search: Search, parts: Parts, terms: Sequence[Found]) -> bool:
     data = search.model.data
     for one in terms:
         values = series_of_term(one.term, data)
-        if len(one.columns) > one.tried.mix.shape[1] and abs(float(np.mean(values))) > MAX_MEAN * float(np.std(values)):
+        if levels_of(one) and abs(float(np.mean(values))) > MAX_MEAN * float(np.std(values)):
             return False
     constant = [one for one in terms if "constant" in one.tried.knobs]
     own = {ROWS[part.id].form_over for part in parts} | {ROWS[part.id].needs for part in parts}

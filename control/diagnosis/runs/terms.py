@@ -132,7 +132,38 @@ def found_terms(search: Search, dictionary: Dictionary, now: Refit, explained: f
         if best is None:
             break
         terms.append(best)
-    return terms
+    return _told_together(search, dictionary, now, terms) if len(terms) > 1 else terms
+
+
+def _told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found]) -> list[Found]:
+    """The same terms with the sizes that they have beside each other: the first was fitted before the others came."""
+    names = search.columns.of_hypothesis(now.parts)
+    columns: list[Column] = []
+    levels: dict[Acts, int] = {}        # a quantity has one level, whatever terms act on it
+    forms: list[int] = []
+    for one in terms:
+        count = levels_of(one)
+        if count and one.term.acts_on not in levels:
+            levels[one.term.acts_on] = len(names) + len(columns)
+            columns.append(one.columns[0])
+        forms.append(len(names) + len(columns))
+        columns += one.columns[count:]
+    p, before = search.columns.compressed(now.parts, columns)
+    fit = fitted(p, np.arange(before + len(columns)), terms[-1].noise)
+    found = []
+    for one, at in zip(terms, forms, strict=True):
+        acts = one.term.acts_on
+        level_at = levels.pop(acts, None) if levels_of(one) else None
+        level = float(fit.amplitude[level_at]) if level_at is not None and _sure_of_level(fit, level_at, names) else 0.0
+        sizes = fit.amplitude[at:at + len(one.columns) - levels_of(one)]
+        term = _term(acts, one.tried, sizes, level, fit, at, dictionary.of[acts][1], search.model.data)
+        found.append(one._replace(term=term, field_percent=_field_percent(term, search.model.data)))
+    return found
+
+
+def levels_of(one: Found) -> int:
+    """How many of a term's columns are its level: none or one."""
+    return int(len(one.columns) > one.tried.mix.shape[1])
 
 
 def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, terms: Sequence[Found]) -> Found | None:
@@ -156,8 +187,7 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
 
 def _short_of(one: Found) -> float:
     """What ranks terms on top of the same: a box in time has its level in itself, other forms beside them."""
-    levels = len(one.columns) > one.tried.mix.shape[1]
-    return float(one.tried.price + term_forms.PER_AMPLITUDE * levels - 2.0 * one.log_likelihood)
+    return float(one.tried.price + term_forms.PER_AMPLITUDE * levels_of(one) - 2.0 * one.log_likelihood)
 
 
 def _plainer_first(ranked: Sequence[Found]) -> list[Found]:
@@ -364,15 +394,15 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
     return _Fits(columns, both, len(level), max(plain, again, key=lambda fit: fit.log_likelihood), full)
 
 
-def _sure_of_level(fits: _Fits, base: Sequence[Column]) -> bool:
-    """Whether the log holds a level beside a form: a slow drift of this log is no trait of the machine, and what a name
-    of the hypothesis does is the name's."""
-    at, covariance = len(base), fits.full.covariance
+def _sure_of_level(fit: Fit, at: int, base: Sequence[Column]) -> bool:
+    """Whether the log holds the level that a fit has in place `at` beside a form: a slow drift of this log is no trait
+    of the machine, and what a name of the hypothesis does is the name's. base : columns before the terms'."""
+    covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     names = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
     if any(abs(covariance[at, k]) > MAX_TANGLED * sd[at] * sd[k] for k in names):
         return False
-    return abs(float(fits.full.amplitude[at])) > LEVEL_SD * float(sd[at])
+    return abs(float(fit.amplitude[at])) > LEVEL_SD * float(sd[at])
 
 
 def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], one: _Candidate,
@@ -385,7 +415,7 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
     trace = coefficients(amplitude @ fits.series, channel.cut)
     own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
-    level = float(amplitude[0]) if levels and _sure_of_level(fits, base) else 0.0
+    level = float(amplitude[0]) if levels and _sure_of_level(fits.full, len(base), base) else 0.0
     return Found(_term(one.acts, form, amplitude[levels:], level, fits.full, len(base) + levels, variables, data), form,
                  fits.gain,
                  fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
