@@ -77,7 +77,7 @@ def alike(ground: Ground, tried: Sequence[Candidate], traces: Sequence[dict[str,
 
 
 def grounded(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Sequence[Column],
-            noise: dict[str, Noise]) -> Ground:
+             noise: dict[str, Noise]) -> Ground:
     """left : what the base leaves of the banded residual, (m,) by channel."""
     found, begin = {}, 0
     for channel in channels:
