@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from control.diagnosis.runs import evidence
 from control.diagnosis.runs.changes import best_begins
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
@@ -67,3 +68,15 @@ def test_a_shaft_that_is_slow_for_a_while_is_named_with_both_times(work, machine
     (cause,) = found.causes
     assert found.verdict == "named" and cause.id in ("shaft.gain", "shaft.load_droop", "shaft.voltage_sag")
     assert cause.onset_s == pytest.approx(from_s, abs=15.0) and cause.until_s == pytest.approx(to_s, abs=15.0)
+
+
+def test_a_box_in_a_gap_of_the_log_has_no_evidence(work, machine):
+    """Rows are missing: hardly a reading was taken while it would have been there."""
+    gone = (work["time_s"] > 200.0) & (work["time_s"] < 230.0)
+    log = {name: values[~gone] for name, values in work.items()}
+    _, data, _ = series_of_log(log, machine)
+    search = Search([channels(data, machine)["shaft"]], machine, data)
+    part = next(c.part for c in search.candidates if c.part.id == "shaft.gain")._replace(onset_s=203.0, until_s=225.0)
+    trace, noise = search.columns.trace((part,), 0), search.refit(()).noise
+    assert evidence.without_best_stretch(
+        evidence.while_there(search.columns, (), noise, trace, 203.0, 225.0), 0, scaled=False) == 0.0

@@ -216,6 +216,8 @@ def without_best_stretch(seen: Scores, k: int, blocks: int = 4, scaled: bool = T
     scaled : to the whole, for what would tell more were the log longer; else what the other stretches gain.
     """
     score, energy = seen.score[:-1, k], seen.energy[:-1, k]
+    if len(score) <= blocks:            # no reading, or hardly one, was taken while it was there
+        return 0.0
     sign, total = 1.0 if score.sum() >= 0.0 else -1.0, float(energy.sum())
     row = np.ones(blocks)
     rest = np.maximum(0.0, sign * score.sum() - np.convolve(sign * score, row, "valid"))
