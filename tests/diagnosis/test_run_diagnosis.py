@@ -519,6 +519,16 @@ def test_a_wheel_that_rolls_shorter_on_one_side_of_a_slope_misses_no_pulses() ->
     assert any([v["name"] for v in one.term["over"]] == ["roll_deg"] for one in found.terms)
 
 
+def test_dips_that_begin_on_a_slope_alone_are_no_missing_pulses() -> None:
+    """Only the noise's own extremes pass for dips there: few of the rows, and all of them where the machine leans."""
+    columns, rng = a_run(Machine(), seed=11), np.random.default_rng(3)
+    roll = 4.0 * np.sin(columns["time_s"] / 23.0)
+    columns["roll_deg"] = roll + 0.05 * rng.standard_normal(len(roll))
+    columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * (1.0 - 0.07 * np.maximum(0.0, -roll - 2.5)) \
+        + 0.03 * rng.standard_normal(len(roll))
+    assert "speed.missed_pulses" not in ids(diagnose_run(columns, Machine()))
+
+
 def test_pulses_that_stay_away_for_a_second_are_missing_though_tails_rise_as_often() -> None:
     """Spells of many rows count beside single outliers, which both sides have."""
     rng, count = np.random.default_rng(2), 12_000

@@ -188,3 +188,71 @@ def test_an_angle_driven_up_and_down_has_one_amplitude_along_its_axis() -> None:
     assert abs(sine * np.sin(np.radians(30.0)) + cosine * np.cos(np.radians(30.0))) > 0.999
     round_it = term_forms.over_one(term_forms.scaled("heading_deg", rng.uniform(0.0, 360.0, 2000), work), time_s, work)
     assert {form.mix.shape[1] for form in round_it.forms} == {2}
+
+
+@pytest.mark.parametrize("axis_deg", [4.0, 30.0, 90.0, 163.0, 178.0])
+def test_what_was_seen_up_and_down_a_field_is_told_of_these_headings_alone(axis_deg: float) -> None:
+    """The phase of a cycle is not known from one axis: across it a wave would be a guess."""
+    rng, work = np.random.default_rng(1), np.ones(2000, bool)
+    time_s = np.arange(2000.0)
+    field = np.mod(np.where(time_s % 200 < 100, axis_deg, axis_deg + 180.0) + rng.normal(0.0, 1.0, 2000), 360.0)
+    heading = term_forms.scaled("heading_deg", field, work)
+    [along] = term_forms.over_one(heading, time_s, work).forms
+    ahead = float(along.mix[:2, 0] @ [np.sin(np.radians(axis_deg)), np.cos(np.radians(axis_deg))])
+    nodes, values = term_forms.table_of(along, np.array([0.5 * ahead]), 0.1, {"heading_deg": heading})
+    assert term_forms.coefficients(along, np.array([0.5]), 0.1, {"heading_deg": heading}) == {}
+    term = Term.model_validate({"id": "shaft.table", "acts_on": "shaft_percent", "form": term_forms.told_as(along),
+                                "over": [{"name": "heading_deg"}], "nodes": nodes, "values": values})
+    asked = np.mod(axis_deg + np.array([-10.0, 0.0, 10.0, 40.0, 90.0, 140.0, 170.0, 180.0, 190.0, 220.0, 270.0, 320.0]),
+                   360.0)
+    told = over_log([term], {"heading_deg": asked}, np.arange(12.0), term_run)["shaft_percent"]
+    assert told == pytest.approx([0.6] * 3 + [0.1] * 3 + [-0.4] * 3 + [0.1] * 3)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.4, 0.3), (0.6, 1.4), (-2.0, -1.9)])
+def test_a_saturation_is_told_as_it_was_fitted_without_a_large_level(low: float, high: float) -> None:
+    rng, time_s = np.random.default_rng(1), np.arange(500.0)
+    roll = term_forms.scaled("roll_deg", 4.0 + 3.0 * rng.standard_normal(500), np.ones(500, bool))
+    form = term_forms.Tried(term_forms.Form.SATURATION, ("roll_deg",), {"low_end": low, "high_end": high},
+                            np.ones((1, 1)), 4.0)
+    by = {"roll_deg": roll}
+    [series] = term_forms.again(form, by, time_s)
+    numbers = term_forms.coefficients(form, np.array([30.0]), 0.2, by)
+    term = Term.model_validate({"id": "shaft.saturation", "acts_on": "shaft_percent", "form": "saturation",
+                                "over": [roll.variable.model_dump()], "coefficients": numbers})
+    told = over_log([term], {"roll_deg": roll.x}, time_s, term_run)["shaft_percent"]
+    assert told == pytest.approx(0.2 + 30.0 * series)
+    assert series.min() <= 0.0 <= series.max() and abs(numbers["level"] - 0.2) <= 30.0 * (high - low)
+
+
+def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:
+    """What the term does on the mean and what a nominal value is off is not told apart: their sum is what it does."""
+    off = NOMINAL.shaft._replace(gain_percent=NOMINAL.shaft.gain_percent + 1.5 * NOMINAL.tolerance.shaft_percent)
+    text = "shaft_percent hinge roll_deg at=0.5 above=0.4"
+    found = diagnose_run(shaft_log(text, machine=NOMINAL.model_copy(update={"shaft": off})), NOMINAL)
+    told = Term.model_validate({k: v for k, v in found.terms[0].term.items() if k != "source"})
+    true = parse_term(text, Term.model_validate)
+    roll = np.linspace(-2.0, 3.0, 50)
+    one, other = (over_log([term], {"roll_deg": roll}, np.arange(50.0), term_run)["shaft_percent"]
+                  for term in (told, true))
+    assert np.mean(one - other) == pytest.approx(1.5 * NOMINAL.tolerance.shaft_percent, abs=0.3 * NOMINAL.tolerance.shaft_percent)
+
+
+def wheel_log(term: Any, seed: int = 1) -> dict[str, Any]:
+    """A log of the speeds alone, ten rows a second. term : share by which the wheel reads more, of (roll, speed)."""
+    rng, time_s = np.random.default_rng(seed), STEP_S * np.arange(ROWS)
+    roll, speed = 2.0 * slow(rng, 8.0), 1.4 + 0.2 * slow(rng, 20.0)
+    gnss = speed + 0.03 * slow(rng, 1.5)        # its noise lasts: a dependence of the difference on the speed read
+    wheel = speed * (1.0 + term(roll, speed)) + 0.02 * rng.standard_normal(ROWS)
+    return {"time_s": time_s, "speed_mps": gnss, "wheel_speed_mps": wheel, "roll_deg": roll,
+            "pitch_deg": 1.5 * slow(rng, 6.0)}
+
+
+def test_the_wheel_may_depend_on_a_product_with_the_speed() -> None:
+    found = diagnose_run(wheel_log(lambda roll, speed: 0.05 * roll / 2.0 * (speed - 1.4) / 0.2), NOMINAL)
+    assert terms_of(found) == [("wheel_percent", "product", ["roll_deg", "speed_mps"])]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_noise_of_the_speed_that_the_wheel_is_held_against_is_no_term(seed: int) -> None:
+    assert diagnose_run(wheel_log(lambda roll, speed: 0.0, seed), NOMINAL).terms == ()

@@ -45,7 +45,9 @@ DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as w
 MIN_DIP = 0.1               # of the speed
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
 CLASSES = 16                # of a variable that the dips may follow ...
-FOLLOWS = 0.4               # ... where its class tells so much of when they come: missing pulses come at any time
+FOLLOWS = 0.4               # ... where its class tells so much of when they come: missing pulses come at any time ...
+BEGINS_WITH = 1.5           # ... or where the rates at which they begin differ so much from class to class (variance
+BEGINS_CHI2 = 60.0          # over mean squared), by so much of chi-square: 14 logs with missing pulses had below 0.4
 COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")      # and what changes how many pulses there are
 FAST_MPS = 0.6              # below this speed a reading says little about the ratio
 
@@ -103,7 +105,7 @@ def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | No
     if not any(_starts(_lasting(dips, rows)) >= MIN_DIPS + 3 * _starts(_lasting(rises, rows))
                for rows in (1, LONG_DIP)):
         return s, None
-    if any(_told_by(dips[moving], values[moving]) > FOLLOWS for values in where):
+    if any(_follows(dips[moving], values[moving]) for values in where):
         return s, None
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
@@ -112,13 +114,19 @@ def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | No
     return s._replace(wheel_mps=wheel), ReadOff(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
 
 
-def _told_by(on: npt.NDArray[np.bool_], values: Array) -> float:
-    """Share of the variance of what is on or off that the class of a variable tells (R squared), CLASSES of them."""
+def _follows(on: npt.NDArray[np.bool_], values: Array) -> bool:
+    """Whether dips come in some classes of a variable and hardly in the others: how long they last there (share of the
+    variance that the class tells, R squared), or how often they begin (chi-square against one rate for all)."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
     of, share = np.searchsorted(edges, values), float(np.mean(on))
-    counts = np.bincount(of, minlength=len(edges) + 1)
-    shares = np.bincount(of, on, minlength=len(edges) + 1) / np.maximum(1, counts)
-    return float(np.sum(counts * (shares - share) ** 2) / max(1e-12, len(on) * share * (1.0 - share)))
+    counts = np.maximum(1, np.bincount(of, minlength=len(edges) + 1))
+    shares = np.bincount(of, on, minlength=len(counts)) / counts
+    told = float(np.sum(counts * (shares - share) ** 2) / max(1e-12, len(on) * share * (1.0 - share)))
+    begun = np.bincount(of, on & ~np.insert(on[:-1], 0, False), minlength=len(counts))
+    even = counts * float(begun.sum()) / float(counts.sum())
+    chi2 = float(np.sum((begun - even) ** 2 / np.maximum(even, 1e-12)))
+    uneven = (chi2 - len(edges)) / max(1.0, float(begun.sum()))
+    return told > FOLLOWS or (chi2 > BEGINS_CHI2 and uneven > BEGINS_WITH)
 
 
 def _usual(ratio: Array) -> tuple[float, float]:

@@ -26,8 +26,8 @@ NAME_WINS = 10.0            # a term takes a name's place from so much more on .
 NAME_WINS_SHARE = 0.05      # ... or from this share of what the names explain
 NAMES_TRIED = 3             # for a box in time
 BOX_SHARE = 0.15            # of a box's gain: an effect for a while may explain so much less
-SAME = 0.9999               # cosine of a box and what an effect does for a while: above it they are one
-MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's
+MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's ...
+TOLERATED_SD = 2.0          # ... but for so many s.d. of what the tolerances give
 
 
 class Beyond(NamedTuple):
@@ -83,7 +83,7 @@ def _for_a_while(search: Search, now: Refit, box: Found) -> Refit | None:
 def boxes_as_good(search: Search, now: Refit) -> tuple[str, ...]:
     """Ids of the parts that come and go whose time a mere constant, added for as long, explains as well.
 
-    A part that is itself such a constant (an offset of the gate) is left out.
+    Such is an offset of the gate, too: what adds a constant for a while and then is gone has no name of its own.
     """
     model, found = search.model, []
     for k, part in enumerate(now.parts):
@@ -91,24 +91,16 @@ def boxes_as_good(search: Search, now: Refit) -> tuple[str, ...]:
             continue
         row_s, others = model.data.row_s, without(now.parts, k)
         there = ((row_s >= part.onset_s) & (row_s < part.until_s)).astype(np.float64)
-        own = search.columns.trace(now.parts, k)
         base = search.columns.of_hypothesis(others)
         for acted in (ActedOn(model, others, acts) for acts in tried(model)
                       if CHANNEL_OF[acts] in ROWS[part.id].channels):
             name, series = acted.channel.name, acted.of(there[None])
             box = Column(Label(Role.CANDIDATE, part.id), {name: coefficients(series, acted.channel.cut)[0]}, np.inf)
-            if name not in own.coefficients or _alike(own.coefficients[name], box.coefficients[name]) > SAME:
-                continue
             p = problem(model.channels, model.banded_residual(others), [*base, box])
             fit = best_fitted(p, np.arange(len(base) + 1), now.noise, model.channels)
             if 2.0 * (now.log_likelihood - fit.log_likelihood) < NAME_WINS:
                 found.append(part.id)
     return tuple(dict.fromkeys(found))
-
-
-def _alike(one: Array, other: Array) -> float:
-    """Cosine of two traces."""
-    return float(abs(one @ other) / max(1e-300, float(np.linalg.norm(one) * np.linalg.norm(other))))
 
 
 def _explained(now: Refit, terms: Sequence[Found]) -> float:
@@ -131,7 +123,8 @@ def _may_replace(search: Search, parts: Parts, terms: Sequence[Found]) -> bool:
     data = search.model.data
     for one in terms:
         values = series_of_term(one.term, data)
-        if levels_of(one) and abs(float(np.mean(values))) > MAX_MEAN * float(np.std(values)):
+        most = MAX_MEAN * float(np.std(values)) + TOLERATED_SD * one.tolerance
+        if levels_of(one) and abs(float(np.mean(values))) > most:
             return False
     constant = [one for one in terms if "constant" in one.tried.knobs]
     own = {ROWS[part.id].form_over for part in parts} | {ROWS[part.id].needs for part in parts}

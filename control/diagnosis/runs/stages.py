@@ -235,7 +235,7 @@ def _read_slowly(log: Clean, every: _Rows) -> dict[str, Array]:
         if log.has(name):
             found[name] = _smooth(_bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s)
     if log.has("heading_deg"):
-        found["heading_deg"] = _held(log.columns["heading_deg"])
+        found["heading_deg"] = np.mod(_held(log.columns["heading_deg"]), 360.0)
     return found
 
 

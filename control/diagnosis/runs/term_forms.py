@@ -18,6 +18,7 @@ MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 WAYS_S = (1.5, 5.0)                 # which way something has been moving, over so long
 WAY_SHARE = 0.1                     # of its spread: a difference of so much tells the way
 ONE_AXIS = 0.03                     # of the variance along an axis: less across it is none
+ALONG_DEG = (15.0, 30.0)            # from an axis: what was seen on it holds so far, and from there on no more
 CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 SPAN_EDGES = 24
 SHAPES = 4                          # smooth half-waves that a table is made of
@@ -189,20 +190,26 @@ def _spans(v: Scaled) -> Basis:
     return Basis(series, tuple(forms))
 
 
-def over_two(variables: list[Scaled]) -> Basis:
+def over_two(variables: Sequence[Scaled]) -> Basis:
     """Products of every two variables, alone and with what each does by itself."""
+    return _products(variables, [(i, j) for i in range(len(variables)) for j in range(i + 1, len(variables))], True)
+
+
+def with_one(variables: Sequence[Scaled], one: Scaled) -> Basis:
+    """Products of every variable with one that nothing is laid to by itself, alone and with what the other does."""
+    return _products([*variables, one], [(i, len(variables)) for i in range(len(variables))], False)
+
+
+def _products(variables: Sequence[Scaled], pairs: Sequence[tuple[int, int]], second_main: bool) -> Basis:
     zs = [v.z for v in variables]
-    pairs = [(i, j) for i in range(len(zs)) for j in range(i + 1, len(zs))]
     series = np.array([*zs, *(zs[i] * zs[j] for i, j in pairs)])
     price, forms = 2.0 * float(np.log(max(1, len(pairs)))), []
     for k, (i, j) in enumerate(pairs):
-        alone = np.zeros((len(series), 1))
-        alone[len(zs) + k, 0] = 1.0
-        whole = np.zeros((len(series), 3))
-        whole[i, 0] = whole[j, 1] = whole[len(zs) + k, 2] = 1.0
-        over = (variables[i].name, variables[j].name)
-        forms.append(Tried(Form.PRODUCT, over, {}, alone, PER_AMPLITUDE + price))
-        forms.append(Tried(Form.PRODUCT, over, {"mains": 1.0}, whole, 3.0 * PER_AMPLITUDE + price))
+        over, product = (variables[i].name, variables[j].name), len(zs) + k
+        for knobs, columns in (({}, [product]), ({"mains": 1.0}, [i, j, product] if second_main else [i, product])):
+            mix = np.zeros((len(series), len(columns)))
+            mix[columns, range(len(columns))] = 1.0
+            forms.append(Tried(Form.PRODUCT, over, knobs, mix, PER_AMPLITUDE * len(columns) + price))
     return Basis(series, tuple(forms))
 
 
@@ -216,7 +223,7 @@ def again(one: Tried, by: dict[str, Scaled], time_s: Array, **knobs: float) -> A
         return (z > knob["at"]).astype(np.float64)[None]
     if one.form in (Form.SATURATION, Form.DEAD_ZONE):
         held = np.clip(z, knob["low_end"], knob["high_end"])
-        return np.asarray((held if one.form is Form.SATURATION else z - held)[None])
+        return np.asarray((held - _held_at_0(knob) if one.form is Form.SATURATION else z - held)[None])
     if one.form is Form.MEMORY:
         slow = remembered(v, knob["tau_s"], time_s)
         return np.array([z, slow]) if "both" in knob else slow[None]
@@ -225,6 +232,11 @@ def again(one: Tried, by: dict[str, Scaled], time_s: Array, **knobs: float) -> A
     if one.form is Form.SPAN:
         return ((v.x >= knob["low_end"]) & (v.x < knob["high_end"])).astype(np.float64)[None]
     raise ValueError(f"form {one.form.value} has no knob")
+
+
+def _held_at_0(knob: dict[str, float]) -> float:
+    """z = 0 held between the ends of a saturation: there it is fitted as nothing."""
+    return float(np.clip(0.0, knob["low_end"], knob["high_end"]))
 
 
 def moved(one: Tried, name: str, steps: float, by: dict[str, Scaled]) -> float:
@@ -248,7 +260,7 @@ def coefficients(one: Tried, amplitude: Array, level: float, by: dict[str, Scale
     v, a, knob = by[one.over[0]], [float(size) for size in amplitude], one.knobs
     if one.form is Form.PRODUCT:
         return _product(a, level, v, by[one.over[1]])
-    if one.form is Form.TABLE:
+    if told_as(one) is Form.TABLE:
         return {}
     at, s = v.middle, v.spread
     place = {name: value if one.form is Form.SPAN else float(at + s * value) for name, value in knob.items()
@@ -265,8 +277,12 @@ def coefficients(one: Tried, amplitude: Array, level: float, by: dict[str, Scale
         Form.SIDE: {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * s, "tau_s": knob.get("tau_s", 0.0)},
         Form.PERIODIC: {"cycles": knob.get("cycles", 0.0), **_waves(one, amplitude)},
         Form.SPAN: {**place, "above": a[0]}}
-    zero = {Form.HINGE: knob.get("at", 0.0), Form.SATURATION: knob.get("low_end", 0.0)}.get(one.form, 0.0)
-    return {**found[one.form], "level": level + a[0] * zero}        # these forms are 0 elsewhere than at z = 0
+    zero = 0.0                                  # the z at which a form with its coefficients is 0
+    if one.form is Form.HINGE:
+        zero = knob["at"]
+    elif one.form is Form.SATURATION:
+        zero = knob["low_end"] - _held_at_0(knob)
+    return {**found[one.form], "level": level + a[0] * zero}
 
 
 def _waves(one: Tried, amplitude: Array) -> dict[str, float]:
@@ -278,18 +294,44 @@ def _waves(one: Tried, amplitude: Array) -> dict[str, float]:
     return {"sine": float(sine), "cosine": float(cosine)}
 
 
+def told_as(one: Tried) -> Form:
+    """The form that a machine file is given: of a cycle that was driven along one axis alone a table, which says
+    nothing of the other headings."""
+    return Form.TABLE if one.form is Form.PERIODIC and one.mix.shape[1] == 1 else one.form
+
+
 def table_of(one: Tried, amplitude: Array, level: float, by: dict[str, Scaled]) -> tuple[list[float], list[float]]:
     """Nodes and values of a table; both empty of every other form."""
-    if one.form is not Form.TABLE:
+    if told_as(one) is not Form.TABLE:
         return [], []
+    if one.form is Form.PERIODIC:
+        return _along_axis(one, float(amplitude[0]), level)
     v, share = by[one.over[0]], np.linspace(0.0, 1.0, NODES)
     waves = np.array([np.cos(np.pi * n * share) for n in range(1, SHAPES + 1)])
     nodes = v.middle + v.spread * np.linspace(one.knobs["low"], one.knobs["high"], NODES)
     return nodes.tolist(), (level + amplitude @ waves).tolist()
 
 
+def _along_axis(one: Tried, amplitude: float, level: float) -> tuple[list[float], list[float]]:
+    """Nodes and values over the headings 0 to 360: what was seen along the axis one way and the other, and the level
+    where the machine was not driven."""
+    sine, cosine = one.mix[:2, 0]
+    inner, outer = ALONG_DEG
+    axis = float(np.degrees(np.arctan2(sine, cosine)))
+    half_turns = int((axis + outer) // 180.0)
+    axis -= 180.0 * half_turns                  # from -outer to 180 - outer: the way through north first, if one is
+    size = (-1.0) ** half_turns * amplitude * float(np.hypot(sine, cosine))
+    edges = [axis - outer, axis - inner, axis + inner, axis + outer]
+    back = [edge + 180.0 for edge in edges]
+    one_way, other_way = level + size, level - size
+    if edges[0] >= 0.0:
+        return [*edges, *back], [level, one_way, one_way, level, level, other_way, other_way, level]
+    round_again = [edge + 360.0 for edge in edges[:2]]
+    return [*edges[2:], *back, *round_again], [one_way, level, level, other_way, other_way, level, level, one_way]
+
+
 def _product(a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-    """k (x - at)(y - second_at) + level from what x, y and their product do."""
-    first, second, both = (0.0, 0.0, a[0]) if len(a) == 1 else (a[0], a[1], a[2])
+    """k (x - at)(y - second_at) + level from what x, y (of three amplitudes) and their product do."""
+    first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
     return {"slope": both / (x.spread * y.spread), "at": x.middle - x.spread * second / both,
             "second_at": y.middle - y.spread * first / both, "level": level - first * second / both}

@@ -48,8 +48,10 @@ SLOW_MEMORY_S = 30.0        # what is remembered for longer is as smooth as drif
 MIN_SCORE = 6.0             # of a scan, for a refit
 MAX_TERMS = 2               # of one group of channels
 VERIFIED = 4                # best of a scan that are refitted, their noise too
-PLAINER = 8.0               # a plainer form may gain less by so much ...
+PLAINER = 8.0               # a form over fewer variables may gain less by so much ...
 PLAINER_SHARE = 0.02        # ... or by this share
+PLAINER_FORM = 3.0          # a plainer form over the same, by so much ...
+PLAINER_FORM_SHARE = 0.005  # ... or by this share
 MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without the block with most of it
 SURE = 4.0                  # times the threshold, above which drift is not asked any more
 CONSTANT_SURE = 2.0         # the same of a constant loss, which a drift's own level may be
@@ -59,8 +61,12 @@ FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
 SPAN_AGAIN = 4.0            # times what a further box gains
 LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by
+A_LEVEL = 0.7               # cosine of what a tolerance does and a level, above which the one gives the other
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
+# The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product with another variable
+# that noise adds up to nothing.
+NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
 TURNS_SHARE = 1e-3          # of the fastest that a shaft is told: below, it is told to stand
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
 
@@ -78,6 +84,7 @@ class Found(NamedTuple):
     noise: dict[str, Noise]             # with it
     log_likelihood: float               # with it and those before
     held_out: float = 0.0               # share of the held-out mean square error that it takes away
+    tolerance: float = 0.0              # s.d. of what the tolerances may give of its level
 
     @property
     def stage(self) -> str:
@@ -98,6 +105,7 @@ class _Variables(NamedTuple):
     one: tuple[str, ...]
     two: tuple[str, ...]
     work: Rows
+    never_alone: tuple[str, ...] = ()               # in products with those of `two` only
 
 
 class _Entry(NamedTuple):
@@ -154,9 +162,9 @@ def _told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Se
     for one, at in zip(terms, forms, strict=True):
         acts = one.term.acts_on
         level_at = levels.pop(acts, None) if levels_of(one) else None
-        level = float(fit.amplitude[level_at]) if level_at is not None and _sure_of_level(fit, level_at, names) else 0.0
+        level = NO_LEVEL if level_at is None else _level(fit, level_at, names, one.columns[0])
         sizes = fit.amplitude[at:at + len(one.columns) - levels_of(one)]
-        term = _term(acts, one.tried, sizes, level, fit, at, dictionary.of[acts][1], search.model.data)
+        term = _term(acts, one.tried, sizes, level.value, fit, at, dictionary.of[acts][1], search.model.data)
         found.append(one._replace(term=term, field_percent=_field_percent(term, search.model.data)))
     return found
 
@@ -204,16 +212,17 @@ def _plainer_first(ranked: Sequence[Found]) -> list[Found]:
 def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],
                 noise: dict[str, Noise]) -> list[_Candidate]:
     """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
-    which drift looks like one: of each quantity and variables one form."""
-    chosen: dict[tuple[Acts, tuple[str, ...]], _Candidate] = {}
+    which drift looks like one: of each quantity and variables one form under each."""
+    chosen: dict[tuple[Acts, tuple[str, ...], Form, int], _Candidate] = {}
     still = Ground(search.columns, now.parts, base, _still(noise))
     boxes = _scanned(still, dictionary, of_boxes=True)
     for start in _starts(search, noise):
         ground = Ground(search.columns, now.parts, base, start)
-        found = [*_scanned(ground, dictionary, of_boxes=False), *boxes]
-        for one in sorted(found, key=lambda c: -c.score)[:VERIFIED]:
+        found = sorted([*_scanned(ground, dictionary, of_boxes=False), *boxes], key=lambda c: -c.score)
+        plain = [one for one in found if len(one.tried.over) == 1 and one.tried.form is not Form.SPAN]
+        for one in (*found[:VERIFIED], *plain[:1]):         # a strong form over one variable leads in many products
             if one.score > MIN_SCORE:
-                chosen.setdefault((one.acts, one.tried.over), one)
+                chosen.setdefault((one.acts, one.tried.over, one.tried.form, one.tried.mix.shape[1]), one)
     return list(chosen.values())
 
 
@@ -245,16 +254,19 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> _Variables:
         least = of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, EXTRA_SPREAD)
         if one.high - one.low >= least:
             found[name] = one
-    single = tuple(name for name in found if acts is not Acts.SHAFT_RPM or name == "time_s")
-    double = tuple(name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE))
-    return _Variables(found, single, double if acts is not Acts.SHAFT_RPM else (), work)
+    never_alone = tuple(name for name in found if name in NEVER_ALONE.get(stage, ()))
+    single = tuple(name for name in found if name not in never_alone
+                   and (acts is not Acts.SHAFT_RPM or name == "time_s"))
+    double = tuple(name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE, *never_alone))
+    return _Variables(found, single, double if acts is not Acts.SHAFT_RPM else (), work, never_alone)
 
 
 def _names(data: RunData, acts: Acts) -> list[str]:
     """What a quantity may depend on; of the shaft, boxes in time are looked for in r/min."""
     stage = STAGE_OF[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
-    names = [name for name in (*MIN_RANGE, *further) if name not in DOWNSTREAM[stage]]
+    names = [name for name in (*MIN_RANGE, *further)
+             if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())]
     if acts is Acts.SHAFT_PERCENT:
         names.remove("time_s")
     return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
@@ -265,10 +277,19 @@ def _bases(variables: _Variables, time_s: Array) -> Iterator[term_forms.Basis]:
         yield term_forms.over_one(variables.by_name[name], time_s, variables.work)
     if len(variables.two) > 1:
         yield term_forms.over_two([variables.by_name[name] for name in variables.two])
+    if variables.two:
+        for last in variables.never_alone:
+            yield _with_one(variables, variables.two, last)
 
 
-def _has_level(acts: Acts, over: Sequence[str]) -> bool:
-    return acts is not Acts.SHAFT_RPM and tuple(over) != ("time_s",)
+def _with_one(variables: _Variables, names: Sequence[str], last: str) -> term_forms.Basis:
+    return term_forms.with_one([variables.by_name[name] for name in names], variables.by_name[last])
+
+
+def _has_level(acts: Acts, form: Tried) -> bool:
+    """Whether a level is open beside a form: it would take upon itself what a variable does that is never alone."""
+    never_alone = NEVER_ALONE.get(STAGE_OF[acts], frozenset())
+    return "constant" not in form.knobs and form.over != ("time_s",) and not never_alone & set(form.over)
 
 
 def _entries(acted: ActedOn, variables: _Variables, data: RunData) -> Iterator[_Entry]:
@@ -280,7 +301,7 @@ def _entries(acted: ActedOn, variables: _Variables, data: RunData) -> Iterator[_
     share = min(1.0, 2.0 * SLOWER_THAN_HZ * channel.grid.step_s)
     for basis in _bases(variables, data.row_s):
         over = basis.forms[0].over
-        level = _has_level(acted.acts, over)
+        level = _has_level(acted.acts, basis.forms[0])
         series = np.concatenate((acted.of(basis.series), ones)) if level else acted.of(basis.series)
         yield _Entry(basis.forms, _kept(series, channel, 1.0 if SHAFT_ANGLE in over else share), level)
 
@@ -319,7 +340,7 @@ def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Ca
 def _plainest(several: Sequence[_Candidate]) -> _Candidate:
     """The plainest form that is nearly as good as the best."""
     best = max(several, key=lambda one: one.score)
-    near = [one for one in several if one.score > best.score - max(PLAINER, PLAINER_SHARE * best.gain)]
+    near = [one for one in several if one.score > best.score - max(PLAINER_FORM, PLAINER_FORM_SHARE * best.gain)]
     first = min(term_forms.ORDER.index(one.tried.form) for one in near)
     return max((one for one in near if term_forms.ORDER.index(one.tried.form) == first), key=lambda one: one.score)
 
@@ -330,8 +351,12 @@ def _form_series(one: Tried, variables: _Variables, data: RunData) -> Array:
         return np.ones((1, len(data.row_s)))
     if one.form in (Form.HINGE, Form.THRESHOLD, Form.SATURATION, Form.DEAD_ZONE, Form.MEMORY, Form.SIDE, Form.SPAN):
         return term_forms.again(one, variables.by_name, data.row_s)
-    basis = term_forms.over_two([variables.by_name[name] for name in one.over]) if one.form is Form.PRODUCT \
-        else term_forms.over_one(variables.by_name[one.over[0]], data.row_s, variables.work)
+    if one.form is not Form.PRODUCT:
+        basis = term_forms.over_one(variables.by_name[one.over[0]], data.row_s, variables.work)
+    elif one.over[1] in variables.never_alone:
+        basis = _with_one(variables, one.over[:1], one.over[1])
+    else:
+        basis = term_forms.over_two([variables.by_name[name] for name in one.over])
     for form in basis.forms:
         if form.form is one.form and form.knobs == one.knobs:
             return np.asarray(form.mix.T @ basis.series)
@@ -340,7 +365,7 @@ def _form_series(one: Tried, variables: _Variables, data: RunData) -> Array:
 
 def _settled(ground: Ground, one: Tried, acted: ActedOn, variables: _Variables, data: RunData) -> Tried:
     """Knobs moved in ever smaller steps to where they gain most."""
-    level = _has_level(acted.acts, one.over)
+    level = _has_level(acted.acts, one)
 
     def gain(form: Tried) -> float:
         series = acted.of(_form_series(form, variables, data))
@@ -382,7 +407,7 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
           acted: ActedOn, variables: _Variables) -> _Fits:
     data, channel = search.model.data, acted.channel
     series = acted.of(_form_series(form, variables, data))
-    level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form.over) else series[:0]
+    level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form) else series[:0]
     both = np.concatenate((level, series))
     columns = tuple(Column(Label(Role.FORM, "term"), {channel.name: coefficients(row, channel.cut)}, np.inf)
                     for row in both)
@@ -394,15 +419,45 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
     return _Fits(columns, both, len(level), max(plain, again, key=lambda fit: fit.log_likelihood), full)
 
 
-def _sure_of_level(fit: Fit, at: int, base: Sequence[Column]) -> bool:
-    """Whether the log holds the level that a fit has in place `at` beside a form: a slow drift of this log is no trait
-    of the machine, and what a name of the hypothesis does is the name's. base : columns before the terms'."""
+class _Level(NamedTuple):
+    """The level that a quantity has beside a form."""
+
+    value: float                        # in its unit, what the tolerances give of it with it; 0: not sure
+    tolerance: float                    # s.d. of what the tolerances may give of it
+
+
+NO_LEVEL = _Level(0.0, 0.0)
+
+
+def _level(fit: Fit, at: int, base: Sequence[Column], own: Column) -> _Level:
+    """The level that a fit has in place `at` beside a form, where the log holds it: a slow drift of this log is no trait
+    of the machine, and what a name of the hypothesis does is the name's.
+
+    What is the form's mean and what a nominal value that is off within its tolerance no log tells; their sum is told,
+    and is what the machine does. base : columns before the terms'. own : the level's.
+    """
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    ways = {k: _along(column, own) for k, column in enumerate(base) if column.label.role is Role.TOLERANCE}
+    open_ = [k for k, way in ways.items() if way != 0.0]
+    tolerance = float(np.sqrt(sum((ways[k] * base[k].sd) ** 2 for k in open_)))
     names = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
     if any(abs(covariance[at, k]) > MAX_TANGLED * sd[at] * sd[k] for k in names):
-        return False
-    return abs(float(fit.amplitude[at])) > LEVEL_SD * float(sd[at])
+        return _Level(0.0, tolerance)
+    value = float(fit.amplitude[at]) + sum(ways[k] * (float(fit.amplitude[k]) - base[k].mean) for k in open_)
+    beside = covariance[at, open_]
+    alone = covariance[at, at] - float(beside @ np.linalg.solve(covariance[np.ix_(open_, open_)], beside))
+    return _Level(value if abs(value) > LEVEL_SD * float(np.sqrt(max(alone, 0.0))) else 0.0, tolerance)
+
+
+def _along(one: Column, level: Column) -> float:
+    """So much of a level a unit of a column is; 0 where it is something else."""
+    name = next(iter(level.coefficients))
+    if name not in one.coefficients:
+        return 0.0
+    a, b = one.coefficients[name], level.coefficients[name]
+    along, size = float(a @ b), float(b @ b)
+    return along / max(size, 1e-300) if abs(along) > A_LEVEL * np.sqrt(float(a @ a) * size) else 0.0
 
 
 def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], one: _Candidate,
@@ -415,12 +470,12 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
     trace = coefficients(amplitude @ fits.series, channel.cut)
     own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
-    level = float(amplitude[0]) if levels and _sure_of_level(fits.full, len(base), base) else 0.0
-    return Found(_term(one.acts, form, amplitude[levels:], level, fits.full, len(base) + levels, variables, data), form,
-                 fits.gain,
+    level = _level(fits.full, len(base), base, fits.columns[0]) if levels else NO_LEVEL
+    return Found(_term(one.acts, form, amplitude[levels:], level.value, fits.full, len(base) + levels, variables, data),
+                 form, fits.gain,
                  fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
                  _explained(search, now, base, held, fits, channel.name, own), 0.0, fits.full.noise,
-                 fits.full.log_likelihood)
+                 fits.full.log_likelihood, tolerance=level.tolerance)
 
 
 def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fits: _Fits, name: str,
@@ -434,7 +489,7 @@ def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fi
 def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int, variables: _Variables,
           data: RunData) -> Term:
     """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
-    stage = STAGE_OF[acts]
+    stage, told_as = STAGE_OF[acts], term_forms.told_as(form)
     over: list[dict[str, Any]]
     nodes: list[float]
     values: list[float]
@@ -459,7 +514,7 @@ def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int
         middle, half = numbers[main], abs(numbers[main]) * share
         intervals = (Interval(main, middle - half, middle + half),)
     return Term.model_validate({
-        "id": _id(f"{stage}.{form.form.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": form.form,
+        "id": _id(f"{stage}.{told_as.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": told_as,
         "over": over, "coefficients": {name: float(value) for name, value in numbers.items()}, "intervals": intervals,
         "nodes": tuple(nodes), "values": tuple(values)})
 
@@ -544,8 +599,9 @@ def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: in
         moved = {name: variables.by_name[name]._replace(x=np.roll(variables.by_name[name].x, shift))
                  for name in one.tried.over}
         single = len(one.tried.over) == 1
-        some = _Variables(moved, one.tried.over if single else (), () if single else one.tried.over,
-                          np.roll(variables.work, shift))
+        two = () if single else tuple(name for name in one.tried.over if name not in variables.never_alone)
+        some = _Variables(moved, one.tried.over if single else (), two, np.roll(variables.work, shift),
+                          tuple(name for name in variables.never_alone if name in moved))
         for candidate in _scan(quiet, acted, list(_entries(acted, some, data))):
             if candidate.tried.over == one.tried.over and candidate.score > 0.0:
                 fits = _fits(search, now, base, held, now.noise, candidate.tried, acted, some)
