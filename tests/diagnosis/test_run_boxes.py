@@ -4,6 +4,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from control.diagnosis.extend import extend
+from control.diagnosis.result import UNKNOWN
 from control.diagnosis.runs import evidence
 from control.diagnosis.runs.changes import best_begins
 from control.diagnosis.runs.channels import channels
@@ -68,6 +70,21 @@ def test_a_shaft_that_is_slow_for_a_while_is_named_with_both_times(work, machine
     (cause,) = found.causes
     assert found.verdict == "named" and cause.id in ("shaft.gain", "shaft.load_droop", "shaft.voltage_sag")
     assert cause.onset_s == pytest.approx(from_s, abs=15.0) and cause.until_s == pytest.approx(to_s, abs=15.0)
+
+
+def test_an_offset_of_the_gate_that_is_gone_again_may_be_something_unknown(work, machine):
+    """A constant for a while has no mark of its own: the name is suspected, and where to look is said."""
+    there = (work["time_s"] >= 150.0) & (work["time_s"] < 260.0)
+    columns = {**work, "opening_mm": work["opening_mm"] + np.where(there, 0.15, 0.0)}
+    del columns["hopper_kg"]
+    found = diagnose_run(columns, machine)
+    (cause,) = found.causes
+    assert found.verdict == "ambiguous" and cause.id in ("gate.home_error", "gate.offset")
+    assert UNKNOWN in [rival.id for rival in cause.rivals] and cause.probability <= 0.5
+    (left,) = found.unexplained
+    assert (left.channel, left.variable) == ("gate", "time_s")
+    assert left.from_s == pytest.approx(150.0, abs=15.0)
+    assert extend(machine, found) == machine
 
 
 def test_a_box_in_a_gap_of_the_log_has_no_evidence(work, machine):

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
-from control.machine.terms import Form
+from control.machine.terms import STAGE_OF, UNIT_OF, Form
 
 from .hypothesis import MAX_SWITCHES, Parts, without
 from .likelihood import Column, Label, Role, best_fitted, problem
@@ -26,8 +26,17 @@ NAME_WINS = 10.0            # a term takes a name's place from so much more on .
 NAME_WINS_SHARE = 0.05      # ... or from this share of what the names explain
 NAMES_TRIED = 3             # for a box in time
 BOX_SHARE = 0.15            # of a box's gain: an effect for a while may explain so much less
+SAME = 0.9999               # cosine of a box and what an effect does for a while: above it they are one
 MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's ...
 TOLERATED_SD = 2.0          # ... but for so many s.d. of what the tolerances give
+
+
+class OrBox(NamedTuple):
+    """A part of a hypothesis for which a box in time does as well: something unknown may be there for as long."""
+
+    id: str
+    stage: str                  # that the box acts on
+    begin_s: float
 
 
 class Beyond(NamedTuple):
@@ -35,7 +44,7 @@ class Beyond(NamedTuple):
 
     now: Refit
     terms: tuple[Found, ...]
-    or_boxes: tuple[str, ...] = ()      # ids
+    or_boxes: tuple[OrBox, ...] = ()
 
 
 def beyond_names(search: Search, now: Refit, null: Refit) -> Beyond:
@@ -50,7 +59,7 @@ def beyond_names(search: Search, now: Refit, null: Refit) -> Beyond:
             more = max(0.0, 2.0 * (named.log_likelihood - null.log_likelihood))
             better = 2.0 * (named.log_likelihood - now.log_likelihood) > box.gain + NAME_WINS
             return Beyond(named, tuple(found_terms(search, dictionary, named, more)),
-                          () if better else (named.parts[-1].id,))
+                          () if better else (OrBox(named.parts[-1].id, box.stage, box.term.coefficients["low_end"]),))
     if not now.parts:
         return Beyond(now, tuple(beside))
     alone = found_terms(search, dictionary, null, 0.0)
@@ -80,10 +89,11 @@ def _for_a_while(search: Search, now: Refit, box: Found) -> Refit | None:
     return best
 
 
-def boxes_as_good(search: Search, now: Refit) -> tuple[str, ...]:
-    """Ids of the parts that come and go whose time a mere constant, added for as long, explains as well.
+def boxes_as_good(search: Search, now: Refit) -> tuple[OrBox, ...]:
+    """The parts that come and go for which a box in time does as well.
 
-    Such is an offset of the gate, too: what adds a constant for a while and then is gone has no name of its own.
+    A box in per cent that is the part itself is none; a constant is one always: what adds that for a while and then is
+    gone (as an offset of the gate would) has no mark of its own.
     """
     model, found = search.model, []
     for k, part in enumerate(now.parts):
@@ -91,16 +101,29 @@ def boxes_as_good(search: Search, now: Refit) -> tuple[str, ...]:
             continue
         row_s, others = model.data.row_s, without(now.parts, k)
         there = ((row_s >= part.onset_s) & (row_s < part.until_s)).astype(np.float64)
+        own = search.columns.trace(now.parts, k)
         base = search.columns.of_hypothesis(others)
+        best: tuple[float, OrBox] | None = None
         for acted in (ActedOn(model, others, acts) for acts in tried(model)
                       if CHANNEL_OF[acts] in ROWS[part.id].channels):
             name, series = acted.channel.name, acted.of(there[None])
             box = Column(Label(Role.CANDIDATE, part.id), {name: coefficients(series, acted.channel.cut)[0]}, np.inf)
+            same = name in own.coefficients and _alike(own.coefficients[name], box.coefficients[name]) > SAME
+            if name not in own.coefficients or (same and UNIT_OF[acted.acts] == "%"):
+                continue
             p = problem(model.channels, model.banded_residual(others), [*base, box])
             fit = best_fitted(p, np.arange(len(base) + 1), now.noise, model.channels)
-            if 2.0 * (now.log_likelihood - fit.log_likelihood) < NAME_WINS:
-                found.append(part.id)
-    return tuple(dict.fromkeys(found))
+            behind = 2.0 * (now.log_likelihood - fit.log_likelihood)
+            if behind < min(NAME_WINS, np.inf if best is None else best[0]):
+                best = behind, OrBox(part.id, STAGE_OF[acted.acts], part.onset_s)
+        if best is not None:
+            found.append(best[1])
+    return tuple(found)
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Cosine of two traces."""
+    return float(abs(one @ other) / max(1e-300, float(np.linalg.norm(one) * np.linalg.norm(other))))
 
 
 def _explained(now: Refit, terms: Sequence[Found]) -> float:

@@ -149,6 +149,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     tables = [table for one in judged for table in _tables(one, data)]
     absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
     verdict = _verdict(rows, causes, unexplained)
+    unexplained += [entry for one in judged if not one.terms for entry in _instead(one, rows)]
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
                for word, series in data.variables.items()}
     return Diagnosis(
@@ -203,6 +204,14 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
         row = max(inside, key=_structure_share)
         found = [Unexplained(row.channel, "", _structure_share(row), row.rmse, row.noise_floor, row.unit)]
     return found
+
+
+def _instead(one: Judged, rows: Sequence[Channel]) -> list[Unexplained]:
+    """What there is if a name that comes and goes is none: something unknown in the same channel, for as long."""
+    by_name = {row.channel: row for row in rows}
+    return [Unexplained(box.stage, "time_s", _structure_share(by_name[box.stage]), by_name[box.stage].rmse,
+                        by_name[box.stage].noise_floor, by_name[box.stage].unit, from_s=box.begin_s)
+            for box in one.or_boxes]
 
 
 def _tables(one: Judged, data: RunData) -> list[TableFit]:

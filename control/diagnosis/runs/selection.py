@@ -33,7 +33,7 @@ from .evidence import (
 from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
-from .names_or_terms import beyond_names, boxes_as_good
+from .names_or_terms import OrBox, beyond_names, boxes_as_good
 from .onset import as_begun, blocked, refined, stands_below, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
@@ -126,7 +126,7 @@ class Judged(NamedTuple):
     refused: tuple[Refused, ...] = ()           # at the end: evidence for more parts, that did not hold
     structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted; drift's share off
     terms: tuple[Found, ...] = ()               # beyond the catalogue
-    or_boxes: tuple[str, ...] = ()              # ids that a box in time explains as well
+    or_boxes: tuple[OrBox, ...] = ()            # parts for which a box in time does as well
 
 
 def judged(search: Search) -> Judged:

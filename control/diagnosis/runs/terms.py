@@ -430,8 +430,8 @@ NO_LEVEL = _Level(0.0, 0.0)
 
 
 def _level(fit: Fit, at: int, base: Sequence[Column], own: Column) -> _Level:
-    """The level that a fit has in place `at` beside a form, where the log holds it: a slow drift of this log is no trait
-    of the machine, and what a name of the hypothesis does is the name's.
+    """The level that a fit has in place `at` beside a form, where the log holds it: a slow drift of this log is no
+    trait of the machine, and what a name of the hypothesis does is the name's.
 
     What is the form's mean and what a nominal value that is off within its tolerance no log tells; their sum is told,
     and is what the machine does. base : columns before the terms'. own : the level's.

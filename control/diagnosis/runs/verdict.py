@@ -153,7 +153,7 @@ def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bo
     """
     part = one.found.parts[k]
     channels = ROWS[part.id].channels
-    if any(r.channel in channels for r in left) or part.id in one.or_boxes:
+    if any(r.channel in channels for r in left) or part.id in [box.id for box in one.or_boxes]:
         return True
     if any(CHANNEL_OF[t.term.acts_on] in channels and t.gain > BESIDE * one.gains[k] for t in one.terms):
         return True             # something unknown is at work in the same place
