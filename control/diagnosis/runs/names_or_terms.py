@@ -11,13 +11,13 @@ from control.diagnosis.effects import ROWS
 from control.machine.machine import CATALOGUE
 from control.machine.terms import STAGE_OF, UNIT_OF, Form
 
-from .hypothesis import MAX_SWITCHES, Parts, without
+from .hypothesis import MAX_SWITCHES, Part, Parts, without
 from .likelihood import Column, Label, Role, best_fitted, problem
 from .noise import coefficients
 from .search import Refit, Search
 from .term_columns import CHANNEL_OF, ActedOn, tried
 from .term_forms import PER_AMPLITUDE
-from .terms import Dictionary, Found, found_terms, levels_of, series_of_term, total_price
+from .terms import Dictionary, Found, found_terms, levels_of, series_of_term, told_together, total_price
 
 Array = npt.NDArray[np.float64]
 
@@ -26,6 +26,7 @@ NAME_WINS = 10.0            # a term takes a name's place from so much more on .
 NAME_WINS_SHARE = 0.05      # ... or from this share of what the names explain
 NAMES_TRIED = 3             # for a box in time
 BOX_SHARE = 0.15            # of a box's gain: an effect for a while may explain so much less
+BESIDE = 0.25               # of a name's gain: a term of its channel that gains more makes it doubtful
 SAME = 0.9999               # cosine of a box and what an effect does for a while: above it they are one
 MAX_MEAN = 1.5              # times a term's spread: what is constant beyond that is an effect's, not a term's ...
 TOLERATED_SD = 2.0          # ... but for so many s.d. of what the tolerances give
@@ -44,6 +45,7 @@ class Beyond(NamedTuple):
 
     now: Refit
     terms: tuple[Found, ...]
+    dictionary: Dictionary
     or_boxes: tuple[OrBox, ...] = ()
 
 
@@ -58,17 +60,32 @@ def beyond_names(search: Search, now: Refit, null: Refit) -> Beyond:
         if named is not None:
             more = max(0.0, 2.0 * (named.log_likelihood - null.log_likelihood))
             better = 2.0 * (named.log_likelihood - now.log_likelihood) > box.gain + NAME_WINS
-            return Beyond(named, tuple(found_terms(search, dictionary, named, more)),
+            return Beyond(named, tuple(found_terms(search, dictionary, named, more)), dictionary,
                           () if better else (OrBox(named.parts[-1].id, box.stage, box.term.coefficients["low_end"]),))
     if not now.parts:
-        return Beyond(now, tuple(beside))
+        return Beyond(now, tuple(beside), dictionary)
     alone = found_terms(search, dictionary, null, 0.0)
     if not alone or not _may_replace(search, now.parts, alone):
-        return Beyond(now, tuple(beside))
+        return Beyond(now, tuple(beside), dictionary)
     superfluous = bool(beside) and _explained(now, beside) - _explained(null, alone) < NAME_PRICE
     least = _worth(now, beside) + max(NAME_WINS, NAME_WINS_SHARE * explained)
     instead = superfluous or _worth(null, alone) > least
-    return Beyond(null, tuple(alone)) if instead else Beyond(now, tuple(beside))
+    return Beyond(null, tuple(alone), dictionary) if instead else Beyond(now, tuple(beside), dictionary)
+
+
+def overshadowed(part: Part, gain: float, terms: Sequence[Found]) -> bool:
+    """Whether something unknown is so much at work in the same place that a part with its gain is only suspected."""
+    return any(CHANNEL_OF[one.term.acts_on] in ROWS[part.id].channels and one.gain > BESIDE * gain for one in terms)
+
+
+def told_of_what_holds(search: Search, dictionary: Dictionary, now: Refit, gains: Sequence[float],
+                       terms: Sequence[Found]) -> tuple[Found, ...]:
+    """Terms with the sizes that they have without the parts that are only suspected beside them: these are adopted by
+    no machine file. gains : of the hypothesis' parts."""
+    sure = tuple(part for part, gain in zip(now.parts, gains, strict=True) if not overshadowed(part, gain, terms))
+    if not terms or sure == now.parts or any(one.tried.form is Form.SPAN for one in terms):
+        return tuple(terms)
+    return tuple(told_together(search, dictionary, search.refit(sure, terms[-1].noise), terms))
 
 
 def _for_a_while(search: Search, now: Refit, box: Found) -> Refit | None:

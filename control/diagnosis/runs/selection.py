@@ -33,7 +33,7 @@ from .evidence import (
 from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
 from .likelihood import Column, best_fitted
 from .model import tolerance_of
-from .names_or_terms import OrBox, beyond_names, boxes_as_good
+from .names_or_terms import OrBox, beyond_names, boxes_as_good, told_of_what_holds
 from .onset import as_begun, blocked, refined, stands_below, still_disobeys, stops, with_end, with_onset
 from .quantised import encoder_steps
 from .robust import draw_in
@@ -139,7 +139,7 @@ def judged(search: Search) -> Judged:
         if again[0].parts:
             current, null = again[0], again[3]
     explained = 2.0 * (current.log_likelihood - null.log_likelihood)
-    current, terms, or_boxes = beyond_names(search, current, null)
+    current, terms, dictionary, or_boxes = beyond_names(search, current, null)
     left = None if terms else unexplained(search.columns, current, explained)
     if left is not None:
         beside = _beside(search, current, left)
@@ -147,6 +147,7 @@ def judged(search: Search) -> Judged:
             current, left = beside, unexplained(search.columns, beside, explained)
     current, gains, rivals = _best_placed(search, current)
     or_boxes = (*or_boxes, *boxes_as_good(search, current))
+    terms = told_of_what_holds(search, dictionary, current, gains, terms)
     return Judged(search, null, current, gains, rivals, tuple(first), left, tuple(refused), structure_gain, terms,
                   or_boxes)
 

@@ -50,7 +50,7 @@ MAX_TERMS = 2               # of one group of channels
 VERIFIED = 4                # best of a scan that are refitted, their noise too
 PLAINER = 8.0               # a form over fewer variables may gain less by so much ...
 PLAINER_SHARE = 0.02        # ... or by this share
-PLAINER_FORM = 3.0          # a plainer form over the same, by so much ...
+PLAINER_FORM = 4.0          # a plainer form over the same, by so much ...
 PLAINER_FORM_SHARE = 0.005  # ... or by this share
 MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without the block with most of it
 SURE = 4.0                  # times the threshold, above which drift is not asked any more
@@ -140,11 +140,12 @@ def found_terms(search: Search, dictionary: Dictionary, now: Refit, explained: f
         if best is None:
             break
         terms.append(best)
-    return _told_together(search, dictionary, now, terms) if len(terms) > 1 else terms
+    return told_together(search, dictionary, now, terms) if len(terms) > 1 else terms
 
 
-def _told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found]) -> list[Found]:
-    """The same terms with the sizes that they have beside each other: the first was fitted before the others came."""
+def told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found]) -> list[Found]:
+    """The same terms with the sizes that they have beside each other and a hypothesis: the first was fitted before the
+    others came."""
     names = search.columns.of_hypothesis(now.parts)
     columns: list[Column] = []
     levels: dict[Acts, int] = {}        # a quantity has one level, whatever terms act on it
@@ -199,14 +200,19 @@ def _short_of(one: Found) -> float:
 
 
 def _plainer_first(ranked: Sequence[Found]) -> list[Found]:
-    """The same, best first, but that a form over fewer of the best one's variables which is nearly as good leads."""
+    """The same, best first, but that a form over fewer of the best one's variables, or a plainer one over the same,
+    leads where it is nearly as good."""
     if not ranked:
         return []
     best = ranked[0]
-    least = best.gain - best.tried.price - max(PLAINER, PLAINER_SHARE * best.gain)
-    plainer = [one for one in ranked[1:] if one.term.acts_on is best.term.acts_on
-               and set(one.tried.over) < set(best.tried.over) and one.gain - one.tried.price > least]
-    return [*plainer, *(one for one in ranked if one not in plainer)]
+    score = best.gain - best.tried.price
+    fewer = [one for one in ranked[1:] if one.term.acts_on is best.term.acts_on
+             and set(one.tried.over) < set(best.tried.over)
+             and one.gain - one.tried.price > score - max(PLAINER, PLAINER_SHARE * best.gain)]
+    same = [one for one in ranked[1:] if one.term.acts_on is best.term.acts_on and one.tried.over == best.tried.over
+            and term_forms.ORDER.index(one.tried.form) < term_forms.ORDER.index(best.tried.form)
+            and one.gain - one.tried.price > score - max(PLAINER_FORM, PLAINER_FORM_SHARE * best.gain)]
+    return [*fewer, *same, *(one for one in ranked if one not in fewer and one not in same)]
 
 
 def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],

@@ -19,9 +19,9 @@ from control.machine.machine import bounds
 from .channels import ChannelSeries
 from .hum import QUICK_S
 from .likelihood import problem, solved, taken_off
+from .names_or_terms import overshadowed
 from .noise import series_of, strengths
 from .selection import THRESHOLD, Doubt, Judged, Refused
-from .term_columns import CHANNEL_OF
 
 Array = npt.NDArray[np.float64]
 
@@ -37,7 +37,6 @@ MAX_SHORT_DRIFT = 3.0       # of the noise, for the r.m.s. of a log shorter than
 MIN_SHARE = 0.05            # of what the names explain: less is how forms differ
 LIKE = 0.4                  # of the variance left, for an effect to be called the nearest
 AT_BOUND = 0.01             # of a size's range: closer to its bound, the size is not known
-BESIDE = 0.25               # of a name's gain: a term of its channel that gains more makes it doubtful
 OTHERWISE = 0.5             # probability of something else beside a name that is only suspected
 
 
@@ -155,8 +154,8 @@ def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bo
     channels = ROWS[part.id].channels
     if any(r.channel in channels for r in left) or part.id in [box.id for box in one.or_boxes]:
         return True
-    if any(CHANNEL_OF[t.term.acts_on] in channels and t.gain > BESIDE * one.gains[k] for t in one.terms):
-        return True             # something unknown is at work in the same place
+    if overshadowed(part, one.gains[k], one.terms):
+        return True
     low, high = bounds(part.id, one.search.model.machine)
     reach = AT_BOUND * (high - low)
     if ROWS[part.id].has_slope and (part.size > high - reach or (low < 0.0 and part.size < low + reach)):
