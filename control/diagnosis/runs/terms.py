@@ -47,7 +47,8 @@ MAX_IN_A_BLOCK = 0.6        # of a box's energy: less than three blocks are a mo
 SLOW_MEMORY_S = 30.0        # what is remembered for longer is as smooth as drift
 MIN_SCORE = 6.0             # of a scan, for a refit
 MAX_TERMS = 2               # of one group of channels
-VERIFIED = 4                # best of a scan that are refitted, their noise too
+VERIFIED = 4                # best of a scan that are refitted, their noise too ...
+FORMS_AGAIN = 3             # ... and best forms over a term's variable under the noise that it leaves
 PLAINER = 8.0               # a form over fewer variables may gain less by so much ...
 PLAINER_SHARE = 0.02        # ... or by this share
 PLAINER_FORM = 4.0          # a plainer form over the same, by so much ...
@@ -184,14 +185,41 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
         found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
         verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
     for found in _plainer_first(sorted(verified, key=_short_of)):
-        enough = found.gain - found.tried.price > walks(dictionary.of[found.term.acts_on][0].channel) * \
-            _threshold(found, explained) and _worth(found)
-        if enough and _holds(search, now, base, len(held), found, *dictionary.of[found.term.acts_on]) \
-                and _pays(search, now, base, found):
-            found = found._replace(held_out=held_out_gain(search, now, base, found))
-            if found.tried.form is Form.SPAN or found.held_out > WORSE:
-                return found
+        if _enough(dictionary, found, explained) and _stands(search, now, base, len(held), found, dictionary):
+            again = _form_again(search, now, base, len(held), found, dictionary)
+            if again is not found and not _stands(search, now, base, len(held), again, dictionary):
+                again = found
+            again = again._replace(field_percent=_field_percent(again.term, search.model.data),
+                                   held_out=held_out_gain(search, now, base, again))
+            if again.tried.form is Form.SPAN or again.held_out > WORSE:
+                return again
     return None
+
+
+def _enough(dictionary: Dictionary, one: Found, explained: float) -> bool:
+    """Whether a term gains and does so much that it is told."""
+    least = walks(dictionary.of[one.term.acts_on][0].channel) * _threshold(one, explained)
+    return one.gain - one.tried.price > least and _worth(one)
+
+
+def _stands(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, dictionary: Dictionary) -> bool:
+    return _holds(search, now, base, held, one, *dictionary.of[one.term.acts_on]) and _pays(search, now, base, one)
+
+
+def _form_again(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found,
+                dictionary: Dictionary) -> Found:
+    """The best form over the same variable under the noise that a term leaves: without it drift stood for a part of
+    what it does, and bent the choice."""
+    if len(one.tried.over) > 1 or one.tried.form in (Form.SPAN, Form.PERIODIC) or "constant" in one.tried.knobs:
+        return one
+    acted, variables = dictionary.of[one.term.acts_on]
+    ground = Ground(search.columns, now.parts, base, one.noise)
+    entries = [entry._replace(forms=tuple(form for form in entry.forms if form.form is kind))
+               for entry in dictionary.entries(one.term.acts_on) if entry.forms[0].over == one.tried.over
+               for kind in dict.fromkeys(form.form for form in entry.forms)]
+    ranked = sorted(_scan(ground, acted, entries), key=lambda c: -c.score)[:FORMS_AGAIN]
+    again = [_verified(search, now, base, held, one.noise, candidate, acted, variables) for candidate in ranked]
+    return _plainer_first(sorted([one, *again], key=_short_of))[0]
 
 
 def _short_of(one: Found) -> float:
