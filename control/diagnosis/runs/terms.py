@@ -185,15 +185,23 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, 
         found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
         verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
     for found in _plainer_first(sorted(verified, key=_short_of)):
-        if _enough(dictionary, found, explained) and _stands(search, now, base, len(held), found, dictionary):
-            again = _form_again(search, now, base, len(held), found, dictionary)
-            if again is not found and not _stands(search, now, base, len(held), again, dictionary):
-                again = found
-            again = again._replace(field_percent=_field_percent(again.term, search.model.data),
-                                   held_out=held_out_gain(search, now, base, again))
-            if again.tried.form is Form.SPAN or again.held_out > WORSE:
+        if not _enough(dictionary, found, explained) or not _stands(search, now, base, len(held), found, dictionary):
+            continue
+        again = _form_again(search, now, base, len(held), found, dictionary)
+        if again is not found and _stands(search, now, base, len(held), again, dictionary):
+            again = _measured(search, now, base, again)
+            if again.held_out > WORSE:
                 return again
+        found = _measured(search, now, base, found)
+        if found.tried.form is Form.SPAN or found.held_out > WORSE:
+            return found
     return None
+
+
+def _measured(search: Search, now: Refit, base: Sequence[Column], one: Found) -> Found:
+    """The same with what it does to the dose and to rows that it was not fitted to."""
+    return one._replace(field_percent=_field_percent(one.term, search.model.data),
+                        held_out=held_out_gain(search, now, base, one))
 
 
 def _enough(dictionary: Dictionary, one: Found, explained: float) -> bool:
