@@ -29,3 +29,22 @@ def test_a_case_that_was_wrong_once_is_right(number, seed, categories, monkeypat
     case = cases.one(number, seed, "tuning", categories, ("run",), (), None)
     found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
     assert score.mark(case.truth, found.to_json()).honest, (case.truth["causes"], found.causes, found.unexplained)
+
+
+TERMS_WRONG_ONCE = [
+    pytest.param(4, 22, "dead_zone", "dead_zone", id="a slope, as a drift stood for a part of what the dead zone did"),
+    pytest.param(73, 20, "product", "product", id="nothing: no term of the wheel could be over the speed"),
+    pytest.param(82, 20, "product", "product", id="pitch in place of speed, the better one under a noise of its own"),
+    pytest.param(13, 20, "dead_zone", "dead_zone", id="missing pulses beside it: dips that began with the roll"),
+]
+
+
+@pytest.mark.parametrize("number, seed, kind, form", TERMS_WRONG_ONCE)
+def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    cases, score = importlib.import_module("hidden.cases"), importlib.import_module("hidden.score")
+    case = cases.one(number, seed, "tuning", ("term",), ("run",), (kind,), None)
+    found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
+    mark = score.mark(case.truth, found.to_json())
+    assert (mark.right_stage, mark.all_variables, found.causes) == (True, True, ()), (found.terms, found.causes)
+    assert found.terms[0].term["form"] == form

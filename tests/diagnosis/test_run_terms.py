@@ -239,6 +239,20 @@ def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:
     assert np.mean(one - other) == pytest.approx(by, rel=0.2)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_term_is_told_without_the_name_that_is_only_suspected_beside_it(seed: int) -> None:
+    """No machine file takes up what is suspected: the term's sizes must be right without it."""
+    text = "shaft_rpm saturation shaft_rpm slope=0.02 low_end=40 high_end=70 level=-0.4"
+    true, columns = parse_term(text, Term.model_validate), shaft_log(text, seed=seed)
+    found = diagnose_run(columns, NOMINAL)
+    assert [(cause.id, cause.probability <= 0.5) for cause in found.causes] == [("shaft.gain", True)]
+    values = {**columns, "told_rpm": columns["shaft_rpm_cmd"]}
+    told = over_log(extend(NOMINAL, found).terms, values, columns["time_s"], term_run)
+    rpm = told.get("shaft_percent", 0.0) * columns["shaft_rpm_cmd"] / 100.0 + told.get("shaft_rpm", 0.0)
+    hidden = over_log([true], values, columns["time_s"], term_run)["shaft_rpm"]
+    assert np.sqrt(np.mean((rpm - hidden) ** 2)) < 0.2 * np.std(hidden)
+
+
 def wheel_log(term: Any, seed: int = 1) -> dict[str, Any]:
     """A log of the speeds alone, ten rows a second. term : share by which the wheel reads more, of (roll, speed)."""
     rng, time_s = np.random.default_rng(seed), STEP_S * np.arange(ROWS)
