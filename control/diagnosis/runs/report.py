@@ -210,7 +210,7 @@ def _instead(one: Judged, rows: Sequence[Channel]) -> list[Unexplained]:
     """What there is if a name that comes and goes is none: something unknown in the same channel, for as long."""
     by_name = {row.channel: row for row in rows}
     return [Unexplained(box.stage, "time_s", _structure_share(by_name[box.stage]), by_name[box.stage].rmse,
-                        by_name[box.stage].noise_floor, by_name[box.stage].unit, from_s=box.begin_s)
+                        by_name[box.stage].noise_floor, by_name[box.stage].unit, hint=box.id, from_s=box.begin_s)
             for box in one.or_boxes]
 
 

@@ -61,7 +61,8 @@ SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
 SPAN_AGAIN = 4.0            # times what a further box gains
-LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by
+LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
+LEVEL_SHARE = 0.05          # ... and so much of what its form does
 A_LEVEL = 0.7               # cosine of what a tolerance does and a level, above which the one gives the other
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
@@ -164,9 +165,10 @@ def told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Seq
     for one, at in zip(terms, forms, strict=True):
         acts = one.term.acts_on
         level_at = levels.pop(acts, None) if levels_of(one) else None
-        level = NO_LEVEL if level_at is None else _level(fit, level_at, names, one.columns[0])
-        sizes = fit.amplitude[at:at + len(one.columns) - levels_of(one)]
-        term = _term(acts, one.tried, sizes, level.value, fit, at, dictionary.of[acts][1], search.model.data)
+        sizes, variables = fit.amplitude[at:at + len(one.columns) - levels_of(one)], dictionary.of[acts][1]
+        spread = float(np.std(sizes @ _form_series(one.tried, variables, search.model.data)))
+        level = NO_LEVEL if level_at is None else _level(fit, level_at, names, one.columns[0], spread)
+        term = _term(acts, one.tried, sizes, level.value, fit, at, variables, search.model.data)
         found.append(one._replace(term=term, field_percent=_field_percent(term, search.model.data)))
     return found
 
@@ -471,25 +473,29 @@ class _Level(NamedTuple):
 NO_LEVEL = _Level(0.0, 0.0)
 
 
-def _level(fit: Fit, at: int, base: Sequence[Column], own: Column) -> _Level:
+def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float) -> _Level:
     """The level that a fit has in place `at` beside a form, where the log holds it: a slow drift of this log is no
     trait of the machine, and what a name of the hypothesis does is the name's.
 
     What is the form's mean and what a nominal value that is off within its tolerance no log tells; their sum is told,
-    and is what the machine does. base : columns before the terms'. own : the level's.
+    and is what the machine does. base : columns before the terms'. own : the level's. spread : of the form over the
+    log, s.d.: no form is quite right, and a small share of it is no level.
     """
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    ways = {k: _along(column, own) for k, column in enumerate(base) if column.label.role is Role.TOLERANCE}
-    open_ = [k for k, way in ways.items() if way != 0.0]
-    tolerance = float(np.sqrt(sum((ways[k] * base[k].sd) ** 2 for k in open_)))
+    share = np.zeros(len(sd))           # so much of a level a unit of each column is
+    for k, column in enumerate(base):
+        share[k] = _along(column, own) if column.label.role is Role.TOLERANCE else 0.0
+    tolerance = float(np.sqrt(sum((share[k] * column.sd) ** 2 for k, column in enumerate(base) if share[k] != 0.0)))
     names = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
     if any(abs(covariance[at, k]) > MAX_TANGLED * sd[at] * sd[k] for k in names):
         return _Level(0.0, tolerance)
-    value = float(fit.amplitude[at]) + sum(ways[k] * (float(fit.amplitude[k]) - base[k].mean) for k in open_)
-    beside = covariance[at, open_]
-    alone = covariance[at, at] - float(beside @ np.linalg.solve(covariance[np.ix_(open_, open_)], beside))
-    return _Level(value if abs(value) > LEVEL_SD * float(np.sqrt(max(alone, 0.0))) else 0.0, tolerance)
+    moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)     # by so much less
+    share[at] = 1.0
+    value = float(share @ fit.amplitude) - moved
+    variance = float(share @ covariance @ share)
+    least = max(LEVEL_SD * float(np.sqrt(max(variance, 0.0))), LEVEL_SHARE * spread)
+    return _Level(value if abs(value) > least else 0.0, tolerance)
 
 
 def _along(one: Column, level: Column) -> float:
@@ -512,7 +518,8 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
     trace = coefficients(amplitude @ fits.series, channel.cut)
     own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
-    level = _level(fits.full, len(base), base, fits.columns[0]) if levels else NO_LEVEL
+    spread = float(np.std(amplitude[levels:] @ _form_series(form, variables, data)))
+    level = _level(fits.full, len(base), base, fits.columns[0], spread) if levels else NO_LEVEL
     return Found(_term(one.acts, form, amplitude[levels:], level.value, fits.full, len(base) + levels, variables, data),
                  form, fits.gain,
                  fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
