@@ -331,7 +331,10 @@ def _along_axis(one: Tried, amplitude: float, level: float) -> tuple[list[float]
 
 
 def _product(a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-    """k (x - at)(y - second_at) + level from what x, y (of three amplitudes) and their product do."""
+    """k (x - at)(y - second_at) + level from what x, y (of three amplitudes) and their product do.
+
+    level : 0 where the log does not hold it; the product is then nothing where one of its variables is at its place.
+    """
     first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
     return {"slope": both / (x.spread * y.spread), "at": x.middle - x.spread * second / both,
-            "second_at": y.middle - y.spread * first / both, "level": level - first * second / both}
+            "second_at": y.middle - y.spread * first / both, "level": level - first * second / both if level else 0.0}
