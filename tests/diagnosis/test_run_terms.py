@@ -101,6 +101,17 @@ def test_sizes_are_those_that_were_planted() -> None:
     assert at["roll_deg"] == pytest.approx(0.5, abs=0.3)
 
 
+def test_a_product_whose_level_is_not_known_is_nothing_at_its_place() -> None:
+    """It was fitted about the middle of its variables: what it does there is no level."""
+    x, y = (term_forms.Scaled(name, np.zeros(3), middle, spread, -9.0, 9.0)
+            for name, middle, spread in (("roll_deg", -0.1, 2.0), ("speed_mps", 1.0, 0.2)))
+    form = term_forms.Tried(term_forms.Form.PRODUCT, ("roll_deg", "speed_mps"), {"mains": 1.0}, np.eye(3), 12.0)
+    by, sizes = {"roll_deg": x, "speed_mps": y}, np.array([-8.0, -0.4, 8.0])
+    unknown = term_forms.coefficients(form, sizes, 0.0, by)
+    assert unknown == pytest.approx({"slope": 20.0, "at": 0.0, "second_at": 1.2, "level": 0.0})
+    assert term_forms.coefficients(form, sizes, 0.7, by) == pytest.approx({**unknown, "level": 0.3})
+
+
 def test_a_constant_that_is_lost_of_every_command_is_no_gain() -> None:
     found = diagnose_run(shaft_log("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=2.5"), Machine())
     assert found.causes == ()
