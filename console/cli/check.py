@@ -146,6 +146,9 @@ def _notes_of(loaded: Any) -> list[str]:
         if index is None:
             found.append("response index of the field: strips missing yet: mark both on the way; until then the "
                          f"{'fixed yield' if rule.is_ready else 'fallback rate'} holds")
+    elif rule.crop.sufficiency is not None and not rule.is_ready:
+        found.append("sufficiency index: N-rich strip missing yet: mark it on the way; until then the fallback rate "
+                     "holds")
     return [line for line in found if line]
 
 

@@ -8,14 +8,18 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from control.agronomy.growth import GrowthWindow
 from control.agronomy.response import HarvestLine, ResponseRule
-from control.agronomy.yield_potential import YieldPotential
+from control.agronomy.sufficiency import Sufficiency
+from control.agronomy.yield_potential import YieldPotential, day_rule
+
+CANOPY_ITSELF = HarvestLine(slope=1.0, intercept=0.0)       # a line that leaves the canopy's index as it is
 
 
 class GrowingDays(BaseModel):
     """D of paper A, eq 4: days from sowing to sensing with a mean temperature above the crop's base.
 
     Either counted by hand (`count` with the base it was counted over, `above_c`), or counted from a weather file
-    (`weather` with `sown`, and `sensed` where it is not the day of work).
+    (`weather` with `sown`, and `sensed` where it is not the day of work). Where the curve counts every day: `count`
+    alone, or `sown` alone.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -28,23 +32,42 @@ class GrowingDays(BaseModel):
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
-        if (self.count is None) == (self.weather is None):
+        if self.count is not None and self.weather is not None:
             raise ValueError("allowed is one of count (with above_c) and weather (with sown)")
-        if self.count is not None and self.above_c is None:
-            raise ValueError("above_c missing: say over which base temperature the days were counted")
+        if self.count is None and self.sown is None:
+            raise ValueError("sown missing: a weather file needs the date of sowing, e.g. 2013-11-01"
+                             if self.weather is not None else
+                             "allowed is one of count (with above_c) and weather (with sown)")
         if self.count is not None and (self.sown is not None or self.sensed is not None):
             raise ValueError("sown and sensed go with weather, not with count")
-        if self.weather is not None and self.sown is None:
-            raise ValueError("sown missing: a weather file needs the date of sowing, e.g. 2013-11-01")
         if self.weather is not None and self.above_c is not None:
             raise ValueError("above_c goes with count: a weather file is counted over the crop's own base_temp_c")
         if self.sown is not None and self.sensed is not None and self.sensed <= self.sown:
             raise ValueError(f"sensed {self.sensed} is not after sown {self.sown}")
         return self
 
+    def fault_with(self, curve: YieldPotential) -> str:
+        """Why these days are not those of the curve, one line; empty where they are."""
+        rule = day_rule(curve.base_temp_c)
+        if curve.base_temp_c == "every_day":
+            if self.above_c is not None:
+                return f"days.above_c {self.above_c:g}: the yield curve counts {rule}: leave the key out"
+            return "" if self.weather is None else f"days.weather: the yield curve counts {rule}: it needs no weather"
+        if self.count is not None and self.above_c is None:
+            return "above_c missing: say over which base temperature the days were counted"
+        if self.count is None and self.weather is None:
+            return f"days: sown without weather: the yield curve counts {rule}, which a weather file tells"
+        if self.above_c is not None and self.above_c != curve.base_temp_c:
+            return f"days.above_c {self.above_c:g}: the yield curve's own rule is {rule}; count the days again"
+        return ""
+
 
 class Crop(BaseModel):
-    """Crop file "topdress-crop/1". Rates are kg of product per ha, yields t of grain per ha."""
+    """Crop file "topdress-crop/1". Rates are kg of product per ha, yields t of grain per ha.
+
+    Its rule is one of two: a yield curve (`yield_potential`, with `days` and `y_max_t_ha`), or the sufficiency index
+    (`sufficiency`), which needs none of those.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -56,12 +79,16 @@ class Crop(BaseModel):
     examples: tuple[str, ...] = Field(default=(), description="keys whose values are examples, to be replaced")
 
     index: Literal["ndvi", "ndre"] = Field(default="ndvi", description="what the heads are to read; ndre (red edge) "
-                                           "for dense canopies, with a yield curve of its own")
-    yield_potential: YieldPotential
-    days: GrowingDays
+                                           "for dense canopies, with a curve of its own")
+    yield_potential: YieldPotential | None = Field(default=None, description="the yield without topdressing from the "
+                                                   "reading; or else sufficiency")
+    days: GrowingDays | None = Field(default=None, description="of growth, by the yield curve's own rule")
+    sufficiency: Sufficiency | None = Field(default=None, description="nitrogen from how far a place is behind the "
+                                            "N-rich strip; in the place of yield_potential")
     growth_window: GrowthWindow | None = Field(default=None, description="stages for which the rule was made; work "
                                                "outside is warned of")
-    y_max_t_ha: float = Field(gt=0.0, le=20.0, description="no yield is assumed beyond this (eq 5)")
+    y_max_t_ha: float | None = Field(default=None, gt=0.0, le=20.0, description="no yield is assumed beyond this "
+                                     "(eq 5); with a yield curve it must be said")
     fixed_yield_t_ha: float | None = Field(default=None, gt=0.0, le=20.0, description="yield with topdressing, "
                                            "where no N-rich strip was sown")
     ndvi_nrich: float | None = Field(default=None, gt=0.0, le=1.0, description="NDVI of the N-rich strip")
@@ -69,9 +96,10 @@ class Crop(BaseModel):
                                      "got what the field got")
     response_index: ResponseRule = Field(default="paper", description="paper: N-rich strip over the NDVI of each place "
                                          "(eq 5); field: N-rich strip over farmer check, once a field (Oklahoma State)")
-    harvest_line: HarvestLine | None = Field(default=None, description="response of the yield from that of the canopy; "
-                                             "with response_index field")
-    response_index_max: float = Field(default=2.0, ge=1.0, le=2.0, description="cap of RI (Raun et al. 2002)")
+    harvest_line: HarvestLine | None = Field(default=None, description="response of the yield from that of the "
+                                             "canopy, with response_index field; a set brings its own")
+    response_index_max: float = Field(default=2.0, ge=1.0, le=2.0, description="cap of the canopy's RI (Oklahoma "
+                                      "State: 2.0)")
 
     grain_n_kg_t: float = Field(default=23.9, ge=10.0, le=40.0, description="N in the grain (eq 2)")
     product: str = Field(default="urea", min_length=1)
@@ -79,7 +107,8 @@ class Crop(BaseModel):
     efficiency: float = Field(default=0.6, ge=0.5, le=0.7, description="share of the applied N taken up, eta of eq 2")
 
     ndvi_min: float = Field(default=0.25, ge=0.0, le=0.9, description="no rate below: bare soil")
-    ndvi_max: float = Field(default=0.75, ge=0.1, le=1.0, description="no rate above: dense canopy")
+    ndvi_max: float | None = Field(default=None, ge=0.1, le=1.0, description="no rate above: dense canopy (Chen et "
+                                   "al.: 0.75); none: no such limit (Oklahoma State)")
     taper_ndvi: float = Field(default=0.0, ge=0.0, le=0.3, description="inside both ends of ndvi_min to ndvi_max the "
                               "rate comes and goes over this span of NDVI; 0: in a step")
     grades: bool = Field(default=False, description="the paper's rule: rate in steps of NDVI, each taken at its upper "
@@ -90,22 +119,50 @@ class Crop(BaseModel):
     max_rate_kg_ha: float = Field(gt=0.0, le=2000.0, description="absolute limit of the product")
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _one_rule(self) -> Self:
+        of_yield = {"days": self.days, "y_max_t_ha": self.y_max_t_ha, "fixed_yield_t_ha": self.fixed_yield_t_ha,
+                    "harvest_line": self.harvest_line}
+        if self.sufficiency is not None:
+            too_many = [key for key in ("yield_potential", *of_yield) if getattr(self, key) is not None]
+            if too_many or self.response_index != "paper":
+                raise ValueError(f"{', '.join(too_many) or 'response_index: field'}: goes with yield_potential, not "
+                                 "with sufficiency")
+            return self
+        missing = [key for key in ("yield_potential", "days", "y_max_t_ha") if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"{', '.join(missing)} missing: allowed is a yield curve with yield_potential, days and "
+                             "y_max_t_ha, or sufficiency")
+        return self
+
+    @model_validator(mode="after")
+    def _fits_its_curve(self) -> Self:
         curve = self.yield_potential
+        if curve is None or self.days is None:
+            return self
         if self.index == "ndre" and curve.set is not None:
             raise ValueError(f"index ndre: yield_potential.set {curve.set} was published for NDVI: write out a_t_ha, "
-                             "b_days, base_temp_c and source of a curve over NDRE")
+                             "b_days, base_temp_c and source of a curve over NDRE, or take sufficiency")
         if curve.only_crop and self.id != curve.only_crop:
             raise ValueError(f"yield_potential.set {curve.set} belongs to crop {curve.only_crop} alone: "
                              f"{curve.warning}")
         if curve.warning and not self.flag:
             raise ValueError(f"flag missing: set {curve.set} needs one, because {curve.warning}")
-        if self.days.above_c is not None and self.days.above_c != curve.base_temp_c:
-            raise ValueError(f"days.above_c {self.days.above_c:g}: the yield curve's own rule is days above "
-                             f"{curve.base_temp_c:g} degC; count the days again over that")
-        if self.fixed_yield_t_ha is not None and self.fixed_yield_t_ha > self.y_max_t_ha:
-            raise ValueError(f"fixed_yield_t_ha {self.fixed_yield_t_ha:g}: allowed is at most y_max_t_ha "
-                             f"{self.y_max_t_ha:g}")
+        fault = self.days.fault_with(curve)
+        if fault:
+            raise ValueError(fault)
+        own = self.harvest_line
+        if curve.set is not None and own is not None and own not in (curve.line, CANOPY_ITSELF):
+            raise ValueError(f"harvest_line: {own}: the row of set {curve.set} has {curve.line or 'none'}: leave the "
+                             "key out, or say slope 1, intercept 0 for the canopy's own index")
+        return self
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.index == "ndre" and "ndvi_min" not in self.model_fields_set:
+            raise ValueError("index ndre: ndvi_min missing: its default, 0.25, is one of NDVI")
+        fixed, most = self.fixed_yield_t_ha, self.y_max_t_ha
+        if fixed is not None and most is not None and fixed > most:
+            raise ValueError(f"fixed_yield_t_ha {fixed:g}: allowed is at most y_max_t_ha {most:g}")
         if self.fallback_rate_kg_ha > self.max_rate_kg_ha:
             raise ValueError(f"fallback_rate_kg_ha {self.fallback_rate_kg_ha:g}: allowed is at most max_rate_kg_ha "
                              f"{self.max_rate_kg_ha:g}")
@@ -116,28 +173,49 @@ class Crop(BaseModel):
 
     @model_validator(mode="after")
     def _range_of_ndvi(self) -> Self:
-        if self.ndvi_min >= self.ndvi_max:
-            raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {self.ndvi_max:g}")
-        steps = (self.ndvi_max - self.ndvi_min) / self.grade_width
+        top = self.ndvi_top
+        if self.ndvi_min >= top:
+            raise ValueError(f"ndvi_min {self.ndvi_min:g}: allowed is below ndvi_max {top:g}")
+        if self.grades and self.ndvi_max is None:
+            raise ValueError("ndvi_max missing: grades need an upper end (Chen et al.: 0.75)")
+        steps = (top - self.ndvi_min) / self.grade_width
         if self.grades and abs(steps - round(steps)) > 1e-6:
             raise ValueError(f"grade_width {self.grade_width:g}: allowed is a whole part of the span "
-                             f"{self.ndvi_min:g} to {self.ndvi_max:g}")
+                             f"{self.ndvi_min:g} to {top:g}")
         if self.grades and self.taper_ndvi > 0.0:
             raise ValueError(f"taper_ndvi {self.taper_ndvi:g}: allowed is 0 with grades, which are steps")
-        if 2.0 * self.taper_ndvi > self.ndvi_max - self.ndvi_min + 1e-9:
+        if 2.0 * self.taper_ndvi > top - self.ndvi_min + 1e-9:
             raise ValueError(f"taper_ndvi {self.taper_ndvi:g}: allowed is at most half of the span "
-                             f"{self.ndvi_min:g} to {self.ndvi_max:g}")
+                             f"{self.ndvi_min:g} to {top:g}")
         if self.harvest_line is not None and self.response_index != "field":
             raise ValueError("harvest_line goes with response_index: field")
         return self
 
     @property
+    def ndvi_top(self) -> float:
+        """The highest reading that gets a rate."""
+        return 1.0 if self.ndvi_max is None else self.ndvi_max
+
+    @property
+    def response_line(self) -> HarvestLine | None:
+        """By which the field's response index becomes that of the harvest: the file's, else that of its set."""
+        if self.harvest_line is not None or self.yield_potential is None:
+            return self.harvest_line
+        return self.yield_potential.line
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """One line each, to be shown before work starts; empty when there is nothing to say."""
-        lines = [self.flag, self.yield_potential.warning]
+        lines = [self.flag, "" if self.yield_potential is None else self.yield_potential.warning]
         if self.examples:
             lines.append(f"example values, not of this field: {', '.join(self.examples)}")
         if "grades" not in self.model_fields_set:
             lines.append("grades is not said: the rate follows NDVI smoothly; grades: true gives the steps of older "
                          "versions")
+        if "ndvi_max" not in self.model_fields_set:
+            lines.append("ndvi_max is not said: dense canopies get what the rule gives; ndvi_max: 0.75 gives them "
+                         "nothing, as older versions did")
+        if self.harvest_line == CANOPY_ITSELF and self.yield_potential is not None and self.yield_potential.line:
+            lines.append(f"harvest_line 1, 0: the canopy's own response index counts, not the line of set "
+                         f"{self.yield_potential.set}")
         return tuple(line for line in lines if line)

@@ -68,14 +68,14 @@ class Growth(NamedTuple):
         return f"{self.scale} {stage} ({self.first:g} to {self.last:g})"
 
 
-def growth_of(window: GrowthWindow | None, seen: GrowthStage | None, days: int) -> Growth | None:
+def growth_of(window: GrowthWindow | None, seen: GrowthStage | None, days: int | None) -> Growth | None:
     """The stage in the terms of the window; None where the crop file has no window. A stage told on another scale is
     not known on this one. days: of the rule."""
     if window is None:
         return None
     stage = None
     if window.scale == "days":
-        stage = float(days)
+        stage = None if days is None else float(days)
     elif seen is not None and seen.scale == window.scale:
         stage = seen.stage
     return Growth(window.scale, window.first, window.last, stage)

@@ -3,7 +3,8 @@
 Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no strip was sown. The
 response index is that of each place (the paper) or that of the field (its authors at Oklahoma State, `response`).
 Put right against the print: the rate is never below zero (eq 2 gives -21.9 kg/ha at NDVI 0.75), the response index
-is capped, and no yield is assumed beyond the crop's Y_max.
+is capped, and no yield is assumed beyond the crop's Y_max. A crop file may go by the sufficiency index instead
+(`sufficiency`), without any yield.
 """
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ from control.agronomy.crop import Crop
 from control.agronomy.grades import grade_edges, graded_ndvi
 from control.agronomy.response import ResponseRule, field_response
 from control.agronomy.strips import Strips, StripValue
+from control.agronomy.yield_potential import YieldPotential
 
 Why = Literal["in_range", "no_ndvi", "no_strips", "below_cutoff", "above_cutoff", "yield_reached", "limited"]
 
@@ -33,6 +35,7 @@ class Decision(NamedTuple):
     yield_without_t_ha: float | None = None
     yield_with_t_ha: float | None = None
     response_index: float | None = None    # None in the fixed-yield form
+    sufficiency_index: float | None = None  # None by a yield curve
 
 
 def insey(ndvi: float, days: float) -> float:
@@ -65,7 +68,7 @@ def n_requirement_kg_ha(yield_with_t_ha: float, yield_without_t_ha: float, grain
 
 
 def _side(ndvi: float, crop: Crop) -> Why:
-    return "above_cutoff" if ndvi > crop.ndvi_max else "below_cutoff"
+    return "above_cutoff" if ndvi > crop.ndvi_top else "below_cutoff"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,7 @@ class Rule:
     """A crop made ready for one field: days and reference fixed, so that a decision needs the NDVI only."""
 
     crop: Crop
-    days: int
+    days: int | None               # None: by the sufficiency index
     ndvi_nrich: float | None       # None: fixed-yield form
     ndvi_check: float | None = None            # farmer check; used by response rule "field"
     response_rule: ResponseRule = "paper"
@@ -87,7 +90,7 @@ class Rule:
         """RI of the field; None by the paper's rule, or where a strip is missing."""
         if self.response_rule == "paper":
             return None
-        return field_response(self.strips, self.crop.response_index_max, self.crop.harvest_line)
+        return field_response(self.strips, self.crop.response_index_max, self.crop.response_line)
 
     @property
     def is_ready(self) -> bool:
@@ -111,13 +114,13 @@ class Rule:
         if not self.is_ready:
             return Decision(0.0, "no_strips", None, None)
         if not crop.grades:
-            if crop.ndvi_min <= ndvi <= crop.ndvi_max:
-                return self._tapered(self._from_yields(ndvi, None), ndvi)
+            if crop.ndvi_min <= ndvi <= crop.ndvi_top:
+                return self._tapered(self._from_reading(ndvi, None), ndvi)
             return Decision(0.0, _side(ndvi, crop), None, None)
-        grade, used = graded_ndvi(ndvi, crop.ndvi_min, crop.ndvi_max, crop.grade_width)
+        grade, used = graded_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
         if used is None:
             return Decision(0.0, _side(ndvi, crop), 0, None)
-        return self._from_yields(used, grade)
+        return self._from_reading(used, grade)
 
     def _tapered(self, decision: Decision, ndvi: float) -> Decision:
         """Between bare soil and crop, and towards the dense end, a reading says less and less: the rate comes and goes
@@ -125,13 +128,32 @@ class Rule:
         crop = self.crop
         if crop.taper_ndvi <= 0.0:
             return decision
-        inside = min(ndvi - crop.ndvi_min, crop.ndvi_max - ndvi)
+        inside = ndvi - crop.ndvi_min
+        if crop.ndvi_max is not None:
+            inside = min(inside, crop.ndvi_max - ndvi)
         return decision._replace(rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi))
 
-    def _from_yields(self, ndvi: float, grade: int | None) -> Decision:
-        crop, curve = self.crop, self.crop.yield_potential
-        index = insey(ndvi, self.days)
-        without = min(yield_without(index, curve.a_t_ha, curve.b_days), crop.y_max_t_ha)
+    def _from_reading(self, ndvi: float, grade: int | None) -> Decision:
+        curve = self.crop.yield_potential
+        return self._from_sufficiency(ndvi, grade) if curve is None else self._from_yields(ndvi, grade, curve)
+
+    def _from_sufficiency(self, ndvi: float, grade: int | None) -> Decision:
+        crop, rich = self.crop, self.ndvi_nrich
+        assert crop.sufficiency is not None and rich is not None      # the crop file's own check; is_ready
+        index = ndvi / rich
+        rate, why = self._limited(crop.sufficiency.n_kg_ha(index) / crop.product_n_fraction)
+        return Decision(rate, why, grade, ndvi, sufficiency_index=index)
+
+    def _limited(self, need_kg_ha: float) -> tuple[float, Why]:
+        most = self.crop.max_rate_kg_ha
+        why: Why = "yield_reached" if need_kg_ha <= 0.0 else "limited" if need_kg_ha > most else "in_range"
+        return min(max(need_kg_ha, 0.0), most), why
+
+    def _from_yields(self, ndvi: float, grade: int | None, curve: YieldPotential) -> Decision:
+        crop, days, most = self.crop, self.days, self.crop.y_max_t_ha
+        assert days is not None and most is not None                # `prepare`; the crop file's own check
+        index = insey(ndvi, days)
+        without = min(yield_without(index, curve.a_t_ha, curve.b_days), most)
         response = self.field_response
         if self.response_rule == "paper" and self.ndvi_nrich is not None:
             response = response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
@@ -139,10 +161,9 @@ class Rule:
             wanted = without * response
         else:
             wanted = crop.fixed_yield_t_ha if crop.fixed_yield_t_ha is not None else 0.0
-        with_n = min(wanted, crop.y_max_t_ha)
-        need = n_requirement_kg_ha(with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency)
-        why: Why = "yield_reached" if need <= 0.0 else "limited" if need > crop.max_rate_kg_ha else "in_range"
-        rate = min(max(need, 0.0), crop.max_rate_kg_ha)
+        with_n = min(wanted, most)
+        rate, why = self._limited(
+            n_requirement_kg_ha(with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency))
         return Decision(rate, why, grade, ndvi, index, without, with_n, response)
 
 
@@ -151,24 +172,35 @@ def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
     """A crop made ready for work. What is given overrides the crop file's own.
 
     With an N-rich NDVI the response index decides, else the crop's fixed yield. By response rule "field" both strips
-    may be missing yet: they are measured on the way.
+    may be missing yet, and by the sufficiency index the N-rich strip: they are measured on the way.
     Raises ValueError in one line when the days are not known yet (a weather file has to be counted first) or out of
     1 to 400, when neither form is possible, or when the NDVI of a strip is not in (0, 1].
     """
-    days = days if days is not None else crop.days.count
+    if crop.yield_potential is not None:
+        days = _days_of(crop, days)
     ndvi_nrich = ndvi_nrich if ndvi_nrich is not None else crop.ndvi_nrich
     ndvi_check = ndvi_check if ndvi_check is not None else crop.ndvi_check
     response_rule = response_rule or crop.response_index
-    if days is None:
-        raise ValueError(f"crop {crop.id}: days are to be counted from {crop.days.weather}; count them first")
-    if not 1 <= days <= 400:
-        raise ValueError(f"crop {crop.id}: days {days}: allowed is 1 to 400")
-    if response_rule == "paper" and ndvi_nrich is None and crop.fixed_yield_t_ha is None:
+    if crop.sufficiency is not None and response_rule != "paper":
+        raise ValueError(f"crop {crop.id}: response_index field: goes with yield_potential, not with sufficiency")
+    by_place = crop.sufficiency is None and response_rule == "paper"
+    if by_place and ndvi_nrich is None and crop.fixed_yield_t_ha is None:
         raise ValueError(f"crop {crop.id}: ndvi_nrich and fixed_yield_t_ha both missing: one is needed")
     for name, ndvi in (("ndvi_nrich", ndvi_nrich), ("ndvi_check", ndvi_check)):
         if ndvi is not None and not 0.0 < ndvi <= 1.0:
             raise ValueError(f"crop {crop.id}: {name} {ndvi:g}: allowed is above 0, at most 1")
-    return Rule(crop, days, ndvi_nrich, ndvi_check, response_rule)
+    return Rule(crop, None if crop.yield_potential is None else days, ndvi_nrich, ndvi_check, response_rule)
+
+
+def _days_of(crop: Crop, counted: int | None) -> int:
+    """Of growth, as counted or as the crop file says. Raises ValueError."""
+    days = counted if counted is not None else None if crop.days is None else crop.days.count
+    if days is None:
+        source = (crop.days and crop.days.weather) or "the day of sowing"
+        raise ValueError(f"crop {crop.id}: days are to be counted from {source}; count them first")
+    if not 1 <= days <= 400:
+        raise ValueError(f"crop {crop.id}: days {days}: allowed is 1 to 400")
+    return days
 
 
 def rate_kg_ha(crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None) -> float:
@@ -191,7 +223,7 @@ def rate_table(crop: Crop, days: int | None = None, ndvi_nrich: float | None = N
     A crop with grades off is tabulated at the same edges, each line with the rate at its upper edge.
     """
     rule = prepare(crop, days, ndvi_nrich)
-    edges = grade_edges(crop.ndvi_min, crop.ndvi_max, crop.grade_width)
+    edges = grade_edges(crop.ndvi_min, crop.ndvi_top, crop.grade_width)
     lower = (crop.ndvi_min, *edges[:-1])
     return tuple(GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
                  for k, (low, high) in enumerate(zip(lower, edges, strict=True), start=1))

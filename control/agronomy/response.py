@@ -19,8 +19,10 @@ ResponseRule = Literal["paper", "field"]
 class HarvestLine(BaseModel):
     """What the response of the yield is, from that of the canopy: slope x RI + intercept.
 
-    OSU's calculators use 1.64 RI - 0.53 (RI of harvest over RI of NDVI, after Mullen et al. 2003). Without a line the
-    canopy's own index counts, as on the page above.
+    Oklahoma State's table of equations has a line in the rows of some crops and years, not in those of others
+    (nue.okstate.edu/Yield_Potential.htm): 1.69 RI - 0.70 for wheat from 2005 on and durum, 1.64 RI - 0.5287 for corn of
+    2004. Which belongs to which is fixed in `yield_potential`. Without a line the canopy's own index counts, as on the
+    page above.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -28,18 +30,26 @@ class HarvestLine(BaseModel):
     slope: float = Field(gt=0.0, le=5.0)
     intercept: float = Field(ge=-3.0, le=3.0)
 
+    def __str__(self) -> str:
+        return f"slope {self.slope:g}, intercept {self.intercept:g}"
+
     @model_validator(mode="after")
     def _no_response_stays_none(self) -> Self:
         at_one = self.slope + self.intercept
         if not 0.8 <= at_one <= 1.3:
             raise ValueError(f"slope {self.slope:g} and intercept {self.intercept:g}: RI 1 becomes {at_one:g}: allowed "
-                             "is 0.8 to 1.3 (OSU: slope 1.64, intercept -0.53)")
+                             "is 0.8 to 1.3 (OSU: wheat 1.69 and -0.70, corn 1.64 and -0.5287)")
         return self
 
 
 def field_response(strips: Strips, cap: float, line: HarvestLine | None) -> float | None:
-    """RI of the field as the yield with topdressing is computed with, at most `cap`; None where a strip is missing."""
+    """RI of the field as the yield with topdressing is computed with; None where a strip is missing.
+
+    cap: of the index of the canopy, before the line: "RI_NDVI cannot exceed 2.0" (nue.okstate.edu/
+    Managing_N_Fertilizer_NRS.htm).
+    """
     index = measured_index(strips)
     if index is None:
         return None
-    return min(index if line is None else line.slope * index + line.intercept, cap)
+    index = min(index, cap)
+    return index if line is None else line.slope * index + line.intercept

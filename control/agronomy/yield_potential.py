@@ -2,26 +2,36 @@
 
 Constants and day rule are one thing: 0.359 exp(324.4 I) over days above 4.4 degC is another curve than the same
 figures over days above 0 degC (at NDVI 0.5, 82 days give 366 kg urea/ha, 65 days 210). So a crop file either names
-a set of the closed registry below, or writes out all of its own: constants, base temperature and source.
+a set of the closed registry below, or writes out all of its own: constants, base temperature and source. A set brings
+the line of its own row too, by which the response of the canopy becomes that of the harvest (`response`).
+
+What of Oklahoma State's table is not here, and why, stands in docs/agronomy.md.
 """
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from control.agronomy.response import HarvestLine
+
 OSU_LIBRARY = "Oklahoma State University, library of yield prediction equations (nue.okstate.edu/Yield_Potential.htm)"
+WHEAT_LINE = HarvestLine(slope=1.69, intercept=-0.70)       # wheat of 2005 to 2007 and 2006 in Australia, durum 2006
+CORN_LINE = HarvestLine(slope=1.64, intercept=-0.5287)      # corn of 2004
+
+EveryDay = Literal["every_day"]
 
 
 class YieldSet(NamedTuple):
-    """A published curve a exp(b INSEY) with the day rule it was fitted with."""
+    """A published curve a exp(b INSEY) with the day rule it was fitted with, and the line of its row."""
 
     a_t_ha: float
     b_days: float          # multiplies INSEY (NDVI per day)
-    base_temp_c: float     # a day counts when its mean air temperature is above this
+    base_temp_c: float | EveryDay       # a day counts when its mean air temperature is above this
     source: str
     warning: str = ""
     only_crop: str = ""    # id of the one crop that may use it; empty: any
+    line: HarvestLine | None = None     # RI of the harvest from RI of the canopy; None: the row has none
 
 
 YIELD_SETS: dict[str, YieldSet] = {
@@ -31,17 +41,44 @@ YIELD_SETS: dict[str, YieldSet] = {
         "these constants were published for days above 4.4 degC (osu_winter_wheat_2004); "
         "the paper counts days above 0 degC, which lowers the estimated yield and raises the rate",
         only_crop="huanghai_wheat"),
+    "osu_winter_wheat_2002": YieldSet(
+        0.344, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2002: 4 years, 22 sites"),
+    "osu_winter_wheat_2003": YieldSet(
+        0.500, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2003: 5 years, 26 sites"),
     "osu_winter_wheat_2004": YieldSet(
         0.359, 324.4, 4.4, OSU_LIBRARY + ", dryland winter wheat 2004: 6 years, 30 sites"),
     "osu_winter_wheat_2005": YieldSet(
-        0.522, 274.7, 4.4, OSU_LIBRARY + ", dryland winter wheat 2005: 7 years, 34 sites"),
+        0.522, 274.7, 4.4, OSU_LIBRARY + ", dryland winter wheat 2005: 7 years, 34 sites", line=WHEAT_LINE),
     "osu_winter_wheat_2006": YieldSet(
-        0.532, 270.1, 4.4, OSU_LIBRARY + ", dryland winter wheat 2006: 8 years, 38 sites"),
+        0.532, 270.1, 4.4, OSU_LIBRARY + ", dryland winter wheat 2006: 8 years, 38 sites", line=WHEAT_LINE),
     "osu_winter_wheat_2007": YieldSet(
-        0.590, 258.2, 4.4, OSU_LIBRARY + ", dryland winter wheat 2007: 9 years, 43 sites"),
+        0.590, 258.2, 4.4, OSU_LIBRARY + ", dryland winter wheat 2007: 9 years, 43 sites", line=WHEAT_LINE),
     "osu_durum_2006": YieldSet(
-        0.322, 211.5, 4.4, OSU_LIBRARY + ", dryland and irrigated durum wheat 2006: 2 years, 4 sites"),
+        0.322, 211.5, 4.4, OSU_LIBRARY + ", dryland and irrigated durum wheat 2006: 2 years, 4 sites",
+        line=WHEAT_LINE),
+    "osu_wheat_southern_australia_2006": YieldSet(
+        1.800, 85.0, 4.4, OSU_LIBRARY + ", rainfed wheat, southern Australia 2006 (D. Cox): 1 year, 1 site",
+        line=WHEAT_LINE),
+    "osu_wheat_eastern_australia_2006": YieldSet(
+        0.580, 244.94, 4.4, OSU_LIBRARY + ", rainfed wheat, eastern Australia 2006 (R. Heath): 1 year, 1 site",
+        line=WHEAT_LINE),
+    # The table's own head says "NDVI / cumulative GDD" for corn. With some 450 of those the 2004 curve would rise by a
+    # quarter between NDVI 0 and 0.7; with days since planting the three rows give 10 to 15 t/ha at NDVI 0.7 after 50
+    # days. And its authors say that INSEY is NDVI over the days from planting to sensing
+    # (nue.okstate.edu/Algorithm/Algorithm_Outline.htm; Teal et al. 2005).
+    "osu_corn_irrigated_2003": YieldSet(
+        2.3329, 132.46, "every_day", OSU_LIBRARY + ", irrigated corn 2003"),
+    "osu_corn_dryland_2003": YieldSet(
+        1.633, 132.46, "every_day", OSU_LIBRARY + ", dryland corn 2003"),
+    "osu_corn_2004": YieldSet(
+        1.565, 154.7, "every_day", OSU_LIBRARY + ", dryland and irrigated corn 2004: 3 years, 7 sites",
+        line=CORN_LINE),
 }
+
+def day_rule(base_temp_c: float | EveryDay) -> str:
+    """Which days count, in words."""
+    return "every day since sowing" if base_temp_c == "every_day" else f"days above {base_temp_c:g} degC"
+
 
 _FIXED_BY_SET = ("a_t_ha", "b_days", "base_temp_c", "source")
 
@@ -64,7 +101,8 @@ class YieldPotential(BaseModel):
     set: str | None = Field(default=None, description="name of a published set")
     a_t_ha: float = Field(gt=0.0, le=5.0, description="yield at NDVI 0, t/ha")
     b_days: float = Field(gt=0.0, le=1000.0, description="factor of INSEY, days")
-    base_temp_c: float = Field(ge=-5.0, le=15.0, description="a day counts when its mean temperature is above this")
+    base_temp_c: Annotated[float, Field(ge=-5.0, le=15.0)] | EveryDay = Field(
+        description="a day counts when its mean temperature is above this; every_day: each day since sowing counts")
     source: str = Field(min_length=8, description="where constants and day rule were published together")
 
     @model_validator(mode="before")
@@ -95,14 +133,19 @@ class YieldPotential(BaseModel):
         for name, known in YIELD_SETS.items():
             same_curve = abs(self.a_t_ha - known.a_t_ha) < 1e-9 and abs(self.b_days - known.b_days) < 1e-9
             if same_curve and not known.only_crop and self.base_temp_c != known.base_temp_c:
-                raise ValueError(f"base_temp_c {self.base_temp_c:g} with the constants of {name}: they were published "
-                                 f"for days above {known.base_temp_c:g} degC; write set: {name}")
+                raise ValueError(f"base_temp_c {self.base_temp_c} with the constants of {name}: they were published "
+                                 f"for {day_rule(known.base_temp_c)}; write set: {name}")
         return self
 
     @property
     def warning(self) -> str:
         """What is wrong with the set itself; empty when nothing is."""
         return YIELD_SETS[self.set].warning if self.set is not None else ""
+
+    @property
+    def line(self) -> HarvestLine | None:
+        """The line of the set's own row; None where it has none, or the constants are written out."""
+        return YIELD_SETS[self.set].line if self.set is not None else None
 
     @property
     def only_crop(self) -> str:

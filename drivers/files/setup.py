@@ -96,15 +96,16 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
-    weather = None if crop.days.weather is None else got_crop.path.parent / crop.days.weather
+    told = None if crop.days is None else crop.days.weather
+    weather = None if told is None else got_crop.path.parent / told
     return Setup(spreader, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder, weather,
                  product)
 
 
 def _dated(crop: Crop, job: Job) -> Crop:
-    """The crop with the job's dates of sowing and sensing, where it counts days from a weather file."""
+    """The crop with the job's dates of sowing and sensing, where it counts days from dates."""
     dates = {name: date for name, date in (("sown", job.sown), ("sensed", job.sensed)) if date is not None}
-    if crop.days.weather is None or not dates:
+    if crop.days is None or crop.days.count is not None or not dates:
         return crop
     return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
 

@@ -63,22 +63,31 @@ def read_weather(path: Path) -> Weather:
     return Weather(np.array(dates, dtype="datetime64[D]"), np.array(temps, dtype=np.float64))
 
 
-def growing_days(crop: Crop, folder: Path, today: dt.date) -> int:
-    """D of paper A, eq 4, for a crop: as written in its file, or counted from its weather file by its own day rule.
+def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
+    """D of paper A, eq 4, for a crop: as written in its file, or counted by its own day rule: from its weather file, or
+    every day since sowing. None for a crop whose rule counts no days.
 
     folder: where the crop file lies; the weather file is found from there. today: the day of work, taken as the day of
     sensing where the crop gives none. Raises WeatherError in one line.
     """
-    days = crop.days
+    days, curve = crop.days, crop.yield_potential
+    if days is None or curve is None:
+        return None
     if days.count is not None:
         return days.count
-    if days.weather is None or days.sown is None:
+    if days.sown is None:
+        raise WeatherError(f"crop {crop.id}: days: neither a count nor a date of sowing")
+    sensed = days.sensed if days.sensed is not None else today
+    if curve.base_temp_c == "every_day":
+        if sensed <= days.sown:
+            raise WeatherError(f"crop {crop.id}: days: sensed {sensed} is not after sown {days.sown}")
+        return (sensed - days.sown).days
+    if days.weather is None:
         raise WeatherError(f"crop {crop.id}: days: neither a count nor weather with sown")
     path = folder / days.weather
     weather = read_weather(path)
-    sensed = days.sensed if days.sensed is not None else today
     try:
-        return days_above_base(weather.dates, weather.mean_temp_c, days.sown, sensed, crop.yield_potential.base_temp_c)
+        return days_above_base(weather.dates, weather.mean_temp_c, days.sown, sensed, curve.base_temp_c)
     except ValueError as error:
         raise WeatherError(f"{path}: {error}") from error
 

@@ -1,14 +1,21 @@
 """Crop files: what is shipped is sound, and what must not be mixed cannot be."""
 from __future__ import annotations
 
+import datetime as dt
 from pathlib import Path
 
 import pytest
+import yaml
 from pydantic import ValidationError
+from typer.testing import CliRunner
 
+from console.cli import app
 from control.agronomy.crop import Crop
-from control.agronomy.noa import rate_table
+from control.agronomy.noa import prepare, rate_table
+from control.agronomy.strips import StripValue
 from control.agronomy.yield_potential import YIELD_SETS, YieldPotential
+from drivers.files.config_error import ConfigError
+from drivers.files.setup import load_setup
 
 CROPS = Path(__file__).parents[2] / "configs" / "crops"
 NAMES = sorted(path.stem for path in CROPS.glob("*.yaml"))
@@ -30,10 +37,14 @@ def test_shipped_crop_works_at_once(name, crop_data):
     crop = Crop.model_validate(crop_data(name))
     rates = [line.rate_kg_ha for line in rate_table(crop)]
     assert crop.id == name
-    assert len(rates) == 10
     assert max(rates) < crop.max_rate_kg_ha          # the limit is a limit, not the agronomy
     assert max(rates) > 50.0
-    assert rates[-1] == 0.0
+    if crop.grades:
+        assert len(rates) == 10 and rates[-1] == 0.0, "the paper's own: nothing is needed at NDVI 0.75"
+    else:
+        assert len(rates) == 15 and crop.ndvi_max is None, "Oklahoma State's table has no upper end"
+        assert prepare(crop).decide(0.76).rate_kg_ha > 0.0
+        assert rates[4] == pytest.approx(crop.fallback_rate_kg_ha, rel=0.5), "a rate of this file's own order"
     assert crop.examples                             # a shipped file is of nobody's field, and says so
     assert any("example values" in line for line in crop.warnings)
 
@@ -44,18 +55,86 @@ def test_resolved_crop_reads_back_the_same(name, crop_data):
     assert Crop.model_validate(crop.model_dump(mode="json")) == crop
 
 
-@pytest.mark.parametrize(("name", "a_t_ha", "b_days", "base_c"), [
-    ("huanghai_2015", 0.359, 324.4, 0.0),
-    ("osu_winter_wheat_2004", 0.359, 324.4, 4.4),
-    ("osu_winter_wheat_2005", 0.522, 274.7, 4.4),
-    ("osu_winter_wheat_2006", 0.532, 270.1, 4.4),
-    ("osu_winter_wheat_2007", 0.590, 258.2, 4.4),
-    ("osu_durum_2006", 0.322, 211.5, 4.4),
+@pytest.mark.parametrize(("name", "base_c"), [
+    ("huanghai_2015", 0.0), ("osu_winter_wheat_2004", 4.4), ("osu_winter_wheat_2007", 4.4), ("osu_durum_2006", 4.4),
+    ("osu_corn_2004", "every_day"),
 ])
-def test_published_sets(name, a_t_ha, b_days, base_c):
-    curve = YieldPotential.model_validate({"set": name})
-    assert (curve.a_t_ha, curve.b_days, curve.base_temp_c) == (a_t_ha, b_days, base_c)
-    assert len(YIELD_SETS) == 6
+def test_a_set_brings_its_day_rule(name, base_c):
+    """Constants and lines themselves: test_against_sources."""
+    assert YieldPotential.model_validate({"set": name}).base_temp_c == base_c
+
+
+def test_the_line_of_another_row_is_refused(crop_data):
+    wheat = crop_data("osu_winter_wheat_2007")
+    assert "has slope 1.69, intercept -0.7" in message(wheat | {"harvest_line": {"slope": 1.64, "intercept": -0.5287}})
+    older = crop_data("osu_winter_wheat_2004")
+    assert "has none" in message(older | {"harvest_line": {"slope": 1.69, "intercept": -0.70}})
+    same = Crop.model_validate(wheat | {"harvest_line": {"slope": 1.69, "intercept": -0.70}})
+    assert same.response_line == Crop.model_validate(wheat).response_line
+    plain = Crop.model_validate(wheat | {"harvest_line": {"slope": 1.0, "intercept": 0.0}})
+    assert any("canopy's own response index counts" in line for line in plain.warnings)
+    assert not any("response index" in line for line in Crop.model_validate(wheat).warnings)
+
+
+def test_days_of_corn_are_all_days(crop_data):
+    corn = crop_data("osu_corn_2004")
+    assert Crop.model_validate(corn | {"days": {"sown": "2026-04-20"}}).days.count is None
+    assert "leave the key out" in message(corn | {"days": {"count": 50, "above_c": 4.4}})
+    assert "needs no weather" in message(corn | {"days": {"weather": "w.csv", "sown": "2026-04-20"}})
+    wheat = crop_data("osu_winter_wheat_2007")
+    assert "which a weather file tells" in message(wheat | {"days": {"sown": "2025-10-01"}})
+
+
+def sufficient(crop_data, **changes):
+    return {key: value for key, value in crop_data("osu_winter_wheat_2007").items()
+            if key not in ("yield_potential", "days", "y_max_t_ha", "response_index", "growth_window")} | {
+        "id": "leafy", "index": "ndre", "ndvi_min": 0.1, "ndvi_nrich": 0.40, "examples": [],
+        "sufficiency": {"n_opt_kg_ha": 150.0, "delta_si": 0.3, "source": "made up for this test"}} | changes
+
+
+def test_the_sufficiency_index(crop_data):
+    """150 sqrt((1 - SI) / 0.3) kg N/ha: SI 1 nothing, 0.925 half, 0.7 and below all of it; urea of 45 % N."""
+    rule = prepare(Crop.model_validate(sufficient(crop_data)))
+    for reading, share in ((0.42, 0.0), (0.40, 0.0), (0.37, 0.5), (0.28, 1.0), (0.20, 1.0)):
+        decision = rule.decide(reading)
+        assert decision.rate_kg_ha == pytest.approx(150.0 / 0.45 * share, abs=1e-6), reading
+        assert decision.sufficiency_index == pytest.approx(reading / 0.40)
+    waiting = prepare(Crop.model_validate(sufficient(crop_data, ndvi_nrich=None)))
+    assert not waiting.is_ready and waiting.decide(0.3).why == "no_strips"
+    assert waiting.with_strip(StripValue("nrich", 0.40)).decide(0.37).rate_kg_ha == pytest.approx(75.0 / 0.45)
+
+
+def test_check_tells_of_a_strip_that_is_missing(crop_data, tmp_path):
+    for strip, said in ((0.40, False), (None, True)):
+        (tmp_path / "leafy.yaml").write_text(yaml.safe_dump(sufficient(crop_data, ndvi_nrich=strip)))
+        (tmp_path / "job.yaml").write_text("format: topdress-job/1\ncrop: leafy.yaml\nsimulated: {heads_index: ndre}\n")
+        result = CliRunner().invoke(app, ["check", str(tmp_path / "leafy.yaml"), str(tmp_path / "job.yaml")])
+        assert result.exit_code == 0 and ("N-rich strip missing" in result.output) == said, result.output
+
+
+def test_days_since_sowing(crop_data, tmp_path):
+    """Corn sown 55 days before: the same rate as with the count; of the day of work where nothing else is said."""
+    (tmp_path / "corn.yaml").write_text(yaml.safe_dump(crop_data("osu_corn_2004") | {"days": {"sown": "2026-04-20"}}))
+    (tmp_path / "job.yaml").write_text("format: topdress-job/1\ncrop: corn.yaml\n")
+    setup = load_setup("huanghai", tmp_path / "job.yaml", dt.date(2026, 6, 14))
+    assert setup.rule.days == 55 and setup.weather is None
+    assert setup.rule.decide(0.68).rate_kg_ha == prepare(Crop.model_validate(crop_data("osu_corn_2004"))).decide(
+        0.68).rate_kg_ha
+    with pytest.raises(ConfigError, match="is not after sown"):
+        load_setup("huanghai", tmp_path / "job.yaml", dt.date(2026, 4, 20))
+
+
+@pytest.mark.parametrize(("change", "part"), [
+    ({"sufficiency": {"n_opt_kg_ha": 150.0, "delta_si": 0.3}}, "Field required"),
+    ({"sufficiency": {"n_opt_kg_ha": 150.0, "delta_si": 0.0, "source": "nobody at all"}}, "greater than 0.01"),
+    ({"y_max_t_ha": 7.0}, "y_max_t_ha: goes with yield_potential"),
+    ({"response_index": "field"}, "goes with yield_potential"),
+    ({"sufficiency": None}, "yield_potential, days, y_max_t_ha missing"),
+    ({"ndvi_min": ...}, "its default, 0.25, is one of NDVI"),
+])
+def test_what_the_sufficiency_index_needs(change, part, crop_data):
+    data = {key: value for key, value in sufficient(crop_data, **change).items() if value is not ...}
+    assert part in message(data)
 
 
 def test_constants_of_one_set_with_the_day_rule_of_another_are_refused(crop_data):
@@ -97,7 +176,8 @@ def test_unknown_set_names_those_allowed(crop_data):
 @pytest.mark.parametrize(("change", "part"), [
     ({"efficiency": 0.8}, "less than or equal to 0.7"),
     ({"efficiency": 0.4}, "greater than or equal to 0.5"),
-    ({"y_max_t_ha": None}, "valid number"),
+    ({"y_max_t_ha": None}, "y_max_t_ha missing"),
+    ({"ndvi_max": None}, "grades need an upper end"),
     ({"fixed_yield_t_ha": 9.0}, "at most y_max_t_ha 7.13"),
     ({"response_index_max": 2.5}, "less than or equal to 2"),
     ({"fallback_rate_kg_ha": 600.0}, "at most max_rate_kg_ha 500"),

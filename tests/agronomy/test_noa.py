@@ -151,7 +151,7 @@ def _crop(grades: bool, eta: float) -> Crop:
     return Crop.model_validate({
         "format": "topdress-crop/1", "id": "any_wheat", "name": "any", "yield_potential": {"set": "osu_durum_2006"},
         "days": {"count": 100, "above_c": 4.4}, "y_max_t_ha": 9.0, "fixed_yield_t_ha": 6.0, "efficiency": eta,
-        "grades": grades, "fallback_rate_kg_ha": 50.0, "max_rate_kg_ha": 300.0})
+        "grades": grades, "ndvi_max": 0.75, "fallback_rate_kg_ha": 50.0, "max_rate_kg_ha": 300.0})
 
 
 @settings(deadline=None)

@@ -16,9 +16,9 @@ from control.agronomy.strips import Strips, StripValue, doubt, measured_index, r
 
 @pytest.fixture
 def field_crop(crop_data) -> Crop:
-    """By the field's index, no strip known, hard ends."""
+    """By the field's index of the canopy, no strip known, hard ends."""
     return Crop.model_validate(crop_data("osu_winter_wheat_2007") | {
-        "ndvi_nrich": None, "ndvi_check": None, "taper_ndvi": 0.0})
+        "ndvi_nrich": None, "ndvi_check": None, "taper_ndvi": 0.0, "harvest_line": {"slope": 1.0, "intercept": 0.0}})
 
 
 def test_one_index_for_the_field_whatever_the_place(field_crop):
@@ -58,13 +58,14 @@ def test_no_response_gives_nothing_and_is_doubted(field_crop):
 
 
 def test_the_harvest_line_is_oklahomas(field_crop, crop_data):
-    line = HarvestLine(slope=1.64, intercept=-0.53)
-    crop = field_crop.model_copy(update={"harvest_line": line})
-    assert prepare(crop, 100, 0.66, 0.55).decide(0.5).response_index == pytest.approx(1.64 * 1.2 - 0.53)
+    crop = field_crop.model_copy(update={"harvest_line": None})
+    assert prepare(crop, 100, 0.66, 0.55).decide(0.5).response_index == pytest.approx(1.69 * 1.2 - 0.70)
+    older = Crop.model_validate(crop_data("osu_winter_wheat_2004"))
+    assert prepare(older, 100, 0.66, 0.55).decide(0.5).response_index == pytest.approx(1.2), "its row has no line"
     with pytest.raises(ValidationError, match=r"RI 1 becomes 0\.1"):
         HarvestLine(slope=1.64, intercept=-1.54)
     with pytest.raises(ValidationError, match="goes with response_index: field"):
-        Crop.model_validate(crop_data("huanghai_wheat") | {"harvest_line": {"slope": 1.64, "intercept": -0.53}})
+        Crop.model_validate(crop_data("huanghai_wheat") | {"harvest_line": {"slope": 1.0, "intercept": 0.0}})
 
 
 def test_the_papers_own_crop_knows_nothing_of_it(huanghai):
@@ -72,13 +73,23 @@ def test_the_papers_own_crop_knows_nothing_of_it(huanghai):
     assert prepare(huanghai, ndvi_check=0.5).decide(0.511) == prepare(huanghai).decide(0.511)
 
 
+def test_the_cap_is_one_of_the_canopys_index(field_crop):
+    """RI_NDVI at most 2.0, then the line: Oklahoma State caps the former, and the yield."""
+    lined = field_crop.model_copy(update={"harvest_line": None})
+    assert prepare(lined, 100, 0.9, 0.4).decide(0.4).response_index == pytest.approx(1.69 * 2.0 - 0.70)
+    assert prepare(lined, 100, 0.9, 0.4).decide(0.9).yield_with_t_ha == lined.y_max_t_ha
+
+
 def test_tapered_ends(crop_data):
-    tapered = prepare(Crop.model_validate(crop_data("osu_winter_wheat_2007")))
+    tapered = prepare(Crop.model_validate(crop_data("osu_winter_wheat_2007") | {"ndvi_max": 0.75}))
     hard = prepare(tapered.crop.model_copy(update={"taper_ndvi": 0.0}))
     for ndvi, share in ((0.25, 0.0), (0.26, 0.2), (0.275, 0.5), (0.3, 1.0), (0.5, 1.0), (0.7, 1.0), (0.74, 0.2),
                         (0.75, 0.0)):
         assert tapered.decide(ndvi).rate_kg_ha == pytest.approx(share * hard.decide(ndvi).rate_kg_ha), ndvi
     assert tapered.decide(0.2499).why == "below_cutoff" and hard.decide(0.2501).rate_kg_ha > 20.0
+    open_ended = prepare(Crop.model_validate(crop_data("osu_winter_wheat_2007")))
+    assert open_ended.decide(0.26).rate_kg_ha == tapered.decide(0.26).rate_kg_ha
+    assert open_ended.decide(0.9).rate_kg_ha > 80.0 and hard.decide(0.9).why == "above_cutoff"
 
 
 @settings(deadline=None)
