@@ -1,7 +1,7 @@
 """What is asked before a dose changes: one question, Enter for yes, Escape for no. Hold and stop work underneath."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 from textual import events
@@ -83,17 +83,29 @@ class NudgeDialog(Dialog[float | None]):
 
     BINDINGS: ClassVar = [Binding("plus,equals_sign,kp_plus,up", "step(1)", show=False),
                           Binding("minus,kp_minus,down", "step(-1)", show=False),
-                          Binding("0", "zero", show=False)]
+                          Binding("0,kp_0", "zero", show=False)]
     STEP_PERCENT, LIMIT_PERCENT = 5, 30
 
     def __init__(self, now_percent: float, first: int) -> None:
         super().__init__(_("Nudge the target"), _("+ and - change, 0 takes it away, at most 30 % either way"))
         self.before = now_percent
         self.percent = now_percent
+        self._typing = False            # a number was begun, which is not how it is changed: its 0 is no 0
         self.action_step(first)
 
     def body(self) -> ComposeResult:
         yield Static(self._says(), classes="dialog-value", id="nudge-value", markup=False)
+
+    def on_key(self, event: events.Key) -> None:
+        """The 0 of a typed `10` must not take the nudge away: digits are refused, in words."""
+        digit = event.character or event.key.removeprefix("kp_")
+        if len(digit) == 1 and digit.isdecimal() and (digit != "0" or self._typing):
+            event.stop()
+            self._typing = True
+            self._tell(_("It goes in steps: + and - change it, a number is not typed here."))
+        elif event.key in ("backspace", "delete"):
+            self._typing = False
+            self._tell()
 
     def _says(self) -> str:
         return f"{self.before:+.0f} %   >>>   {self.percent:+.0f} %"
@@ -101,15 +113,18 @@ class NudgeDialog(Dialog[float | None]):
     def action_step(self, steps: int) -> None:
         wanted = self.percent + steps * self.STEP_PERCENT
         self.percent = float(max(-self.LIMIT_PERCENT, min(self.LIMIT_PERCENT, wanted)))
+        self._typing = False
         self._tell()
 
     def action_zero(self) -> None:
         self.percent = 0.0
         self._tell()
 
-    def _tell(self) -> None:
+    def _tell(self, wrong: str = "") -> None:
         if self.is_mounted:
-            self.query_one("#nudge-value", Static).update(self._says())
+            shown = self.query_one("#nudge-value", Static)
+            shown.update(f"{self._says()}\n! {wrong}" if wrong else self._says())
+            shown.set_class(bool(wrong), "-refused")
 
     def action_yes(self) -> None:
         self.dismiss(self.percent)
@@ -168,62 +183,6 @@ class ChoiceDialog(Dialog[str | None]):
         """What cannot be taken now says why, and the question stays."""
         if not self.choices[self.at].why:
             self.dismiss(self.choices[self.at].value)
-
-
-class NumberDialog(Dialog[float | None]):
-    """A number by keys or by the pad; the allowed range stands beside it and nothing outside is taken."""
-
-    PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
-
-    def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
-                 to_si: Callable[[float], float] = lambda shown: shown, typed: str = "") -> None:
-        """low, high, typed (what stands there at first): as shown; the answer is `to_si` of the number."""
-        super().__init__(title, text)
-        self.unit, self.low, self.high, self.to_si = unit, low, high, to_si
-        self.typed = typed
-
-    def body(self) -> ComposeResult:
-        yield Static(self._says(), classes="dialog-value", id="number-value", markup=False)
-        with Vertical(classes="pad"):
-            for row in range(0, len(self.PAD), 3):
-                with Horizontal(classes="pad-row"):
-                    for key in self.PAD[row:row + 3]:
-                        yield Button(key, name=key, classes="pad-key")
-
-    def _says(self) -> str:
-        allowed = _("allowed: {low} to {high} {unit}").format(low=f"{self.low:g}", high=f"{self.high:g}",
-                                                              unit=self.unit)
-        return f"{self.typed or '_'} {self.unit}     {allowed}"
-
-    def type(self, key: str) -> None:
-        if key == "C":
-            self.typed = ""
-        elif key == "back":
-            self.typed = self.typed[:-1]
-        elif (key.isdigit() or (key == "." and "." not in self.typed)) and len(self.typed) < 7:
-            self.typed += key
-        self.query_one("#number-value", Static).update(self._says())
-
-    def on_key(self, event: events.Key) -> None:
-        key = "back" if event.key == "backspace" else "C" if event.key == "delete" else event.character or ""
-        if key in ("back", "C", ".") or (key.isdigit() and len(key) == 1):
-            event.stop()
-            self.type(key)
-
-    def on_button_pressed(self, event: Button.Pressed) -> None:
-        if event.button.name in self.PAD:
-            event.stop()
-            self.type(event.button.name)
-
-    def action_yes(self) -> None:
-        try:
-            shown = float(self.typed)
-        except ValueError:
-            return
-        if self.low <= shown <= self.high:
-            self.dismiss(self.to_si(shown))
-        else:
-            self.query_one("#number-value", Static).add_class("-refused")
 
 
 class TextDialog(Dialog[bool | None]):

@@ -25,7 +25,7 @@ def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
         return last
     if key in bound:
         return key
-    letter = unicodedata.normalize("NFKC", last).lower() if len(last) == 1 else last
+    letter = _narrow(last).lower() if len(last) == 1 else last
     bare = "x" if {letter, last} & _ON_THE_KEY_OF_X else letter
     if bare in urgent:
         return bare
@@ -34,3 +34,8 @@ def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
     if letter.upper() in bound and "shift" in held:
         return letter.upper()
     return "+".join((*(one for one in held if one != "shift"), letter))
+
+
+def _narrow(letter: str) -> str:
+    """A full-width letter or digit as the plain one; a superscript two is no 2."""
+    return unicodedata.normalize("NFKC", letter) if unicodedata.decomposition(letter).startswith("<wide>") else letter

@@ -14,6 +14,7 @@ import platformdirs
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
 from console.app.pages.calibrate.wheel import WheelSample
+from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
         machine=machine.id, shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),
         opening_mm=(limits.opening_low_mm, limits.opening_high_mm), set_shaft_rpm=points.shaft_rpm,
         set_opening_mm=points.opening_mm, wheel_circumference_m=counted_m, most_kg=machine.flow.full_kg,
+        expected_kg=lambda shaft_rpm, opening_mm, revolutions: grams_per_rev(
+            machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0,
         fit_catch=lambda caught: fit_catch(machine, caught), lag_tables=lambda: lag_tables(look_in),
         open_lag_table=lambda path: open_lag_table(Path(path).expanduser()),
         fit_lag=lambda path, label: fit_lag(machine, path, label),

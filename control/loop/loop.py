@@ -78,7 +78,7 @@ class ControlLoop:
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
                                   prescription is not None, self._started, self._ahead.heads.decisions.take_strip,
-                                  len(machine.switched))
+                                  len(machine.switched), machine.flow.full_kg)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events: list[str] = []                    # of the next row

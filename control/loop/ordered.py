@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 from control.agronomy.crop import Crop
@@ -13,12 +13,13 @@ from control.loop.moment import Choices
 from control.metering.setting import Setting
 from control.metering.trims import FlowTrim
 from control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
-from control.safety import BenchSetting, Safety, after_setting
+from control.safety import BenchSetting, Safety, after_setting, refusal
 from control.targets.point_source import PointSource
 
 _SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 NUDGE_PERCENT = 30.0
 FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
+REFILL_ROUNDED_KG = 0.1         # a refill is noted to this
 YES = Answer(True)
 
 
@@ -27,7 +28,8 @@ class Operator:
 
     def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, flow_trim: FlowTrim,
                  points: PointSource | None, has_map: bool, started: Callable[[], None],
-                 strip_measured: Callable[[StripValue], None], sections: int = 0) -> None:
+                 strip_measured: Callable[[StripValue], None], sections: int = 0, hopper_kg: float = inf) -> None:
+        """hopper_kg: what the hopper holds; more than that is no refill."""
         self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
                                job.flow_trim, job.no_double)
         self.bench = BenchSetting()
@@ -40,6 +42,7 @@ class Operator:
         self._started = started
         self._strip_measured = strip_measured
         self._sections = sections
+        self._hopper_kg = hopper_kg
         placed = (*((source, has_map) for source in BY_MAP), (TargetSource.POINT, points is not None))
         self._sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
                          *(source for source, there in placed if there))
@@ -131,6 +134,8 @@ class Operator:
     def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """An order that safety answers, and what one that it accepted means here."""
         before = self._safety.state
+        if order.do is Do.REFILL and (_number(order) or 0.0) > self._hopper_kg + REFILL_ROUNDED_KG:
+            return Answer(False, refusal("refill_beyond_hopper", hopper_kg=f"{self._hopper_kg:g}"))
         answer = self._safety.order(order, now_s)
         if not answer.accepted:
             return answer

@@ -69,6 +69,7 @@ REFUSALS: Mapping[str, str] = {
     "log_works": N_("The log works; there is nothing to go on without."),
     "yes_or_no": N_("This order takes yes or no."),
     "refill_kg": N_("A refill is a number of kg above 0."),
+    "refill_beyond_hopper": N_("A refill is at most what the hopper holds, {hopper_kg} kg."),
     "not_for_safety": N_("This order does not concern safety."),
 }
 

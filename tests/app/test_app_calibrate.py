@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, NumberDialog
+from console.app.dialogs import ChoiceDialog
 from console.app.name_dialog import NameDialog
+from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.guide import Guide
 from console.app.pages.calibrate.sample import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
 from console.app.pages.calibrate.sheet import Bar, Sheet

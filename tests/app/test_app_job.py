@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
+from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.gallery import StillSource
+from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, with_room
 from console.app.pages.job.day import LOOK, OK, STOP, Check, checks, totals, worst
 from console.app.pages.job.desk import Earlier, Offer

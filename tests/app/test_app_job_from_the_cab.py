@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
+from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.field_picture import FieldPicture, Planned
 from console.app.name_dialog import NameDialog
+from console.app.number_dialog import NumberDialog
 from console.app.pages.job.desk import File
 from console.app.pages.job.map_dialog import MapDialog
 from console.app.pages.job.sample import FACTS, SampleDesk

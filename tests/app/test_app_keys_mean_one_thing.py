@@ -8,8 +8,9 @@ from textual.widgets import Input
 
 from console.app import actions
 from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, Confirm, NumberDialog
+from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
+from console.app.number_dialog import NumberDialog
 from console.app.sample import sample_services
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.widgets.key_bar import KeyBar, laid_out

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from console.app.dialogs import Confirm, NudgeDialog, NumberDialog
+from console.app.dialogs import Confirm, NudgeDialog
+from console.app.number_dialog import NumberDialog
 from console.app.widgets.alarm_bar import AlarmBar
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Answer, Do, Order

@@ -11,10 +11,11 @@ from textual.widgets import Input
 
 from console.app import actions, pressed
 from console.app.app import TopdressApp
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, NumberDialog, TextDialog
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, TextDialog
 from console.app.gallery import StillSource
 from console.app.keys import PagesDialog
 from console.app.name_dialog import NameDialog
+from console.app.number_dialog import NumberDialog
 from console.app.pages.job.desk import Reading
 from console.app.pages.job.map_dialog import MapDialog
 from console.app.pages.job.sample import SampleDesk

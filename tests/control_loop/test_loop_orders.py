@@ -64,7 +64,8 @@ def machine() -> Any:
     (Do.MANUAL_RATE, 5000.0, "rate_out_of_range"), (Do.MANUAL_RATE, float("inf"), "rate_out_of_range"),
     (Do.LOOK_AHEAD, "off", "yes_or_no"), (Do.FLOW_TRIM, 0.0, "yes_or_no"), (Do.STRATEGY, "fast", "unknown_strategy"),
     (Do.SOURCE, "map", "source_not_ready"), (Do.REFILL, -5.0, "refill_kg"), (Do.REFILL, "much", "refill_kg"),
-    (Do.ALLOW_OUTSIDE, 1.0, "yes_or_no"),
+    (Do.ALLOW_OUTSIDE, 1.0, "yes_or_no"), (Do.REFILL, 1e308, "refill_beyond_hopper;hopper_kg=300"),
+    (Do.REFILL, 301.0, "refill_beyond_hopper;hopper_kg=300"),
 ])
 def test_what_makes_no_sense_is_refused_and_changes_nothing(machine: Any, do: Do, value: Any, why: str) -> None:
     one, other = machine(), machine()

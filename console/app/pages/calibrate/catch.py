@@ -6,6 +6,7 @@ Sampling five times a second, a start or a stop of the shaft is counted to 0.02 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from statistics import fmean
 from typing import Literal, NamedTuple
 
@@ -16,6 +17,9 @@ LEAST_REVOLUTIONS = 3.0       # fewer revolutions make no point
 LEAST_POINTS = 3
 GAP_S = 1.0                   # frames farther apart: nothing is counted between them
 RESTING_READINGS = 15         # of the hopper scale, five a second
+SCALE_OFF_KG = 0.6            # four s.d. (0.15 kg) of one reading of a hopper scale: it says that much wrong of a catch
+SCALE_SHARE = 0.25            # and its gain a few percent: farther off than this, one of the two is wrong
+MODEL_FACTOR = 3.0            # products differ by less in grams a turn; a lost decimal sign makes 10 at least
 
 Phase = Literal["settle", "weigh"]
 
@@ -93,6 +97,17 @@ class CatchTest:
         if self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
             return None
         return self._before_kg - fmean(self._resting_kg)
+
+    def scale_doubts(self, mass_kg: float) -> bool:
+        """The hopper scale lost quite another mass than this."""
+        says = self.scale_says_kg
+        return says is not None and abs(mass_kg - says) > max(SCALE_OFF_KG, SCALE_SHARE * max(says, mass_kg))
+
+    def expected_kg(self, of: Callable[[float, float, float], float]) -> float:
+        """of: `CalibrateJob.expected_kg`; asked for what turned in this catch."""
+        turned = self.turned
+        return of(turned.shaft_rpm_rev / turned.revolutions, turned.opening_mm_rev / turned.revolutions,
+                  turned.revolutions)
 
     def weighed(self, mass_kg: float) -> None:
         """The caught mass makes a point; the same setting may be caught again without settling."""

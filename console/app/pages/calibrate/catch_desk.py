@@ -3,12 +3,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.app.dialogs import NumberDialog
-from console.app.pages.calibrate.catch import LEAST_POINTS, SETTLE_S, WEIGH_S, CatchTest
+from console.app.number_dialog import NumberDialog
+from console.app.pages.calibrate.catch import LEAST_POINTS, MODEL_FACTOR, SETTLE_S, WEIGH_S, CatchTest
 from console.app.pages.calibrate.curve import CurveView
 from console.app.pages.calibrate.desk import Bench, Desk, Seen, curve_of, mark
 from console.app.pages.calibrate.guide import GuideView, Step
+from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
+from console.app.typed_number import in_words, inside
 from console.app.view import STALE_S
 from console.app.widgets.chips import Chip
 from console.locale import _
@@ -144,7 +146,7 @@ class CatchDesk(Desk):
     def ask_mass(self, seen: Seen) -> None:
         job = self.bench.job
         if job is not None and not self._turning(seen):
-            self._ask_mass(job.most_kg)
+            self._ask_mass(job)
 
     def again(self, seen: Seen) -> None:
         if not self._turning(seen):
@@ -162,20 +164,33 @@ class CatchDesk(Desk):
         if opening_mm is not None:
             self.test.set(opening_mm=opening_mm)
 
-    def _ask_mass(self, most_kg: float) -> None:
+    def _ask_mass(self, job: CalibrateJob) -> None:
         if not self.test.can_weigh:
             self.bench.tell(_("nothing is caught yet: hold R first"))
             return
         unit = self.bench.units.mass
         text = _("{turns} turns in {seconds} s").format(turns=f"{self.test.turned.revolutions:.1f}",
                                                         seconds=f"{self.test.turned.seconds:.1f}")
-        self.bench.ask(NumberDialog(_("Weighed, all outlets together"), unit.name, 0.001,
-                                    round(most_kg * unit.per_si), text, unit.to_si), self._weighed)
+        low, high = inside(unit, 0.001, job.most_kg, 3)
+        self.bench.ask(NumberDialog(_("Weighed, all outlets together"), unit.name, low, high, text, unit.to_si,
+                                    doubt=lambda mass_kg: self._doubt(job, mass_kg)), self._weighed)
+
+    def _doubt(self, job: CalibrateJob, mass_kg: float) -> str:
+        """What speaks against a weighed mass: the hopper scale; where it says nothing, what the machine's model has."""
+        mass = self.bench.units.mass._replace(decimals=2)
+        if self.test.scale_says_kg is not None:
+            return _("The hopper scale lost about {mass}.").format(
+                mass=mass.full(self.test.scale_says_kg)) if self.test.scale_doubts(mass_kg) else ""
+        expected_kg = self.test.expected_kg(job.expected_kg)
+        if expected_kg <= 0.0 or 1.0 / MODEL_FACTOR <= mass_kg / expected_kg <= MODEL_FACTOR:
+            return ""
+        return _("By the machine file it would be about {mass}.").format(mass=mass.full(expected_kg))
 
     def _weighed(self, mass_kg: float | None) -> None:
         if mass_kg is not None and self.test.can_weigh:
             self.test.weighed(mass_kg)
             self.forget()
+            self.bench.tell(_("weighed: {mass}").format(mass=in_words(self.bench.units.mass, mass_kg)))
 
     def fit(self) -> None:
         job, points = self.bench.job, tuple(self.test.points)

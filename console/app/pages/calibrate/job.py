@@ -61,6 +61,7 @@ class CalibrateJob:
     """Ranges of the machine in force, and the long work. Errors are one-line ValueErrors or OSErrors.
 
     machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set: the machine's own.
+    expected_kg: (mean shaft r/min, mean opening mm, revolutions) -> what the machine's own flow model makes of a catch.
     save: (what was found, name of the new file) -> its path; it never overwrites.
     """
 
@@ -71,6 +72,7 @@ class CalibrateJob:
     set_opening_mm: float
     wheel_circumference_m: float
     most_kg: float
+    expected_kg: Callable[[float, float, float], float]
     fit_catch: Callable[[Sequence[CatchPoint]], Fitted]
     lag_tables: Callable[[], Sequence[LagTable]]
     open_lag_table: Callable[[str], LagTable]

@@ -51,7 +51,9 @@ def _save(fitted: Fitted, name: str) -> str:
 def sample_calibrate_job() -> CalibrateJob:
     return CalibrateJob(
         machine="huanghai", shaft_rpm=(10.0, 100.0), opening_mm=(5.0, 60.0), set_shaft_rpm=70.0, set_opening_mm=25.0,
-        wheel_circumference_m=2.5, most_kg=300.0, fit_catch=_catch, lag_tables=lambda: TABLES,
+        wheel_circumference_m=2.5, most_kg=300.0,
+        expected_kg=lambda shaft_rpm, opening_mm, revolutions: GRAMS * opening_mm * revolutions / 1000.0,
+        fit_catch=_catch, lag_tables=lambda: TABLES,
         open_lag_table=lambda path: LagTable(path, 70), fit_lag=_lag, fit_wheel=_wheel, save=_save,
         name_for=lambda kind: f"huanghai-{kind}-20260318")
 

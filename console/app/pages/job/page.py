@@ -9,8 +9,9 @@ from textual.containers import Container, Vertical
 from textual.worker import Worker, WorkerState, get_current_worker
 
 from console.app.action import JOB, Action, bindings
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, NumberDialog
+from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
+from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, ChecksView
 from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
 from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading, Who
@@ -18,8 +19,9 @@ from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
 from console.app.pages.job.nrich import StripRun
-from console.app.pages.job.refill import RefillWatch
+from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
 from console.app.pages.page import Page
+from console.app.typed_number import in_words, inside
 from console.app.view import RunView
 from console.app.widgets.items import Items
 from console.frame import Frame
@@ -151,17 +153,24 @@ class JobScreen(Page):
             self.say(_("cancelled"))
 
     def ask_refill(self) -> None:
-        unit, seen_kg = self.app.units.mass, self.refill.seen_kg
+        unit, seen_kg, full_kg = self.app.units.mass, self.refill.seen_kg, self.app.hopper_kg
+        frame = self.app.arrival.frame
+        hopper_kg = frame.row.hopper_kg if frame is not None else None
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
         text = _("Measured by the scale; Enter records it.") if seen_kg is not None else ""
 
         def answer(filled_kg: float | None) -> None:
             if filled_kg is not None:
-                self.app.give(Do.REFILL, round(filled_kg, 1))
+                self.app.give(Do.REFILL, round(filled_kg, 3))
+                self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
                 self.refill.done()
 
-        most = round(self.app.hopper_kg * unit.per_si)
-        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, 0, most, text, unit.to_si, typed), answer)
+        def doubted(filled_kg: float) -> str:
+            return doubt(filled_kg, seen_kg, hopper_kg, full_kg, unit)
+
+        low, high = inside(unit, LEAST_FILLED_KG, full_kg, 1)
+        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed, doubted),
+                             answer)
 
     def ask_restart(self, taken: str) -> None:
         self.pending = file_name(taken)

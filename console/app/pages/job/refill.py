@@ -1,14 +1,20 @@
-"""A refill recognised by the scale: the machine does not work, the mass rises by more than 5 kg, and settles. Pure."""
+"""A refill recognised by the scale: the machine does not work, the mass rises by more than 5 kg, and settles; and
+what the scale says against one that is typed. Pure."""
 from __future__ import annotations
 
 from collections import deque
 
+from console.app.units import Unit
+from console.locale import _
 from control.log_row import LogRow
 
 LEAST_KG = 5.0
 SETTLE_S = 3.0              # the mass must have stood this long ...
 SETTLE_KG = 1.0             # ... within this
 STANDING_MPS = 0.2
+LEAST_FILLED_KG = 0.1       # less is no refill
+GROSS_SHARE = 0.25          # bags are weighed to a few percent, a scale reads to one: farther apart one is wrong
+SCALE_OFF_KG = 5.0          # and both may be off by this: the scale's zero on a slope, what fell beside
 
 
 class RefillWatch:
@@ -47,3 +53,18 @@ class RefillWatch:
         self.seen_kg = None
         self._level_kg = None
         self._window.clear()
+
+
+def doubt(filled_kg: float, seen_kg: float | None, hopper_kg: float | None, full_kg: float, unit: Unit) -> str:
+    """Why a typed refill is not believed, in words; "" where nothing speaks against it.
+
+    seen_kg: what the scale saw filled in. hopper_kg: its reading now, which holds the refill already or does not yet.
+    """
+    if seen_kg is not None:
+        if abs(filled_kg - seen_kg) <= max(SCALE_OFF_KG, GROSS_SHARE * seen_kg):
+            return ""
+        return _("The scale saw {seen} filled in.").format(seen=unit.full(seen_kg))
+    if hopper_kg is None or filled_kg <= hopper_kg + SCALE_OFF_KG or hopper_kg + filled_kg <= full_kg + SCALE_OFF_KG:
+        return ""
+    return _("The scale says {now} are in the hopper now, which holds {full}: neither before nor after it.").format(
+        now=unit.full(hopper_kg), full=unit.full(full_kg))

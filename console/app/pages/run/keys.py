@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 from console.app import words
 from console.app.action import RUN, Action
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog, NumberDialog
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog
+from console.app.number_dialog import NumberDialog
 from console.app.pages.run.allowing import SECTIONS, allow_choices
 from console.app.pages.run.section_bar import GIVE_ALL_BACK, section_choices
 from console.app.reasons import why_no_start, why_not_ready
+from console.app.typed_number import in_words, inside
 from console.locale import N_, _
 from control.orders import BY_MAP, Do, Strategy, TargetSource
 
@@ -75,14 +77,15 @@ def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str
 
 def manual_rate(page: RunScreen) -> None:
     unit, frame = page.app.units.rate, page.app.arrival.frame
-    low, high = (round(limit * unit.per_si) for limit in page.app.limits_kg_ha)
+    low, high = inside(unit, *page.app.limits_kg_ha, 0)
 
     def answer(rate_kg_ha: float | None) -> None:
         if rate_kg_ha is None:
             return
         page.app.give(Do.MANUAL_RATE, rate_kg_ha)
         if frame is None or frame.row.target_source != TargetSource.MANUAL:
-            _ask(page, _("Use the manual rate now?"), _("It takes the place of canopy or map, everywhere."),
+            _ask(page, _("Use the manual rate of {rate} now?").format(rate=in_words(unit, rate_kg_ha)),
+                 _("It takes the place of canopy or map, everywhere."),
                  Do.SOURCE, TargetSource.MANUAL.value)
 
     page.app.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)

@@ -12,11 +12,13 @@ from textual.widgets import Button, Static
 
 from console.app import actions, themes
 from console.app.action import ANYWHERE, SETTINGS, Action, bindings
-from console.app.dialogs import Choice, ChoiceDialog, Dialog, NumberDialog
+from console.app.dialogs import Choice, ChoiceDialog, Dialog
+from console.app.number_dialog import NumberDialog
 from console.app.pages.page import Page
 from console.app.pages.settings.keys import ACTIONS
 from console.app.pages.settings.settings_list import SettingLine, SettingsList, SettingsView
 from console.app.settings import SettingsStore, apply, clash, keymap_problem
+from console.app.typed_number import inside
 from console.app.units import Unit
 from console.app.view import RunView
 from console.locale import N_, _, in_use, languages
@@ -272,7 +274,7 @@ def _choice(group: str, label: str, path: tuple[str, ...], now: str, choices: li
 
 
 def _number(group: str, label: str, path: tuple[str, ...], now: float, allowed: tuple[float, float], unit: Unit) -> Row:
-    low, high = (round(limit * unit.per_si, 1) for limit in allowed)
+    low, high = inside(unit, *allowed, 1)
     said = _("allowed: {low} to {high} {unit}").format(low=f"{low:g}", high=f"{high:g}", unit=unit.name)
     return Row(group, label, path, f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now), said,
                number=(low, high, unit))

@@ -1,0 +1,119 @@
+"""A number is asked for: the one field of this console that takes one, by keys, by the pad or pasted."""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from textual import events
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Button, Static
+
+from console.app.dialogs import Confirm, Dialog
+from console.app.typed_number import MOST_CHARACTERS, Reading, plain_number, read_between
+from console.locale import _
+
+
+class NumberDialog(Dialog[float | None]):
+    """What is typed stands there as it was typed, and the number that it is read as on the key that takes it. Nothing
+    typed is dropped: what is no number, or lies outside the range, is refused in words.
+
+    low, high, typed (what stands there at first; the first key replaces it): as shown; the answer is `to_si` of the
+    number. doubt: what speaks against a number in SI, in words, "" where nothing does; then it is asked once more.
+    """
+
+    PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
+
+    def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
+                 to_si: Callable[[float], float] = lambda shown: shown, typed: str = "",
+                 doubt: Callable[[float], str] = lambda value: "") -> None:
+        super().__init__(title, text)
+        self.unit, self.low, self.high, self.to_si, self.doubt = unit, low, high, to_si, doubt
+        self.typed = typed
+        self._fresh = bool(typed)
+
+    @property
+    def reading(self) -> Reading:
+        return read_between(self.typed, self.low, self.high, self.unit)
+
+    def body(self) -> ComposeResult:
+        yield Static(self._says(), classes="dialog-value", id="number-value", markup=False)
+        yield Static("", classes="dialog-value", id="number-wrong", markup=False)
+        with Vertical(classes="pad"):
+            for row in range(0, len(self.PAD), 3):
+                with Horizontal(classes="pad-row"):
+                    for key in self.PAD[row:row + 3]:
+                        yield Button(key, name=key, classes="pad-key")
+
+    def on_mount(self) -> None:
+        self.query_one("#number-wrong", Static).display = False
+
+    def yes_label(self) -> str:
+        value = self.reading.value
+        return _("yes") if value is None else _("take {number} {unit}").format(number=plain_number(value),
+                                                                              unit=self.unit)
+
+    def _says(self) -> str:
+        allowed = _("allowed: {low} to {high} {unit}").format(low=f"{self.low:g}", high=f"{self.high:g}",
+                                                              unit=self.unit)
+        return f"{self.typed or '_'} {self.unit}     {allowed}"
+
+    def type(self, key: str) -> None:
+        """key: a character, "back" or "C"."""
+        if key == "C":
+            self.typed = ""
+        elif key == "back":
+            self.typed = self.typed[:-1]
+        else:
+            before = "" if self._fresh else self.typed
+            self.typed = (before + key)[:MOST_CHARACTERS + 1]       # one more than any number has: so it is refused
+        self._fresh = False
+        self._show(asked=False)
+
+    def _show(self, asked: bool) -> None:
+        """asked: the number is wanted now, so what is still half of one is wrong too."""
+        reading = self.reading
+        wrong = reading.why if asked or (self.typed and not reading.half) else ""
+        self.query_one("#number-value", Static).update(self._says())
+        said = self.query_one("#number-wrong", Static)
+        said.update(f"! {wrong}")
+        said.set_class(bool(wrong), "-refused")
+        said.display = bool(wrong)
+        self.query_one("#yes", Button).label = f"{_('Enter')}  {self.yes_label()}"
+
+    def on_key(self, event: events.Key) -> None:
+        named = {"backspace": "back", "delete": "C", "kp_decimal": ".", "kp_separator": ","}.get(event.key, "")
+        number_key = event.key.removeprefix("kp_") if event.key.startswith("kp_") else ""
+        key = named or (number_key if number_key.isdecimal() else event.character or "")
+        if key in ("c", "C", "ｃ", "Ｃ"):
+            key = "C"
+        if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):     # ' jumps to a button
+            event.stop()
+            self.type(key)
+
+    def on_paste(self, event: events.Paste) -> None:
+        event.stop()
+        for character in event.text.strip():
+            self.type(character if character.isprintable() else " ")
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        if event.button.name in self.PAD:
+            event.stop()
+            self.type(event.button.name)
+
+    def action_yes(self) -> None:
+        value = self.reading.value
+        if value is None:
+            self._show(asked=True)
+            return
+        taken = self.to_si(value)
+        why = self.doubt(taken)
+        if not why:
+            self.dismiss(taken)
+            return
+
+        def answer(yes: bool | None) -> None:
+            if yes:
+                self.dismiss(taken)
+
+        self.app.push_screen(Confirm(_("{number} {unit}: is that right?").format(
+            number=plain_number(value), unit=self.unit), why), answer)
