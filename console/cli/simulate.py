@@ -21,6 +21,7 @@ from control.orders import Strategy
 
 if TYPE_CHECKING:
     from control.field.job import Job
+    from control.machine.machine import Machine
     from control.machine.planting import Planted
     from control.machine.terms import Term
     from control.simulation.closed_loop import Record
@@ -50,6 +51,9 @@ def simulate(
     term: Annotated[list[str] | None, typer.Option(metavar="TERM", help="Plant a term that the controller does not "
                                                    "know (repeatable), e.g. \"flow_percent bend speed_mps bend=-4.4 "
                                                    "at=1.2\"; see topdress effects.")] = None,
+    plant: Annotated[str | None, typer.Option(metavar="NAME", help="Simulate another machine than the one that control "
+                                              "knows: carried_along, singly, between (in the tube), pulsating, "
+                                              "flow_3_more, flow_6_more, field_lag or slow_drives.")] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the job's.")] = None,
     look_ahead: Annotated[str | None, typer.Option(metavar="on|off", help="Instead of the job's.")] = None,
     flow_trim: Annotated[str | None, typer.Option(metavar="on|off", help="May the scale correct the flow model? "
@@ -60,6 +64,7 @@ def simulate(
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
     from control.machine.planting import parse_planted
+    from control.machine.plausible import plausible
     from control.simulation.assembly import with_simulated_field
     from drivers.files.atomic import write_atomically
     from drivers.files.config_error import ConfigError
@@ -81,12 +86,13 @@ def simulate(
     if lines := index_disagreements(None, setup.crop, resolved):
         raise ConfigError(lines)
     planted = [parse_planted(text) for text in effect or ()]
+    true = setup.machine if plant is None else plausible(setup.machine, plant)
     terms = parse_terms(term or ())
-    told = [*(effect or ()), *(term or ())]
+    told = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
     placed = placed_of_job(resolved, setup.folder)
     told_map(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
-        run = _run(setup, resolved, seed, planted, terms, seconds, placed, log)
+        run = _run(setup, true, resolved, seed, planted, terms, seconds, placed, log)
         if out is not None:
             write_atomically(truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m))
     if out is not None:
@@ -98,7 +104,8 @@ def simulate(
         _tell(run, setup, resolved, seconds, told, as_json)
         return
     other = resolved.target.model_copy(update={"learn_threshold": not resolved.target.learn_threshold})
-    compared = _run(setup, resolved.model_copy(update={"target": other}), seed, planted, terms, seconds, placed, None)
+    compared = _run(setup, true, resolved.model_copy(update={"target": other}), seed, planted, terms, seconds, placed,
+                    None)
     learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
     _tell_points(run, learned, fixed, resolved, seconds, told, as_json)
 
@@ -112,13 +119,13 @@ class _Ran(NamedTuple):
     took_s: float
 
 
-def _run(setup: Setup, job: Job, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
+def _run(setup: Setup, true: Machine, job: Job, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
          placed: Placed, log: PlainLogWriter | None) -> _Ran:
     from control.orders import TargetSource
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run
     from control.simulation.dose_watch import DoseWatch
-    plant = simulated_machine(setup.machine, job, seed, DT_S, planted, plants=placed["plants"], terms=terms)
+    plant = simulated_machine(true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms)
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed)
     doses = None
     if job.target.source is TargetSource.POINT:

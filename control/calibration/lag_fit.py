@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from control.machine.fall import Fall, start_drop_s
 from control.machine.machine import Machine
-from control.machine.start import first_fall_s, response_s
+from control.machine.start import first_fall_s, resettled, response_s
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
@@ -129,7 +129,10 @@ def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTab
     valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
     fall = machine.fall._replace(intercept_s=drop.value, slope_s_per_rpm=line.slope_s_per_rpm.value, offset_s=0.0,
                                  valid_from_rpm=line.from_rpm, valid_to_rpm=line.to_rpm, rebound_s=0.0)
-    fall = fall._replace(start_more_per_rpm=start_more_per_rpm(machine, fall))
+    if fall.carried_share >= 1.0:
+        fall = fall._replace(start_more_per_rpm=start_more_per_rpm(machine, fall))
+    else:
+        fall = resettled(machine.model_copy(update={"fall": fall})).fall
     records = (record("fall.intercept_s", drop, "s", table.path, date, valid),
                record("fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid))
     checked = Machine.model_validate({**dict(machine), "fall": fall})

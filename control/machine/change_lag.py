@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .fall import drop_s
-from .landing import carried_s
+from .landing import falls_s
 from .machine import Machine
 from .shaft import approach
 
@@ -108,12 +108,15 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
         masses.append(rpm * opening)
         drops.append(drop)
     released = np.array(times)
-    lands_s = (released + carried_s(released, np.array(drops))).tolist()
+    reached = released + falls_s(released, np.array(drops), machine.fall.carried_share)
+    order = np.argsort(reached, kind="stable")            # where granules fall singly, later ones may be first
+    lands_s = reached[order].tolist()
+    weights = np.array(masses)[order].tolist()
     middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)
     sign = 1.0 if rising else -1.0
     fit, best, at = 0.0, 0.0, None
     last = lands_s[0]
-    for lands, mass in zip(lands_s, masses, strict=True):
+    for lands, mass in zip(lands_s, weights, strict=True):
         fit -= sign * middle * (lands - last)
         if fit < best - TIE * middle and lands > 0.0 and sign > 0.0:
             best, at = fit, lands

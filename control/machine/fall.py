@@ -1,9 +1,13 @@
 """From the roller to the ground: drop time of a start and of a running shaft, its effects, the papers' lag models.
 
 A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper, tables 3 and 4, eq 6). A
-running shaft's drop is shorter. Material in the tube is carried along by what follows it, at the pace of the shaft
-speed of the moment, so that nothing overtakes (`landing.carried_s`); while the shaft speeds up that pace is slower
-than at the set-point, and this much of a start is no drop time of the running shaft.
+running shaft's drop is shorter, and how much shorter depends on what goes on in the tube, which no start can tell:
+
+carried along   (`carried_share` 1) all that falls moves at the pace of the shaft speed of the moment, nothing overtakes;
+                while the shaft speeds up that pace is slower than at the set-point.
+falling singly  (0) each granule keeps the pace of its release. What was released later, by a quicker shaft, is first.
+
+`landing.falls_s` plays any share. Each gives the line of starts with its own running drop (`start.with_carried_share`).
 """
 from __future__ import annotations
 
@@ -21,6 +25,9 @@ class Fall(NamedTuple):
     intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
     start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3     # start less running, of |slope| n, an r/min
+    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0                    # the same, a constant part ...
+    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0           # ... and one of n, where not carried along
+    carried_share: Annotated[float, Field(ge=0, le=1)] = 1.0                    # of the pace, that the stream sets
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
     full_rpm: Annotated[float, Field(gt=0, le=1e4)] = 100.0         # shaft speed at which the rebound is told
@@ -103,12 +110,13 @@ def drop_s(p: Fall, shaft_rpm: float) -> float:
     Where drop time does not fall with shaft speed, it is that of a start.
     """
     falls_s = max(0.0, -p.slope_s_per_rpm * shaft_rpm)
-    return max(0.0, start_drop_s(p, shaft_rpm) - p.start_more_per_rpm * shaft_rpm * falls_s)
+    more = p.start_more_s + p.start_more_s_per_rpm * shaft_rpm + p.start_more_per_rpm * shaft_rpm * falls_s
+    return max(0.0, start_drop_s(p, shaft_rpm) - more)
 
 
 def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
     """Seconds after its release at which what is released in this step reaches the ground, if the shaft keeps its
-    speed; `landing.carried_s` where it does not."""
+    speed; `landing.falls_s` where it does not."""
     flowing = u.flow_kg_s > 0.0
     filling = s.filling_s + dt_s
     if flowing and s.no_flow_s >= EMPTY_TUBE_S:

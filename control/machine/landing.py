@@ -8,6 +8,8 @@ import numpy as np
 from .elements import Array
 from .fall import SHORTEST_S
 
+HALVINGS = 30           # of the longest drop time: 2 s to a nanosecond
+
 
 class Ground(NamedTuple):
     """Mass on the ground along the track, in bins of `bin_m` from `origin_m` on."""
@@ -31,6 +33,28 @@ def carried_s(time_s: Array, settled_s: Array) -> Array:
     beyond = 1.0 / pace[-1]
     lands = np.interp(way + 1.0, np.append(way, way[-1] + 1.0), np.append(time_s, time_s[-1] + beyond))
     return np.asarray(lands - time_s, dtype=np.float64)
+
+
+def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Array:
+    """Time to the ground of what is released at each time, (n,) s, where the stream sets a share of its pace.
+
+    A granule has gone its way when the integral of share / settled_s(of the moment) + (1 - share) / settled_s(of its
+    release) is 1: `carried_s` at a share of 1; at 0 each falls by itself, and those of a quicker shaft overtake.
+    """
+    if carried_share >= 1.0:
+        return carried_s(time_s, settled_s)
+    own = np.maximum(settled_s, SHORTEST_S)
+    if carried_share <= 0.0:
+        return np.asarray(own, dtype=np.float64)
+    way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) / own[:-1])])
+    last = np.append(time_s, time_s[-1] + 1e3 * own[-1])        # after the end the last pace holds
+    ways = np.append(way, way[-1] + 1e3)
+    low, high = np.zeros(len(own)), np.full(len(own), float(own.max()))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        gone = carried_share * (np.interp(time_s + middle, last, ways) - way) + (1.0 - carried_share) * middle / own
+        low, high = np.where(gone < 1.0, middle, low), np.where(gone < 1.0, high, middle)
+    return np.asarray(0.5 * (low + high), dtype=np.float64)
 
 
 def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: float,

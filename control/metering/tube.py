@@ -1,13 +1,15 @@
 """What is on its way from the roller to the ground, as far as the commands given so far decide it.
 
-All that falls moves at the pace of the shaft speed of the moment (`machine.landing.carried_s`): a parcel lands when
-the integral of dt / drop(n(t)) since its release is 1. That integral is the `way` here. It is known ahead for as long
-as the shaft takes to answer: the speeds of the next 0.4 s are commanded already.
+Where all that falls moves at the pace of the shaft speed of the moment (`machine.landing.carried_s`) a parcel lands
+when the integral of dt / drop(n(t)) since its release is 1. That integral is the `way` here. It is known ahead for as
+long as the shaft takes to answer: the speeds of the next 0.4 s are commanded already. Where granules keep a part of
+their own pace (`machine.landing.falls_s`) only the rest of their way is gone with the stream.
 """
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from math import inf
 from typing import NamedTuple
 
 from control.machine.fall import Fall, drop_s
@@ -64,9 +66,22 @@ class Tube:
 
     def lands_s(self, released_s: float) -> float:
         """When what is released at a time lands, if the last commanded shaft speed goes on."""
-        there = self.way_at(released_s) + 1.0
-        piece = next((one for one in reversed(self._pieces) if one.way <= there), self._pieces[0])
-        return piece.from_s + (there - piece.way) / piece.pace_per_s
+        share = self._fall.carried_share
+        if share >= 1.0:
+            there = self.way_at(released_s) + 1.0
+            piece = next((one for one in reversed(self._pieces) if one.way <= there), self._pieces[0])
+            return piece.from_s + (there - piece.way) / piece.pace_per_s
+        own = (1.0 - share) * self._pieces[max(0, bisect_right(self._begins, released_s) - 1)].pace_per_s
+        left, at_s = 1.0, released_s
+        for piece, ends_s in zip(self._pieces, [*self._begins[1:], inf], strict=True):
+            if ends_s <= at_s:
+                continue
+            pace = own + share * piece.pace_per_s
+            if left <= pace * (ends_s - at_s):
+                break
+            left -= pace * (ends_s - at_s)
+            at_s = ends_s
+        return at_s + left / pace
 
     def release(self, released_s: float, note: float) -> None:
         """Note what is released from then on."""
@@ -76,7 +91,8 @@ class Tube:
         self._parcels.append(Parcel(way, note))
 
     def landing(self, time_s: float) -> float | None:
-        """The note of what lands at a time; earlier parcels are forgotten. None: nothing is known of it."""
+        """The note of what lands at a time where the stream carries all; earlier parcels are forgotten. None: nothing
+        is known of it."""
         way = self.way_at(time_s) - 1.0
         while len(self._parcels) > 1 and self._parcels[1].way <= way:
             self._parcels.popleft()

@@ -82,7 +82,7 @@ class Record:
 
     NAMES = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "settled_drop_s", "driven_m", "speed_mps",
              "east_m", "north_m", "in_pass", "target_kg_ha", "working", "track_m", "shaft_rpm_cmd", "opening_mm_cmd",
-             "flowing", "ndvi", "open_share")
+             "flowing", "ndvi", "open_share", "carried_share")
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
@@ -95,7 +95,7 @@ class Record:
                            t.speed_mps, t.east_m, t.north_m, float(t.in_pass), step.target_rate_kg_ha,
                            float(step.tick.row.state == State.WORKING), step.tick.sensed.track_m,
                            step.tick.command.shaft_rpm, step.tick.command.opening_mm,
-                           float(not step.tick.why_no_flow), t.ndvi, t.open_share))
+                           float(not step.tick.why_no_flow), t.ndvi, t.open_share, t.carried_share))
 
     def columns(self) -> dict[str, Array]:
         table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.NAMES))

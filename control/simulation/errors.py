@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from control.agronomy.noa import Rule
 from control.machine.elements import Array
-from control.machine.landing import Ground, carried_s, landed
+from control.machine.landing import Ground, landed
+from control.machine.landing import falls_s as tube_falls_s
 from control.targets.lag_correction import Fired
 
 BIN_M = 0.25                # rates are judged on stretches of this length
@@ -96,9 +97,10 @@ def needs(rule: Rule, ndvi: Array) -> Needs:
 
 
 def falls_s(columns: dict[str, Array]) -> Array:
-    """Each parcel's time to the ground, (n,) s: carried along by the stream, and what its own effects add."""
-    settled = columns["settled_drop_s"]
-    return carried_s(columns["time_s"], settled) + columns["drop_s"] - settled
+    """Each parcel's time to the ground, (n,) s: as its machine's tube has it, and what its own effects add."""
+    settled, share = columns["settled_drop_s"], columns.get("carried_share")
+    carried = 1.0 if share is None or not len(share) else float(share[0])
+    return tube_falls_s(columns["time_s"], settled, carried) + columns["drop_s"] - settled
 
 
 def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, lever_arm_m: float = 0.0,

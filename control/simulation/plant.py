@@ -66,7 +66,7 @@ class Truth(NamedTuple):
     opening_mm: float
     flow_kg_s: float            # mean over the step
     drop_s: float               # of what was released in it, if the shaft keeps its speed
-    settled_drop_s: float       # of that, what the stream in the tube sets the pace of
+    settled_drop_s: float       # of that, what the tube alone takes
     driven_m: float             # outlet along its path, at the step's end
     speed_mps: float
     hopper_kg: float
@@ -79,6 +79,7 @@ class Truth(NamedTuple):
     heading_deg: float = 0.0
     section_kg: tuple[float, ...] = ()      # released in the step by each section; none: no valves
     open_share: float = 1.0     # of the working width, mean over the step
+    carried_share: float = 1.0  # of the pace in the tube, that the stream sets
 
 
 class Plant:
@@ -171,7 +172,8 @@ class Plant:
         self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
                            drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
                            pose.east_m, pose.north_m, pose.in_pass, refill,
-                           self._doses, self._width_ndvi(pose, 0.0), pose.heading_deg)
+                           self._doses, self._width_ndvi(pose, 0.0), pose.heading_deg,
+                           carried_share=self._true.fall.carried_share)
         if self.valves is not None:
             self.truth = self.truth._replace(section_kg=self.valves.take_kg(), open_share=self.valves.take_share())
         if self._keep is not None:

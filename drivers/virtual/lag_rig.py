@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import heapq
-from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -31,6 +30,8 @@ class TruthNow(Protocol):
     def drop_s(self) -> float: ...
     @property
     def settled_drop_s(self) -> float: ...
+    @property
+    def carried_share(self) -> float: ...
 
 
 class _Pins(RigPins):
@@ -61,9 +62,8 @@ class VirtualLagRig:
         self._settings = RigSettings()
         self._program = LagRig(self._pins, self._settings)
         self._truth = truth
-        self._falling: deque[tuple[float, float]] = deque()     # way of the stream at its release, more time it takes
+        self._falling: list[list[float]] = []       # way that a granule has gone, its own pace, more time it takes
         self._landing: list[float] = []             # when granules land, plant time; a heap
-        self._way = 0.0                             # that the stream has gone: 1 is the whole fall
         self._rounds = 0
         self._last_s = 0.0
         self._rpm = 0.0
@@ -76,7 +76,8 @@ class VirtualLagRig:
         if truth is None:
             return
         if truth.flow_kg_s > LEAST_FLOW_KG_S:
-            self._falling.append((self._way, truth.drop_s - truth.settled_drop_s))
+            pace = 1.0 / max(truth.settled_drop_s, LEAST_STEP_S)
+            self._falling.append([0.0, pace, truth.drop_s - truth.settled_drop_s])
         self._carry(truth)
         step_s, from_rpm = truth.time_s - self._last_s, self._rpm
         for part in range(1, ROUNDS + 1):
@@ -85,13 +86,18 @@ class VirtualLagRig:
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
 
     def _carry(self, truth: TruthNow) -> None:
-        """What falls moves on by a step at the stream's pace (`control.machine.landing.carried_s`)."""
-        moved = (truth.time_s - self._last_s) / max(truth.settled_drop_s, LEAST_STEP_S)
-        while self._falling and self._falling[0][0] + 1.0 <= self._way + moved:
-            released, more_s = self._falling.popleft()
-            share = (released + 1.0 - self._way) / moved
-            heapq.heappush(self._landing, self._last_s + share * (truth.time_s - self._last_s) + more_s)
-        self._way += moved
+        """What falls goes on by a step, as `control.machine.landing.falls_s` has it."""
+        step_s, share = truth.time_s - self._last_s, truth.carried_share
+        stream = share / max(truth.settled_drop_s, LEAST_STEP_S)
+        still: list[list[float]] = []
+        for granule in self._falling:
+            pace = stream + (1.0 - share) * granule[1]
+            if granule[0] + pace * step_s < 1.0:
+                granule[0] += pace * step_s
+                still.append(granule)
+            else:
+                heapq.heappush(self._landing, self._last_s + (1.0 - granule[0]) / pace + granule[2])
+        self._falling = still
 
     def _round(self, now_s: float, rpm: float, dt_s: float) -> None:
         pins = self._pins

@@ -10,6 +10,7 @@ import pytest
 from control.agronomy.noa import Rule
 from control.field.job import Job, Simulated
 from control.machine.planting import parse_planted
+from control.machine.plausible import plausible
 from control.orders import Order, Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, Step, simulated_run
@@ -36,24 +37,27 @@ class Run:
 
 @pytest.fixture(scope="session")
 def simulated() -> Callable[..., Run]:
-    """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are run once."""
+    """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are run once.
+
+    plant: a plausible machine that is driven while control knows the shipped file."""
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     kept: dict[str, Run] = {}
 
     def run(seconds: float, strategy: str = "opening_first", effects: Sequence[str] = (), seed: int = 1,
             orders: Sequence[tuple[float, Order]] | None = None, sim: dict[str, Any] | None = None,
-            **changes: Any) -> Run:
-        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, sorted(changes.items())))
+            plant: str = "", **changes: Any) -> Run:
+        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, sorted(changes.items())))
         if key not in kept:
             job: Job = setup.job.model_copy(update={"strategy": Strategy(strategy), **changes})
             if sim:
                 values = job.simulated.model_dump() | sim
                 job = job.model_copy(update={"simulated": Simulated.model_validate(values)})
             job = with_simulated_field(job, setup.machine)
-            plant = simulated_machine(setup.machine, job, seed, 0.05, [parse_planted(text) for text in effects])
+            true = plausible(setup.machine, plant) if plant else setup.machine
+            driven = simulated_machine(true, job, seed, 0.05, [parse_planted(text) for text in effects])
             loop = control_loop(setup.machine, setup.crop, setup.rule, job)
             record, steps = Record(), []
-            for step in simulated_run(plant, loop, seconds, orders):
+            for step in simulated_run(driven, loop, seconds, orders):
                 record.add(step)
                 steps.append(step)
             kept[key] = Run(steps, record, setup.machine.geometry.working_width_m, setup.rule)

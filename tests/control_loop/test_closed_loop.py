@@ -110,3 +110,12 @@ def test_a_refill_is_made_and_told(simulated: Any) -> None:
     assert any("refill 280" in event for event in events), events
     assert run.steps[-1].tick.row.state == "working"
     assert max(step.truth.hopper_kg for step in run.steps) > 290.0
+
+
+def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: Any) -> None:
+    """Nothing on the machine sees the ground: the drives do the same, and only what lands differs."""
+    own, other = simulated(60.0, seed=3), simulated(60.0, seed=3, plant="singly")
+    here, there = own.record.columns(), other.record.columns()
+    assert (here["opening_mm"] == there["opening_mm"]).all() and (here["shaft_rpm_cmd"] == there["shaft_rpm_cmd"]).all()
+    assert abs(own.errors.place_bias_m) < 0.05
+    assert other.errors.place_bias_m == pytest.approx(-1.25 * (1.175 - 0.859), abs=0.06), "0.32 s early at 4.5 km/h"

@@ -18,7 +18,7 @@ from control.field.totals import Totaliser, Totals
 from control.geodesy import Place, TangentPlane
 from control.log_row import HEAD_COLUMNS
 from control.machine.fall import drop_s
-from control.machine.landing import carried_s
+from control.machine.landing import falls_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves, Strip
 from control.orders import State, TargetSource
@@ -157,7 +157,8 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     counts = is_worked(log) & (step > 0.0) & (step <= _most_step_s(log))
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
-    drop = carried_s(time, np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]))
+    drop = falls_s(time, np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
+                   machine.fall.carried_share)
     plane, way_m, heading = _outlet_way(log, machine)
     lands = time + drop
     begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)

@@ -1,0 +1,281 @@
+"""How good control is where the machine is not its model: `python benchmarks/other_machines.py --against /old/tree`
+
+Control has the shipped machine file. What is driven is one of `control.machine.plausible`: nobody's tables settle what
+goes on in the tube, and drives, flow and field lag are never quite the file's. Nothing on the machine sees the ground,
+so machines that differ in the tube alone are driven once, and landed each its own way.
+
+Told are, mean over seeds: rate error as it fell, and with the best constant shift along the way (what a lag test on
+this machine would have taken away); place error likewise; and for each strategy the mean and the worst of all machines.
+
+--against: the same with the control of another tree, in the same run. Exit code 1 where a promise breaks.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from manoeuvres import DT_S, GO, MANOEUVRES, Manoeuvre, sim_of, the_setup
+from verdict import exit_code
+
+from control.field.job import Simulated
+from control.machine.machine import Machine
+from control.orders import Do, Order, Strategy, TargetSource
+from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.errors import landing, place_errors
+from control.targets.map_profile import MapProfile
+from control.targets.prescription import Fallbacks, Prescription
+from control.targets.rate_map import GridMap, frame_m
+
+IN_THE_TUBE = ("carried_along", "singly", "between", "field_lag")      # nothing else: driven once
+STEADY, ZONES = "steady 4.5 km/h, third minute", "map, abrupt zones"
+ZONE_M = 15.0
+ZONES_KG_HA = (300.0, 450.0, 150.0, 400.0, 200.0, 330.0, 120.0, 450.0)
+OF_OLD = {m.name: m for m in MANOEUVRES}
+DRIVEN = (Manoeuvre(STEADY, 150, 210, ()),
+          OF_OLD["accelerating 3 to 7 km/h, 0.5 m/s2"], OF_OLD["decelerating 7 to 3 km/h, 0.5 m/s2"],
+          Manoeuvre(ZONES, 20, 230, ()), OF_OLD["stop and go, 6 s standing"])
+SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
+GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
+PROMISED_FROM = 3               # seeds
+HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}{'place m':>9}"
+        f"{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
+
+
+class Drive(NamedTuple):
+    """One run that a tree is to make. `machine`: what is simulated, as its file has it."""
+
+    manoeuvre: str
+    strategy: str
+    told: str
+    seed: int
+    machine: dict[str, Any]
+    drives: str                 # name of what differs in drives and flow
+
+
+class Found(NamedTuple):
+    """One manoeuvre, one strategy, one machine, over all seeds."""
+
+    tree: str
+    manoeuvre: str
+    strategy: str
+    told: str
+    machine: str
+    held_percent: float
+    shifted_percent: float      # with the best constant shift
+    shift_m: float
+    place_m: float
+    shifted_place_m: float      # about its own median
+    place_p95_m: float
+    steps: int
+    lost: int
+    worst_kg_ha: float          # landed on a bin
+    bare_m: float               # of the way: below a tenth of what was wanted, a run
+
+    def line(self) -> str:
+        told = self.told if self.tree == "new" else self.tree
+        return (f"{self.manoeuvre:36}{self.strategy:14}{told:6}{self.machine:15}{self.held_percent:8.2f}"
+                f"{self.shifted_percent:9.2f}{self.shift_m:+9.2f}{self.place_m:9.3f}{self.shifted_place_m:9.3f}"
+                f"{self.place_p95_m:7.3f}{self.steps:6d}{self.lost:5d}{self.worst_kg_ha:11.0f}{self.bare_m:8.2f}")
+
+
+def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
+    """Columns of `Record` and the changes made; works with trees that know nothing of this benchmark."""
+    setup, manoeuvre = the_setup(), next(m for m in DRIVEN if m.name == what.manoeuvre)
+    sim = setup.job.simulated.model_dump() | sim_of(manoeuvre)
+    if what.told != "none":
+        sim["speed_told"] = what.told
+    update: dict[str, Any] = {"strategy": Strategy(what.strategy), "simulated": Simulated.model_validate(sim)}
+    profile = None
+    if what.manoeuvre == ZONES:
+        update["target"] = setup.job.target.model_copy(update={"source": TargetSource.MAP, "map": "made here"})
+    job = with_simulated_field(setup.job.model_copy(update=update), setup.machine)
+    if what.manoeuvre == ZONES:
+        setup_plane = control_loop(setup.machine, setup.crop, setup.rule, setup.job).plane
+        rates = np.resize(ZONES_KG_HA, (24, 1))
+        grid = GridMap(frame_m((-50.0, -ZONE_M), 600.0, ZONE_M), rates)
+        from control.geodesy import TangentPlane
+        profile = MapProfile(Prescription(grid, Fallbacks()),
+                             setup_plane or TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
+    plant = simulated_machine(Machine.model_validate(what.machine), job, what.seed, DT_S)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
+    record = Record()
+    orders = GO_HELD if manoeuvre.speeds and manoeuvre.speeds[0][1] == 0 else None
+    for step in simulated_run(plant, loop, manoeuvre.end_s + 4.0, orders):
+        record.add(step)
+    return record.columns(), record.fired
+
+
+def relanded(columns: dict[str, Any], machine: Machine) -> dict[str, Any]:
+    """The same run, fallen through another tube."""
+    from control.machine.fall import drop_s
+    settled = np.array([drop_s(machine.fall, n) for n in columns["shaft_rpm"].tolist()])
+    return columns | {"settled_drop_s": settled, "drop_s": settled + machine.fall.latency_s,
+                      "carried_share": np.full(len(settled), machine.fall.carried_share)}
+
+
+class Judged(NamedTuple):
+    held: float
+    by_shift: Any               # held % by SHIFTS_M
+    places_m: Any
+    lost: int
+    worst_kg_ha: float
+    bare_m: float
+
+
+def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_m: float) -> Judged:
+    time_s, way = columns["time_s"], columns["driven_m"]
+    rows = (time_s >= what.begin_s) & (time_s <= what.end_s)
+
+    def of(shift_m: float) -> tuple[float, float, float]:
+        land = landing(columns, width_m, shift_m)
+        centres = land.ground.centres_m()
+        inside = (land.inside > 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
+        got, target = land.landed_kg_ha[inside], land.target_kg_ha[inside]
+        return (100.0 * float(np.abs(got - target).sum() / max(1e-9, target.sum())), float(got.max(initial=0.0)),
+                0.25 * float((got < 0.1 * target).sum()))
+
+    held, worst, bare = of(0.0)
+    chosen = [f for f in fired if what.begin_s <= f.time_s <= what.end_s]
+    places, lost = place_errors(columns, chosen, landing(columns, width_m), width_m)
+    return Judged(held, np.array([of(shift)[0] for shift in SHIFTS_M]), places, lost, worst, bare)
+
+
+def found(tree: str, manoeuvre: str, strategy: str, told: str, machine: str, each: Sequence[Judged]) -> Found:
+    by_shift = np.mean([one.by_shift for one in each], axis=0)      # one shift for all seeds: it is the machine's
+    best = int(np.argmin(by_shift))
+    places = np.concatenate([one.places_m for one in each])
+    size = np.abs(places) if len(places) else np.full(1, np.nan)
+    about = np.abs(places - np.median(places)) if len(places) else np.full(1, np.nan)
+    return Found(tree, manoeuvre, strategy, told, machine, statistics.fmean(one.held for one in each),
+                 float(by_shift[best]), float(SHIFTS_M[best]), float(size.mean()), float(about.mean()),
+                 float(np.percentile(about, 95)), len(places), sum(one.lost for one in each),
+                 max(one.worst_kg_ha for one in each), statistics.fmean(one.bare_m for one in each))
+
+
+def driven_by(tree: Path | None, drives: Sequence[Drive]) -> list[tuple[dict[str, Any], list[Any]]]:
+    """Every drive with the control of a tree; None: this one."""
+    if tree is None:
+        return [drive(one) for one in drives]
+    here = Path(__file__).resolve()
+    environment = os.environ | {"PYTHONPATH": f"{tree}{os.pathsep}{here.parent}"}
+    with tempfile.TemporaryDirectory() as folder:
+        asked, got = Path(folder) / "asked.json", Path(folder) / "got.pickle"
+        asked.write_text(json.dumps([one._asdict() for one in drives]), encoding="utf-8")
+        subprocess.run([sys.executable, str(here), "--drive", str(asked), str(got)], env=environment, cwd=tree,
+                       check=True)
+        return list(pickle.loads(got.read_bytes()))
+
+
+def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], told: str, machines: Sequence[str], seeds: int,
+             tree: Path | None) -> Iterator[Found]:
+    from control.machine.plausible import plausible
+    setup = the_setup()
+    width_m = setup.machine.geometry.working_width_m
+    true = {name: plausible(setup.machine, name) for name in machines}
+    for what in manoeuvres:
+        for strategy in strategies:
+            kinds = {name: "file" if name in IN_THE_TUBE else name for name in machines}
+            drives = [Drive(what.name, strategy, told, seed, _known_to_all(machine), kind)
+                      for kind, machine in {kinds[name]: true[name] for name in machines}.items()
+                      for seed in range(1, seeds + 1)]
+            runs: dict[str, list[tuple[dict[str, Any], list[Any]]]] = {}
+            for one, run in zip(drives, driven_by(tree, drives), strict=True):
+                runs.setdefault(one.drives, []).append(run)
+            for name in machines:
+                each = [judge(relanded(columns, true[name]), fired, what, width_m)
+                        for columns, fired in runs[kinds[name]]]
+                yield found("new" if tree is None else "old", what.name, strategy, told, name, each)
+
+
+def _known_to_all(machine: Machine) -> dict[str, Any]:
+    """The file of the machine's drives and flow; its tube is left to the landing."""
+    values = machine.model_dump(mode="json", exclude={"fall", "tolerance", "set_points"})
+    return {name: part._asdict() if hasattr(part, "_asdict") else part for name, part in values.items()}
+
+
+def summary(all_found: Sequence[Found]) -> Iterator[str]:
+    """By manoeuvre and strategy: mean and worst of the machines."""
+    yield (f"\n{'manoeuvre':36}{'strategy':14}{'told':6}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}{'worst':>8}  "
+           f"{'of':15}{'place mean':>11}{'worst':>8}{'shifted mean':>14}{'worst':>8}")
+    groups: dict[tuple[str, str, str, str], list[Found]] = {}
+    for f in all_found:
+        groups.setdefault((f.manoeuvre, f.strategy, f.tree, f.told), []).append(f)
+    for (manoeuvre, strategy, tree, told), of in groups.items():
+        worst = max(of, key=lambda f: f.shifted_percent)
+        yield (f"{manoeuvre:36}{strategy:14}{told if tree == 'new' else tree:6}"
+               f"{statistics.fmean(f.held_percent for f in of):12.2f}{max(f.held_percent for f in of):8.2f}"
+               f"{statistics.fmean(f.shifted_percent for f in of):14.2f}{worst.shifted_percent:8.2f}  "
+               f"{worst.machine:15}{statistics.fmean(f.place_m for f in of):11.3f}{max(f.place_m for f in of):8.3f}"
+               f"{statistics.fmean(f.shifted_place_m for f in of):14.3f}{max(f.shifted_place_m for f in of):8.3f}")
+
+
+def promises(all_found: Sequence[Found], seeds: int) -> dict[str, object]:
+    kept: dict[str, object] = {"something was measured": len(all_found) > 0}
+    for f in all_found:
+        if f.tree != "new" or seeds < PROMISED_FROM:
+            continue
+        who = f"{f.manoeuvre}, {f.strategy}, {f.machine}, told {f.told}"
+        rate = PROMISED_PERCENT.get((f.manoeuvre, f.strategy))
+        place = PROMISED_M.get((f.manoeuvre, f.strategy))
+        if rate is not None:
+            kept[f"{who}: rate error {f.shifted_percent:.2f} %: at most {rate:g} %"] = f.shifted_percent <= rate
+        if place is not None:
+            kept[f"{who}: place error {f.shifted_place_m:.3f} m: at most {place:g} m"] = f.shifted_place_m <= place
+    return kept
+
+
+PROMISED_PERCENT = {(STEADY, "opening_first"): 2.0, ("accelerating 3 to 7 km/h, 0.5 m/s2", "opening_first"): 10.0}
+PROMISED_M = {(ZONES, "opening_first"): 0.06, (ZONES, "speed_first"): 0.15}
+
+
+def run() -> int:
+    from control.machine.plausible import PLAUSIBLE
+    parser = argparse.ArgumentParser(description="Rate and place error where the machine is not its model.")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
+    parser.add_argument("--strategies", default=",".join(Strategy))
+    parser.add_argument("--machines", default=",".join(PLAUSIBLE))
+    parser.add_argument("--told", default="none", help="none, set, plan, drive; comma separated")
+    parser.add_argument("--against", type=Path, help="another tree, measured in the same run, nothing told")
+    parser.add_argument("--out", type=Path, help="write the lines there too")
+    given = parser.parse_args()
+    chosen = [m for m in DRIVEN if any(word in m.name for word in given.only.split(","))]
+    strategies, machines = given.strategies.split(","), given.machines.split(",")
+    trees = [(given.against, "none")] if given.against is not None else []
+    trees += [(None, told) for told in given.told.split(",")]
+    lines, all_found = [HEAD], list[Found]()
+    print(HEAD)
+    for tree, told in trees:
+        for one in measured(chosen, strategies, told, machines, given.seeds, tree):
+            all_found.append(one)
+            lines.append(one.line())
+            print(lines[-1], flush=True)
+    for line in summary(all_found):
+        lines.append(line)
+        print(line)
+    if given.out:
+        given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return exit_code(promises(all_found, given.seeds))
+
+
+def _drive_all(asked: Path, got: Path) -> None:
+    drives = [Drive(**one) for one in json.loads(asked.read_text(encoding="utf-8"))]
+    got.write_bytes(pickle.dumps([drive(one) for one in drives]))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--drive"]:
+        _drive_all(Path(sys.argv[2]), Path(sys.argv[3]))
+        sys.exit(0)
+    sys.exit(run())

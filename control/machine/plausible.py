@@ -1,0 +1,42 @@
+"""Machines that a machine file may stand for: what its tables leave open, and what a calibrated machine does in a season.
+
+No table of the papers tells what goes on in the tube (docs/decisions/0005), nor what the field adds to the rig's lag. So
+control is never judged on the machine of its own file alone: every strategy is measured on each of these.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .machine import Machine, with_effect
+from .start import with_carried_share
+
+PULSATION_PERCENT = 5.0         # amplitude of the sum of six outlets; a single straight-fluted roller gives more
+FIELD_LAG_S = 0.3               # lag paper, tables 1 and 4: field against rig, 0.32 s at 4.50 km/h
+SLOWER = 1.2                    # a drive that needs a fifth more time for everything: cold grease, a weak supply
+
+
+def _slow_drives(machine: Machine) -> Machine:
+    shaft, gate = machine.shaft, machine.gate
+    shaft = shaft._replace(dead_time_s=SLOWER * shaft.dead_time_s, time_constant_s=SLOWER * shaft.time_constant_s,
+                           acceleration_rpm_s=shaft.acceleration_rpm_s / SLOWER)
+    gate = gate._replace(dead_time_s=SLOWER * gate.dead_time_s, slew_mm_s=gate.slew_mm_s / SLOWER)
+    return machine.model_copy(update={"shaft": shaft, "gate": gate})
+
+
+PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
+    "carried_along": lambda machine: with_carried_share(machine, 1.0),
+    "singly": lambda machine: with_carried_share(machine, 0.0),
+    "between": lambda machine: with_carried_share(machine, 0.5),
+    "pulsating": lambda machine: with_effect(machine, "flow.pulsation", PULSATION_PERCENT),
+    "flow_3_more": lambda machine: with_effect(machine, "flow.gain", 3.0),
+    "flow_6_more": lambda machine: with_effect(machine, "flow.gain", 6.0),
+    "field_lag": lambda machine: with_effect(machine, "lag.offset", FIELD_LAG_S),
+    "slow_drives": _slow_drives,
+}
+
+
+def plausible(machine: Machine, name: str) -> Machine:
+    """One of them, made of a machine. Raises ValueError, one line, for a name that is none."""
+    if name not in PLAUSIBLE:
+        raise ValueError(f"plausible machine {name!r}: allowed {', '.join(PLAUSIBLE)}")
+    return PLAUSIBLE[name](machine)
