@@ -48,8 +48,8 @@ DRIVEN = (Manoeuvre(STEADY, 150, 210, ()),
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
 PROMISED_FROM = 3               # seeds
-HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}{'place m':>9}"
-        f"{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
+HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
+        f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
 
 
 class Drive(NamedTuple):
@@ -206,8 +206,8 @@ def _known_to_all(machine: Machine) -> dict[str, Any]:
 
 def summary(all_found: Sequence[Found]) -> Iterator[str]:
     """By manoeuvre and strategy: mean and worst of the machines."""
-    yield (f"\n{'manoeuvre':36}{'strategy':14}{'told':6}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}{'worst':>8}  "
-           f"{'of':15}{'place mean':>11}{'worst':>8}{'shifted mean':>14}{'worst':>8}")
+    yield (f"\n{'manoeuvre':36}{'strategy':14}{'told':6}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}"
+           f"{'worst':>8}  {'of':15}{'place mean':>11}{'worst':>8}{'shifted mean':>14}{'worst':>8}")
     groups: dict[tuple[str, str, str, str], list[Found]] = {}
     for f in all_found:
         groups.setdefault((f.manoeuvre, f.strategy, f.tree, f.told), []).append(f)

@@ -3,8 +3,8 @@
 A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper, tables 3 and 4, eq 6). A
 running shaft's drop is shorter, and how much shorter depends on what goes on in the tube, which no start can tell:
 
-carried along   (`carried_share` 1) all that falls moves at the pace of the shaft speed of the moment, nothing overtakes;
-                while the shaft speeds up that pace is slower than at the set-point.
+carried along   (`carried_share` 1) all that falls moves at the pace of the shaft speed of the moment, nothing
+                overtakes; while the shaft speeds up that pace is slower than at the set-point.
 falling singly  (0) each granule keeps the pace of its release. What was released later, by a quicker shaft, is first.
 
 `landing.falls_s` plays any share. Each gives the line of starts with its own running drop (`start.with_carried_share`).
@@ -25,8 +25,8 @@ class Fall(NamedTuple):
     intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
     start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3     # start less running, of |slope| n, an r/min
-    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0                    # the same, a constant part ...
-    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0           # ... and one of n, where not carried along
+    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0                # ... a constant part ...
+    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0       # ... and one of n
     carried_share: Annotated[float, Field(ge=0, le=1)] = 1.0                    # of the pace, that the stream sets
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0

@@ -1,7 +1,7 @@
-"""Machines that a machine file may stand for: what its tables leave open, and what a calibrated machine does in a season.
+"""Machines that a machine file may stand for: what its tables leave open, and what a calibrated one does in a season.
 
-No table of the papers tells what goes on in the tube (docs/decisions/0005), nor what the field adds to the rig's lag. So
-control is never judged on the machine of its own file alone: every strategy is measured on each of these.
+No table of the papers tells what goes on in the tube (docs/decisions/0005), nor what the field adds to the rig's lag.
+So control is never judged on the machine of its own file alone: every strategy is measured on each of these.
 """
 from __future__ import annotations
 

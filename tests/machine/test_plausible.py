@@ -34,7 +34,7 @@ def test_there_and_back_is_the_same_machine() -> None:
     again = with_carried_share(with_carried_share(MACHINE, 0.0), 1.0)
     for rpm in (10.0, 40.0, 70.0):
         assert drop_s(again.fall, rpm) == pytest.approx(drop_s(MACHINE.fall, rpm), abs=0.003)
-    with pytest.raises(ValueError, match="carried_share 1.5: allowed 0 to 1"):
+    with pytest.raises(ValueError, match=r"carried_share 1\.5: allowed 0 to 1"):
         with_carried_share(MACHINE, 1.5)
 
 
