@@ -51,8 +51,8 @@ def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     for _ in range(round((shaft_rpm / shaft.acceleration_rpm_s + 8.0 * tau_s) / STEP_S)):
         speeds.append(rpm)
         rpm = approach(rpm, shaft_rpm, tau_s, shaft.acceleration_rpm_s, STEP_S)
-    drops = np.maximum(np.array([drop_s(fall, n) for n in speeds] + [drop_s(fall, shaft_rpm)]), STEP_S)
-    released = STEP_S * np.arange(len(drops))
+    drops: Array = np.asarray([max(STEP_S, drop_s(fall, n)) for n in [*speeds, shaft_rpm]], dtype=np.float64)
+    released: Array = np.asarray(STEP_S * np.arange(len(drops)), dtype=np.float64)
     return float(np.min(released + falls_s(released, drops, share)))
 
 
@@ -78,7 +78,7 @@ def resettled(machine: Machine) -> Machine:
     line = np.array([start_drop_s(fall, n) for n in speeds])
 
     def off(p: Fall) -> Array:
-        return np.array([first_fall_s(machine, p, n) for n in speeds]) - line
+        return np.asarray([first_fall_s(machine, p, n) for n in speeds] - line, dtype=np.float64)
 
     for _ in range(SETTLED_ROUNDS):
         here = off(fall)
