@@ -22,6 +22,7 @@ from control.machine.start import response_s
 from .piece import Array, BoolArray
 from .rows.labels import labels_of
 from .rows.place import UNCORRECTED
+from .ties import best_first
 
 MIN_SHARED = 5              # shaft speeds that both have
 UNREPEATED = 0.01           # share of a value that a row without replicates is taken to be good for
@@ -144,7 +145,7 @@ def reconciled(one: Series, two: Series) -> Across | None:
     left = {factor: a - float(np.mean(ratio)) * b, constant: (shift - float(np.mean(shift))) * (mps or 1.0)}
     if one.unit != two.unit and mps is None:
         left.pop(constant)
-    order = sorted(left, key=lambda kind: float(np.sum(left[kind] ** 2)))
+    order = [list(left)[k] for k in best_first([-float(np.sum(rest ** 2)) for rest in left.values()])]
     values = {factor: ratio, constant: shift}
     best = values[order[0]]
     middle = float(np.mean(best))

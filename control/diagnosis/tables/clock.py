@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from .piece import Array
+from .ties import first_best
 
 # The test of the quantogram's peak, set on the layouts used while building (docs/bench-tables.md).
 LEVEL = 0.002
@@ -36,6 +37,7 @@ MAX_VALUES = 3              # different readings
 MIN_ROWS_PER_VALUE = 6
 UNDECIDED = 0.5             # p of one and the same reading throughout: a steady detector, or a step
 MAX_STEPS_PER_VALUE = 39
+SAME_DIGITS = 7             # readings alike to so many digits are one reading: nobody prints lags finer
 COARSE_DIGIT_S = 0.1        # a last digit of so much is itself a step: nobody writes lags so roughly by choice
 PRINTED_S = 0.001
 
@@ -77,7 +79,7 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     spread = float(np.std(times_s))
     finest = max(MIN_DIGITS * digit_s, 0.1 * scatter)
     coarsest = MAX_SCATTERS * max(scatter, 0.5 * spread)
-    if rows < MIN_ROWS or scatter <= 0.0 or coarsest <= 1.2 * finest:
+    if rows < MIN_ROWS or scatter <= 10.0 ** -SAME_DIGITS or coarsest <= 1.2 * finest:
         return None
     count = int((1.0 / finest - 1.0 / coarsest) * STEPS_PER_TURN * float(np.abs(times_s).max()))
     steps = 1.0 / np.linspace(1.0 / finest, 1.0 / coarsest, min(max(count, MIN_STEPS), MAX_STEPS))
@@ -86,14 +88,14 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     z = (seen - mean) / sd
     highest = float(z.max())
     p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
-    step = _coarsest(times_s, float(steps[int(np.argmax(z))]), coarsest)
+    step = _coarsest(times_s, float(steps[::-1][first_best(z[::-1])]), coarsest)       # of equal ones the coarsest
     step, half = _refined(times_s, step)
     return Clock(step, step - half, step + half, p, _heaping(times_s, step), _smallest(steps, mean, sd))
 
 
 def _few_values(times: Array, digit_s: float) -> Clock | None:
     """Many readings, hardly any different ones: whole steps and nothing between them."""
-    kinds = np.unique(times)
+    kinds = np.unique(np.round(times, SAME_DIGITS))
     if len(times) < MIN_ROWS or len(kinds) > min(MAX_VALUES, len(times) // MIN_ROWS_PER_VALUE) or kinds[0] <= 0.0:
         return None
     gaps = np.diff(kinds)
@@ -122,7 +124,7 @@ def _of_smooth(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Arra
     mean = np.cos(turn * fitted) * one
     variance = 0.5 * (1.0 + np.cos(2.0 * turn * fitted) * two) - mean ** 2
     rows = len(fitted)
-    return mean.mean(axis=1), np.maximum(np.sqrt(variance.mean(axis=1) / rows), MIN_SD / np.sqrt(rows))
+    return mean.mean(axis=1), np.maximum(np.sqrt(np.maximum(variance.mean(axis=1), 0.0) / rows), MIN_SD / np.sqrt(rows))
 
 
 def _p_value(highest: float, fitted: Array, scatter: float, steps: Array, mean: Array, sd: Array, seed: int) -> float:

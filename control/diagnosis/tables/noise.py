@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from .piece import Array, BoolArray, IntArray, Piece
+from .ties import first_best
 
 # Outliers are winsorised: drawn in to so many robust s.d. (1.4826 median absolute deviations) from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).
@@ -20,6 +21,10 @@ MIN_ROWS_PER_VARIANCE = 5   # replicates at a setting, below which its variance 
 MIN_SD_SHARE = 0.2          # of the common s.d.: no setting counts as quieter than that
 
 MIN_PURE_DOF = 5            # degrees of freedom of the replicates, from which on they alone give the noise
+
+
+# Replicates that differ by a millionth of their last digit, or of the one that lies farthest, are the same reading.
+NO_SCATTER = 1e-6
 
 
 class Noise(NamedTuple):
@@ -39,7 +44,7 @@ def noise_of(piece: Piece, setting: IntArray, nominal: Array) -> Noise:
     Of the relative noises that the piece allows (constant, a share of the value) the likeliest is taken.
     """
     tried = [_with(piece, setting, nominal, spread) for spread in piece.spreads]
-    return max(tried, key=lambda one: one[1])[0]
+    return tried[first_best([likelihood for _, likelihood in tried])][0]
 
 
 def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tuple[Noise, float]:
@@ -47,7 +52,9 @@ def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tup
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
-    winsorised, outliers = _winsorised(relative, medians, setting, counts)
+    rounding = quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
+    none = NO_SCATTER * max(rounding, float(np.max(np.abs(relative - medians[setting]))))
+    winsorised, outliers = _winsorised(relative, medians, setting, counts, none)
     means = np.bincount(setting, winsorised) / counts
     inside = winsorised - means[setting]
     pure_dof = int(np.sum(counts - 1))
@@ -58,12 +65,11 @@ def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tup
     else:
         sd, dof = _sd_about_smooth(piece, winsorised), len(winsorised)
         log_spread = float(np.sum(np.log(spread)))
-    rounding = quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
     sd = max(sd, rounding, 1e-9)
     min_variance = 1.0 if pure_dof >= MIN_PURE_DOF else min(1.0, rounding / sd) ** 2
     by_setting = tuple((k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
                        for k in range(len(counts)))
-    unequal_p = _brown_forsythe(relative, setting, counts)
+    unequal_p = _brown_forsythe(relative, setting, counts, none)
     factor = np.ones(len(relative))
     if unequal_p is not None and unequal_p < UNEQUAL_P:
         factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
@@ -71,8 +77,9 @@ def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tup
             -dof * float(np.log(sd)) - log_spread)
 
 
-def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntArray) -> tuple[Array, IntArray]:
-    """Rows with outliers among their replicates drawn in, and which those are."""
+def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntArray,
+                none: float) -> tuple[Array, IntArray]:
+    """Rows with outliers among their replicates drawn in, and which those are. Scatter up to `none` counts as none."""
     away = relative - medians[setting]
     enough: BoolArray = counts[setting] >= MIN_ROWS_TO_WINSORISE
     if not enough.any():
@@ -83,7 +90,7 @@ def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntA
     for k in np.unique(setting[enough]):
         rows = setting == k
         limit[rows] = MAX_ROBUST_SD * max(common, ROBUST_SD * float(np.median(np.abs(away[rows]))))
-    limit[limit == 0.0] = np.inf            # replicates without scatter say nothing of what is far
+    limit[limit <= none] = np.inf            # replicates without scatter say nothing of what is far
     outliers = np.flatnonzero(np.abs(away) > limit)
     winsorised = relative.copy()
     winsorised[outliers] = medians[setting[outliers]] + np.sign(away[outliers]) * limit[outliers]
@@ -121,8 +128,11 @@ def _multiples(values: Array, step: float) -> bool:
     return bool(np.all(np.abs(values - np.round(values / step) * step) < 1e-8))
 
 
-def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray) -> float | None:
-    """p of the Brown-Forsythe test: F test of absolute deviations from the medians. None: too few replicates."""
+def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray, none: float) -> float | None:
+    """p of the Brown-Forsythe test: F test of absolute deviations from the medians.
+
+    None: too few replicates, or no scatter among them beyond `none`.
+    """
     kinds = [k for k in range(len(counts)) if counts[k] >= MIN_ROWS_PER_VARIANCE]
     if len(kinds) < 2:
         return None
@@ -130,4 +140,4 @@ def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray) -> float
     total = np.concatenate(parts)
     between = sum(len(p) * (p.mean() - total.mean()) ** 2 for p in parts) / (len(parts) - 1)
     within = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts) / max(1, len(total) - len(parts))
-    return float(fisher.sf(between / within, len(parts) - 1, len(total) - len(parts))) if within > 0.0 else None
+    return float(fisher.sf(between / within, len(parts) - 1, len(total) - len(parts))) if within > none ** 2 else None

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from .algebra import MIN_LENGTH, MIN_LENGTH_LEFT, projected_out
 from .piece import Array
+from .ties import first_best
 
 DRAWS = 2000                # p of 0.003 is then known to 0.0012
 DECIDED = 0.2               # of the level: a Bonferroni bound below this share of it needs no draws
@@ -26,7 +27,8 @@ def normalised(basis: Array, columns: Array) -> tuple[Array, list[int]]:
 
 def max_t_p(y: Array, basis: Array, unit: Array, prior_rss: float, prior_dof: float, level: float,
             seed: int, min_variance: float = 1e-9) -> tuple[float, int]:
-    """p of the best single column against all of them having been tried, and which it is (-1: none can be judged).
+    """p of the best single column against all of them having been tried, and which it is (-1: none can be judged; of
+    columns that fit alike the first).
 
     y: (m,), basis: (m, r) orthonormal, unit: (m, c) orthogonal to it and of unit length. Far from `level` a bound
     decides (Bonferroni above, Sidak below); near it, draws do.
@@ -36,7 +38,7 @@ def max_t_p(y: Array, basis: Array, unit: Array, prior_rss: float, prior_dof: fl
         return 1.0, -1
     y = projected_out(basis, y)
     shares = (unit.T @ y) ** 2
-    best = int(np.argmax(shares))
+    best = first_best(shares)
     total = float(y @ y) + prior_rss
     ratio = float(shares[best] / max(total - shares[best], min_variance * dof))
     single = float(2.0 * student.sf(np.sqrt(ratio * dof), dof))

@@ -15,6 +15,7 @@ from .algebra import orthonormal, projected_out
 from .null import DRAWS
 from .piece import Array, IntArray, SizedEffect
 from .problem import Problem
+from .ties import first_best
 
 # Of a false alarm, beside the 1 % of selection and unexplained. At 0.001 two of 300 catch tables without anything
 # hidden (test_table_hidden) were called unexplained, as their noise is one of three chosen by likelihood; here none.
@@ -49,7 +50,7 @@ def worst_residual(problem: Problem, effects: Sequence[SizedEffect], explained: 
              if (one := _of_piece(problem, index, rest, explained, seed + index)) is not None]
     if not found:
         return None
-    worst = min(found, key=lambda one: one.p)
+    worst = found[first_best([-one.p for one in found])]
     return worst._replace(p=min(1.0, worst.p * len(found)))
 
 
@@ -101,7 +102,7 @@ def _out_of_order(problem: Problem, index: int, left: Array, basis: Array, rows:
     seen = np.array([_ratio(left[None, :len(rows)], place)[0] for place in orders.values()])
     mean, sd = drawn.mean(axis=1), drawn.std(axis=1)
     z = (seen - mean) / sd
-    best = int(np.argmin(z))
+    best = first_best(-z)
     reached = int(np.sum(((drawn - mean[:, None]) / sd[:, None]).min(axis=0) <= z[best]))
     p = (reached + 1) / (DRAWS + 1) if reached else min(1.0 / (DRAWS + 1), len(orders) * float(norm.cdf(z[best])))
     return Residual(piece.channel, list(orders)[best], p, max(0.0, 1.0 - float(seen[best] / mean[best])))

@@ -21,6 +21,7 @@ from .null import max_t_p, normalised
 from .piece import Candidate, SizedEffect
 from .problem import Problem
 from .sizes import at_definition, beside_other_forms, forms_of, lack_of_fit
+from .ties import best_first, first_best
 
 # Levels of false alarms, 1 % in all: a forward step, a step of two, and what no effect explains (unexplained.LEVEL).
 # Set on the layouts used while building; the table in docs/bench-tables.md holds them against others.
@@ -144,22 +145,25 @@ def _forward_step(problem: Problem, design: Design, chosen: Sequence[Candidate],
 
 def _forward_pair(problem: Problem, design: Design) -> tuple[tuple[Candidate, Candidate], float] | None:
     """Two effects that hide one another: neither shows alone. The F test of the best pair, Bonferroni."""
-    best: tuple[float, tuple[Candidate, Candidate]] | None = None
     pairs = list(combinations(range(len(problem.candidates)), 2))
     none = least_squares(design, [])
     if none is None:
         return None
-    for a, b in pairs:
-        found = least_squares(design, [a, b])
+    tried: list[tuple[int, int]] = []
+    ratios: list[float] = []        # F of each: all of the same degrees of freedom
+    for pair in pairs:
+        found = least_squares(design, pair)
         if found is None or found.dof < MIN_PAIR_DOF:
             continue
-        ratio = (none.rss - found.rss) / 2.0 / found.variance
-        p = float(fisher.sf(ratio, 2, found.dof)) * len(pairs)
-        if best is None or p < best[0]:
-            best = (p, (problem.candidates[a], problem.candidates[b]))
-    if best is None or best[0] >= PAIR_LEVEL or not _within_bounds(problem, best[1]):
+        tried.append(pair)
+        dof = found.dof
+        ratios.append((none.rss - found.rss) / 2.0 / found.variance)
+    if not tried:
         return None
-    return best[1], best[0]
+    best = first_best(ratios)
+    p = float(fisher.sf(ratios[best], 2, dof)) * len(pairs)
+    names = (problem.candidates[tried[best][0]], problem.candidates[tried[best][1]])
+    return (names, p) if p < PAIR_LEVEL and _within_bounds(problem, names) else None
 
 
 def _lateral_steps(problem: Problem, chosen: list[Candidate], barred: Collection[Candidate]) -> list[Candidate] | None:
@@ -185,7 +189,8 @@ def _lateral_step(problem: Problem, design: Design, chosen: list[Candidate], k: 
         found = least_squares(design, [problem.candidates.index(c) for c in tried])
         if found is not None:
             scores[candidate] = found.rss
-    for candidate in sorted(scores, key=scores.__getitem__)[:2]:
+    open_ = list(scores)
+    for candidate in [open_[i] for i in best_first([-scores[one] for one in open_])[:2]]:
         tried = [*chosen[:k], candidate, *chosen[k + 1:]]
         if candidate != chosen[k] and scores[candidate] < BETTER * scores.get(chosen[k], np.inf) and \
                 _within_bounds(problem, tried):
@@ -241,7 +246,8 @@ def _with_rivals(problem: Problem, fit: tuple[tuple[SizedEffect, ...], LeastSqua
             continue
         before = rivals.get(key)
         rivals[key] = FittedRival(candidate, size, weight / total + (before.probability if before else 0.0))
-    ordered = tuple(sorted(rivals.values(), key=lambda r: -r.probability))
+    every = list(rivals.values())
+    ordered = tuple(every[i] for i in best_first([rival.probability for rival in every]))
     return Selected(effects[k], se, p, mine / total * (1.0 - min(1.0, p)), ordered)
 
 

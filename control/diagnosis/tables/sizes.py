@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from .algebra import Design, LeastSquares, least_squares, orthonormal, projected_out, whitened
+from .noise import NO_SCATTER
 from .piece import Array, Candidate, IntArray, SizedEffect
 from .problem import Problem
 
@@ -44,7 +45,7 @@ def lack_of_fit(problem: Problem, effects: Sequence[SizedEffect], best: LeastSqu
         return 1.0, best.dof
     pure = float(np.sum((rest - means[problem.setting]) ** 2)) / pure_dof
     lack = float(np.sum(counts * means ** 2)) / lack_dof
-    if pure <= 0.0 or fisher.sf(lack / pure, lack_dof, pure_dof) >= LACK_OF_FIT_P:
+    if pure <= NO_SCATTER ** 2 or fisher.sf(lack / pure, lack_dof, pure_dof) >= LACK_OF_FIT_P:
         return 1.0, best.dof
     return max(1.0, float(np.sqrt(lack / best.variance))), float(lack_dof)
 
@@ -55,7 +56,7 @@ def settings_differ(rest: Array, setting: IntArray) -> bool:
     means = np.bincount(index, rest) / counts
     within = float(np.sum((rest - means[index]) ** 2))
     dof = len(rest) - len(kinds)
-    if dof < MIN_PURE_DOF or len(kinds) < 2 or within <= 0.0:
+    if dof < MIN_PURE_DOF or len(kinds) < 2 or within <= NO_SCATTER ** 2:
         return False
     between = float(np.sum(counts * means ** 2)) / len(kinds)
     return bool(fisher.sf(between / (within / dof), len(kinds), dof) < SETTINGS_P)

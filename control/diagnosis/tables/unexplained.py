@@ -14,6 +14,7 @@ from .null import DECIDED, DRAWS
 from .piece import Array, BoolArray, SizedEffect
 from .problem import Problem
 from .sizes import forms_of
+from .ties import first_best
 
 LEVEL = 0.003               # of a false alarm by the strongest dependence: what selection leaves of 1 % (see there)
 DEGREES = (1, 2, 4)         # of the Chebyshev polynomials tried over each setting
@@ -58,7 +59,7 @@ def remaining_structure(problem: Problem, effects: Sequence[SizedEffect], seed: 
     total = float(y @ y) + design.prior_rss
     dof = len(y) - explained.shape[1] + design.prior_dof
     ps = _f_test_ps(y[None, :], np.array([total]), tried, dof, [_min_variance(one, design) for one in tried])[0]
-    best = tried[int(np.argmin(ps))]
+    best = tried[first_best(-ps)]
     p = _of_the_search(float(ps.min()), tried, explained, design, dof, seed)
     size = best.unit.shape[1]
     found = float(np.sum((best.unit.T @ y) ** 2))
