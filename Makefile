@@ -1,9 +1,9 @@
-# Two commands do everything on a fresh machine: `make run` and `make test`.
+# Two commands do everything on a fresh machine: `make run` and `make test`. `make exam` is what takes long of the tests.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check lock licences release benchmark-diagnosis benchmark-diagnosis-peers clean
+.PHONY: run test exam check lock licences release benchmark-diagnosis benchmark-diagnosis-peers clean
 
 # Exactly the packages of the lock file, by their hashes; nothing else is fetched, not even to build.
 $(VENV)/.installed: pyproject.toml requirements/dev.txt
@@ -17,6 +17,10 @@ run: $(VENV)/.installed
 
 test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n 2
+
+# Hidden examinations, long logs, many kills, minutes of odd files: tests marked `exam`.
+exam: $(VENV)/.installed
+	$(BIN)/python -m pytest -n 2 -m exam
 
 check: $(VENV)/.installed
 	$(BIN)/ruff check .

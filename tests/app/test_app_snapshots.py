@@ -1,4 +1,4 @@
-"""The look of Run and Replay, held still: sizes, themes, languages. Update with --snapshot-update after looking."""
+"""The look of every page, held still: sizes, themes, languages. After looking: `-m "" --snapshot-update`."""
 from __future__ import annotations
 
 import pytest
@@ -13,7 +13,16 @@ EXTRA = (
 )
 
 
-@pytest.mark.parametrize("picture", [*PICTURES, *EXTRA], ids=lambda picture: picture.name)
+# Of the quick set: every page once, both sizes, both languages, night, alarms. The others are of the exam.
+QUICK = {"run-120x40-alarms", "run-80x24-day", "run-120x40-zh", "run-check-120x40-day", "map-120x40-day",
+         "map-laid-80x24-night", "trends-120x40-night", "replay-120x40-day", "diagnosis-120x40-day",
+         "devices-80x24-day", "calibrate-running-120x40", "job-120x40-day", "job-120x40-zh", "settings-80x24-day",
+         "alarm-list-100x30"}
+
+
+@pytest.mark.parametrize("picture", [
+    pytest.param(picture, id=picture.name, marks=() if picture.name in QUICK else pytest.mark.exam)
+    for picture in (*PICTURES, *EXTRA)])
 def test_screen(snap_compare, picture):
     app, _clock = still_app(picture)
 

@@ -54,6 +54,7 @@ def test_another_run_is_the_same_machine_on_another_drive(case: Any, other: Any)
     assert np.std(changed.hidden["heads"]) == 0.0
 
 
+@pytest.mark.exam
 def test_the_truth_takes_everything_away_and_its_opposite_makes_it_worse(bench: Any, case: Any, other: Any) -> None:
     machine, stage = Machine(), case.truth["outside"]["channel"]
     b = bench.beyond_other_run

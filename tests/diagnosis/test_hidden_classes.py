@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.exam
+
 HIDDEN = Path(__file__).parent / "hidden"
 MODULES = ("another_run", "cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect",
            "extras", "logged", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases", "runlog",

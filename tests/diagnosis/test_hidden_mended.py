@@ -10,6 +10,8 @@ from control.diagnosis.runs.diagnose import diagnose_run
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
+pytestmark = pytest.mark.exam
+
 WRONG_ONCE = [
     pytest.param(9, 123, ("single", "lookalike", "pair"),
                  id="a dead band between two commands: the likelihood has one narrow peak"),

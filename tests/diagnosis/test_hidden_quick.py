@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.exam
+
 REPO = Path(__file__).resolve().parents[2]
 TABLES_SEED, SEED = 2024, 60231
 STRONG_Z = 8.0

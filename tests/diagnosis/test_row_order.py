@@ -64,6 +64,7 @@ def test_rows_of_others_are_put_in_order_and_said(work: Columns, rewritten: Call
         assert any(said in finding for finding in seen.findings), "the scale tells which of them was moved"
 
 
+@pytest.mark.exam
 def test_what_one_drive_answers_late_is_no_order_of_rows(work: Columns) -> None:
     slow = {**work, "shaft_rpm": np.r_[work["shaft_rpm"][:2], work["shaft_rpm"][:-2]]}
     assert as_said(slow).findings == gate(slow).findings

@@ -60,7 +60,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(work, machine, id_, channel)
     assert box.gain == pytest.approx(2.0 * best * (x @ y) - best ** 2 * (x @ x), rel=0.1)
 
 
-@pytest.mark.parametrize(("from_s", "to_s"), [(150.0, 260.0), (300.0, 380.0)])
+@pytest.mark.parametrize(("from_s", "to_s"), [pytest.param(150.0, 260.0, marks=pytest.mark.exam), (300.0, 380.0)])
 def test_a_shaft_that_is_slow_for_a_while_is_named_with_both_times(work, machine, from_s, to_s):
     """2 % for a fifth of the log: neither all along nor from then on."""
     there = (work["time_s"] >= from_s) & (work["time_s"] < to_s)

@@ -46,6 +46,7 @@ def noisy(machine: Machine) -> Machine:
     return machine.model_copy(update={"noise": machine.noise.model_copy(update={"wheel_mps": NOISY_WHEEL_MPS})})
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize(("strategy", "follows"), [(Strategy.SPEED_FIRST, "shaft_rpm"),
                                                    (Strategy.OPENING_FIRST, "opening_mm")])
 def test_a_speed_sensors_own_noise_is_no_finding(setup: Setup, strategy: Strategy, follows: str,
@@ -68,6 +69,7 @@ def test_specks_are_worth_no_verdict(share: float, field_percent: float, worth: 
     assert unexplained.significant(found, 0.0) is worth
 
 
+@pytest.mark.exam
 def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup) -> None:
     effects = (Planted("flow.fill_falloff", 12.0), Planted("shaft.voltage_sag", 3.0))
     known = setup.machine
@@ -81,6 +83,7 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
     assert after.place_error_m < before.place_error_m + 0.02
 
 
+@pytest.mark.exam
 def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> None:
     log = str(tmp_path / "a.csv")
     runner = CliRunner()

@@ -60,18 +60,19 @@ def terms_of(found: Diagnosis) -> list[tuple[str, str, list[str]]]:
     return [(t.term["acts_on"], t.term["form"], sorted(v["name"] for v in t.term["over"])) for t in found.terms]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])
 def test_where_nothing_is_nothing_is_found(seed: int) -> None:
     found = diagnose_run(shaft_log(seed=seed), Machine())
     assert (found.verdict, found.terms) == ("none", ())
 
 
 @pytest.mark.parametrize(("text", "form", "over"), [
-    ("shaft_percent slope roll_deg slope=0.4", "slope", ["roll_deg"]),
-    ("shaft_percent hinge pitch_deg at=0.5 above=0.6", "hinge", ["pitch_deg"]),
     ("shaft_percent product supply_v,roll_deg slope=1 at=13.5", "product", ["roll_deg", "supply_v"]),
-    ("shaft_percent memory roll_deg bend=1 tau_s=12", "memory", ["roll_deg"]),
-    ("shaft_percent slope engine_torque_nm slope=-0.02 at=300", "slope", ["engine_torque_nm"])])
+    *(pytest.param(*one, marks=pytest.mark.exam) for one in (
+        ("shaft_percent slope roll_deg slope=0.4", "slope", ["roll_deg"]),
+        ("shaft_percent hinge pitch_deg at=0.5 above=0.6", "hinge", ["pitch_deg"]),
+        ("shaft_percent memory roll_deg bend=1 tau_s=12", "memory", ["roll_deg"]),
+        ("shaft_percent slope engine_torque_nm slope=-0.02 at=300", "slope", ["engine_torque_nm"])))])
 def test_a_term_is_found_with_its_variables_and_form(text: str, form: str, over: list[str]) -> None:
     columns = shaft_log(text)
     found = diagnose_run(columns, Machine())
@@ -250,7 +251,7 @@ def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:
     assert np.mean(one - other) == pytest.approx(by, rel=0.2)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.exam)])
 def test_a_term_is_told_without_the_name_that_is_only_suspected_beside_it(seed: int) -> None:
     """No machine file takes up what is suspected: the term's sizes must be right without it."""
     text = "shaft_rpm saturation shaft_rpm slope=0.02 low_end=40 high_end=70 level=-0.4"
@@ -279,6 +280,6 @@ def test_the_wheel_may_depend_on_a_product_with_the_speed() -> None:
     assert terms_of(found) == [("wheel_percent", "product", ["roll_deg", "speed_mps"])]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])
 def test_the_noise_of_the_speed_that_the_wheel_is_held_against_is_no_term(seed: int) -> None:
     assert diagnose_run(wheel_log(lambda roll, speed: 0.0, seed), NOMINAL).terms == ()
