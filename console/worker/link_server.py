@@ -3,8 +3,11 @@
 Each client gets the newest frame (the host makes up to 20 a second); a client that has not taken the last one yet
 misses frames rather than being waited for. Clients that hold the token may order; the others look.
 
-Everybody on this computer can connect. Places are therefore kept for those who have shown the token; those who only
-look have places of their own, and who says nothing is disconnected.
+Everybody on this computer can connect, and send as much as he likes. So whoever has shown the token comes first: those
+are heard the moment they say something, a bounded number of lines each. All others take turns `STRANGERS_S` apart, a
+few lines each, and so many of them are let in and no more. Who was refused too often is put aside: he is not read any
+more, so that he waits for us, and is then disconnected. Places are kept for those who have shown the token; those who
+only look have places of their own, and who says nothing is disconnected.
 """
 from __future__ import annotations
 
@@ -15,81 +18,33 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from enum import Enum, auto
 from functools import partial
 from typing import Any
 
 from console.worker import wire
+from console.worker.client import Client, Kind
 from console.worker.host import Host
 from console.worker.limits import (
+    ACCEPTS_A_TURN,
+    ASIDE_S,
     CLIENTS_LOOKING,
     CLIENTS_NEW,
     CLIENTS_WITH_KEY,
     HELLO_S,
     LINE_BYTES,
-    SEND_BUFFER_BYTES,
-    UNREAD_BYTES,
+    LINES_A_TURN,
+    LINES_A_TURN_WITHOUT_KEY,
+    READ_BYTES_WITHOUT_KEY,
+    STRANGERS_S,
 )
-from console.worker.requests import Ask, Refusal, parse
+from console.worker.requests import Ask, Refusal, Request, parse
 from control.orders import Answer
 
 LOOK_S = 0.01                 # how often a new frame or answer is looked for while somebody is attached
 IDLE_S = 0.1                  # and while nobody is
-
-
-class Kind(Enum):
-    NEW = auto()              # has said nothing yet
-    LOOKING = auto()
-    WITH_KEY = auto()
-
+PAUSE_S = 0.005               # between two turns of a holder of the token who says more than a turn takes
 
 PLACES = {Kind.LOOKING: CLIENTS_LOOKING, Kind.WITH_KEY: CLIENTS_WITH_KEY}
-
-
-class Client:
-    """One connection: bytes not yet a whole line, and bytes not yet taken."""
-
-    def __init__(self, connection: socket.socket, came_s: float) -> None:
-        connection.setblocking(False)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.connection = connection
-        self.came_s = came_s
-        self.kind = Kind.NEW
-        self.received = bytearray()
-        self.unsent = bytearray()
-        self.gone = False
-
-    def send(self, data: bytes) -> None:
-        """Queue behind what is unsent and send as much as the socket takes; a client too far behind is gone."""
-        self.unsent += data
-        self.flush()
-        if len(self.unsent) > UNREAD_BYTES:
-            self.gone = True
-
-    def flush(self) -> None:
-        try:
-            while self.unsent:
-                del self.unsent[:self.connection.send(self.unsent)]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self.gone = True
-
-    def lines(self) -> list[bytes]:
-        """Whole lines received by now."""
-        try:
-            got = self.connection.recv(LINE_BYTES)
-        except BlockingIOError:
-            return []
-        except OSError:
-            got = b""
-        if not got:
-            self.gone = True
-            return []
-        *lines, rest = (self.received + got).split(b"\n")
-        self.received = rest
-        return [bytes(line) for line in lines]
 
 
 class LinkServer(threading.Thread):
@@ -105,8 +60,10 @@ class LinkServer(threading.Thread):
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._clients: list[Client] = []
-        self._chooser = selectors.DefaultSelector()
-        self._chooser.register(self._listener, selectors.EVENT_READ)
+        self._holders = selectors.DefaultSelector()          # sockets of those who have shown the token
+        self._strangers = selectors.DefaultSelector()        # the listener, and all others
+        self._strangers.register(self._listener, selectors.EVENT_READ)
+        self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
         self._sent_seq = -1
         self._closing = threading.Event()
@@ -115,17 +72,17 @@ class LinkServer(threading.Thread):
         last = False
         while not last:
             last = self._closing.is_set()              # what was queued before `close` still goes out
-            for key, _ in self._chooser.select(LOOK_S if self._clients else IDLE_S):
-                if key.data is None:
-                    self._accept()
-                else:
-                    self._guarded(key.data)
+            self._wait()
+            self._hear_holders()
             self._tell()
-            self._end_the_silent()
+            if self._clock() >= self._strangers_due_s:
+                self._hear_strangers()
+                self._strangers_due_s = self._clock() + STRANGERS_S
             self._forget_the_gone()
         for client in self._clients:
             client.connection.close()
-        self._chooser.close()
+        self._holders.close()
+        self._strangers.close()
         self._listener.close()
 
     def close(self, timeout_s: float = 1.0) -> None:
@@ -133,9 +90,43 @@ class LinkServer(threading.Thread):
         if self.is_alive():
             self.join(timeout_s)
 
+    # --- whose turn it is --------------------------------------------------------------------------------------------
+
+    def _wait(self) -> None:
+        """Until a holder of the token says something, or a frame may be there, or strangers have their turn."""
+        holders = [client for client in self._clients if client.kind is Kind.WITH_KEY]
+        if any(client.waits for client in holders):
+            self._closing.wait(PAUSE_S)                # the loop needs the interpreter too
+        elif holders:
+            self._holders.select(LOOK_S)
+        else:
+            self._strangers.select(LOOK_S if self._clients else IDLE_S)
+            self._closing.wait(max(0.0, self._strangers_due_s - self._clock()))
+
+    def _hear_holders(self) -> None:
+        for client in self._ready(self._holders, Kind.WITH_KEY):
+            self._guarded(client)
+
+    def _hear_strangers(self) -> None:
+        """One turn of all who have not shown the token: those who are there, then those who come."""
+        for client in self._ready(self._strangers, Kind.NEW, Kind.LOOKING):
+            self._guarded(client)
+        self._accept()
+        self._end_the_silent()
+
+    def _ready(self, chooser: selectors.BaseSelector, *kinds: Kind) -> list[Client]:
+        """Who of these has something to be heard. Nothing waits here."""
+        if not chooser.get_map():                      # Windows cannot choose from nothing
+            return []
+        new = {id(key.data) for key, _ in chooser.select(0.0) if key.data is not None}
+        return [client for client in self._clients if client.kind in kinds and client.aside_s is None
+                and not client.gone and (client.waits or id(client) in new)]
+
+    # --- coming and going --------------------------------------------------------------------------------------------
+
     def _accept(self) -> None:
         """Those who wait to be let in, a bounded number in one turn."""
-        for _ in range(CLIENTS_NEW):
+        for _ in range(ACCEPTS_A_TURN):
             try:
                 connection, _ = self._listener.accept()
             except OSError:
@@ -143,25 +134,40 @@ class LinkServer(threading.Thread):
             self._make_room()
             client = Client(connection, self._clock())
             self._clients.append(client)
-            self._chooser.register(connection, selectors.EVENT_READ, client)
+            self._strangers.register(connection, selectors.EVENT_READ, client)
             client.send(wire.greeting(os.getpid()))
 
     def _make_room(self) -> None:
-        """No more new clients than allowed: the oldest that still has nothing to say gives its place."""
+        """No more new clients than allowed: who was put aside gives his place, then the oldest that still has nothing
+        to say."""
         while len(new := [c for c in self._clients if c.kind is Kind.NEW and not c.gone]) >= CLIENTS_NEW:
-            self._guarded(new[0])
-            self._drop_silent(new[0])
+            oldest = next((client for client in new if client.aside_s is not None), new[0])
+            if oldest.aside_s is None:
+                self._guarded(oldest)
+            self._drop_silent(oldest)
 
     def _end_the_silent(self) -> None:
-        late_s = self._clock() - HELLO_S
+        now_s = self._clock()
         for client in self._clients:
-            if client.came_s < late_s:
+            if client.came_s < now_s - HELLO_S:
                 self._drop_silent(client)
+            if client.aside_s is not None and client.aside_s < now_s - ASIDE_S:
+                client.gone = True
 
     def _drop_silent(self, client: Client) -> None:
         if client.kind is Kind.NEW and not client.gone:
             self.counts["clients_silent"] += 1
             client.gone = True
+
+    def _forget_the_gone(self) -> None:
+        for client in [c for c in self._clients if c.gone]:
+            self._clients.remove(client)
+            for chooser in (self._holders, self._strangers):
+                if client.connection in chooser.get_map():
+                    chooser.unregister(client.connection)
+            client.connection.close()
+
+    # --- what is said ------------------------------------------------------------------------------------------------
 
     def _guarded(self, client: Client) -> None:
         """A client whose lines raise is put aside: it ends, nobody else."""
@@ -172,20 +178,36 @@ class LinkServer(threading.Thread):
             client.gone = True
 
     def _hear(self, client: Client) -> None:
-        lines = client.lines()
-        if len(client.received) > LINE_BYTES:
+        with_key = client.kind is Kind.WITH_KEY
+        lines = client.lines(LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
+                             LINE_BYTES if with_key else READ_BYTES_WITHOUT_KEY)
+        if client.oversized:
             self.counts["oversized"] += 1
             client.gone = True
         for line in lines:
-            if line.strip():
+            if client.aside_s is None and not client.gone:
                 self._take(client, line)
 
     def _take(self, client: Client, line: bytes) -> None:
-        request = parse(line, self._token)
-        if isinstance(request, Refusal):
+        request = parse(line, self._token) if line.strip() else None
+        if isinstance(request, Request) and request.with_key:
+            self._take_request(client, request)
+        elif not client.patience.spend(self._clock()) and client.kind is not Kind.WITH_KEY:
+            self._put_aside(client)
+        elif isinstance(request, Request):
+            self._take_request(client, request)
+        elif isinstance(request, Refusal):
             self.counts[request.kind] += 1
             client.send(wire.answered(request.id, Answer(False, request.why), {}))
-            return
+
+    def _put_aside(self, client: Client) -> None:
+        """Not heard any more, nor looked at: what else he sends stays in his own buffer."""
+        self.counts["clients_put_aside"] += 1
+        client.aside_s = self._clock()
+        self._strangers.unregister(client.connection)
+        client.send(wire.answered(None, Answer(False, "refused too often"), {}))
+
+    def _take_request(self, client: Client, request: Request) -> None:
         if not self._has_place(client, Kind.WITH_KEY if request.with_key else Kind.LOOKING):
             self.counts["clients_refused"] += 1
             client.gone = True
@@ -203,6 +225,9 @@ class LinkServer(threading.Thread):
             return True
         if sum(1 for other in self._clients if other.kind is kind) >= PLACES[kind]:
             return False
+        if kind is Kind.WITH_KEY:
+            self._strangers.unregister(client.connection)
+            self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
         return True
 
@@ -226,16 +251,10 @@ class LinkServer(threading.Thread):
             self.counts["frames_not_finite"] += 1
             return
         for client in self._clients:
-            if client.kind is Kind.NEW:
+            if client.kind is Kind.NEW or client.aside_s is not None:
                 continue
             client.flush()
-            if client.unsent:
+            if client.behind:
                 self.counts["dropped_frames"] += 1
             else:
                 client.send(data)
-
-    def _forget_the_gone(self) -> None:
-        for client in [c for c in self._clients if c.gone]:
-            self._clients.remove(client)
-            self._chooser.unregister(client.connection)
-            client.connection.close()

@@ -20,7 +20,7 @@ import pytest
 
 from console.link import Link, WorkerGone
 from console.running import Where, WorkerFailed, find_running, start_worker
-from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES
+from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES, REFUSALS
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
 
@@ -273,6 +273,78 @@ async def test_a_client_that_never_reads_stalls_nobody(running, attach):
     assert link.newest.seq - first > 80                           # 100 ticks went by
     assert await link.order(Order(Do.START)) == Answer(True)
     lazy.close()
+
+
+STRANGER = textwrap.dedent("""
+    import socket, sys
+    while True:
+        try:
+            with socket.create_connection(("127.0.0.1", int(sys.argv[1])), timeout=2.0) as one:
+                while True:
+                    one.settimeout(2.0)
+                    one.sendall(b"x\\n" * 30000)
+                    one.setblocking(False)
+                    try:
+                        while one.recv(1 << 16):
+                            pass
+                    except BlockingIOError:
+                        pass
+        except OSError:
+            pass
+""")
+
+
+async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
+    """Each line of theirs was parsed and answered before a word of the console was read: 1.3 s with eight of them."""
+    where = running()
+    link = await attach(where)
+    crowd = [subprocess.Popen([sys.executable, "-c", STRANGER, str(where.port)]) for _ in range(8)]
+    try:
+        await asyncio.sleep(2.0)
+        took = []
+        for _ in range(9):
+            began_s = time.monotonic()
+            assert await link.order(Order(Do.STOP), 10.0) == Answer(True)
+            took.append(time.monotonic() - began_s)
+            await asyncio.sleep(0.1)
+        assert sorted(took)[4] < 0.4
+        assert link.newest.row.speed_mps < 1.5                        # the fake shows the console's age there
+        stats = await link.stats(10.0)
+        assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * REFUSALS * 10
+        assert (await attach(where)).newest is not None               # and a second console gets in
+    finally:
+        for one in crowd:
+            one.kill()
+            one.wait()
+
+
+async def test_a_client_that_only_looks_is_put_aside_when_it_goes_on_asking(running, attach):
+    where = running()
+    link = await attach(where)
+    client = look(where)
+    assert answers(client, 1)[0]["accepted"]
+    client.sendall(b'{"id": 2, "token": null, "do": "start"}\n' * 100)
+    said = answers(client, REFUSALS)
+    assert [one["why"] for one in said] == ["unauthorised"] * (REFUSALS - 1) + ["refused too often"]
+    client.settimeout(10)
+    assert await asyncio.to_thread(closed, client)
+    assert await link.order(Order(Do.START)) == Answer(True)
+
+
+async def test_a_console_that_floods_costs_the_others_little(running, attach):
+    """With the key: never put aside, and never more than its lines a turn; stop is taken before all that waits."""
+    where = running()
+    link = await attach(where)
+    client = raw(where)
+    client.setblocking(False)
+    ask = json.dumps({"id": 1, "token": where.token, "ask": "stats"}).encode() + b"\n"
+    for _ in range(5):
+        with contextlib.suppress(BlockingIOError):
+            client.send(ask * 400)
+        began_s = time.monotonic()
+        assert await link.order(Order(Do.STOP), 10.0) == Answer(True)
+        assert time.monotonic() - began_s < 1.0
+    client.close()
 
 
 def look(where: Where) -> socket.socket:

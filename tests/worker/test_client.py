@@ -1,0 +1,68 @@
+"""One connection of the link, over a pair of sockets."""
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from console.worker.client import Client, Patience
+from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS
+
+
+@pytest.fixture
+def pair():
+    listener = socket.create_server(("127.0.0.1", 0))
+    far = socket.create_connection(listener.getsockname())
+    near, _ = listener.accept()
+    client = Client(near, 0.0)
+    yield client, far
+    for one in (listener, far, near):
+        one.close()
+
+
+def sent(far, data):
+    far.sendall(data)
+    far.setblocking(True)
+
+
+def test_lines_come_a_bounded_number_at_a_time_and_none_is_lost(pair):
+    client, far = pair
+    sent(far, b"".join(b"%d\n" % k for k in range(100)) + b"rest")
+    found = []
+    while len(found) < 100:
+        some = client.lines(7, 64)
+        assert len(some) <= 7
+        found += some
+    assert found == [b"%d" % k for k in range(100)]
+    sent(far, b" of it\n")
+    while not (last := client.lines(7, 64)):
+        pass
+    assert last == [b"rest of it"]
+
+
+def test_nothing_is_read_while_lines_wait(pair):
+    """What is not read fills the sender's buffer: he waits, and costs nothing."""
+    client, far = pair
+    sent(far, b"x\n" * 2000)
+    while not client.lines(1, 64):
+        pass
+    for _ in range(31):
+        assert client.lines(1, 64) == [b"x"]
+    assert not client.waits and not client.oversized
+
+
+def test_lines_before_the_end_of_a_connection_are_taken(pair):
+    client, far = pair
+    sent(far, b"one\ntwo\nthree\n")
+    far.close()
+    assert client.lines(1, LINE_BYTES) == [b"one"] and not client.gone
+    assert client.lines(9, LINE_BYTES) == [b"two", b"three"] and not client.gone
+    assert client.lines(9, LINE_BYTES) == [] and client.gone
+
+
+def test_so_many_refusals_at_once_then_one_a_while():
+    patience = Patience(0.0)
+    assert [patience.spend(0.0) for _ in range(REFUSALS + 2)] == [True] * REFUSALS + [False, False]
+    assert not patience.spend(0.9 * REFUSAL_AGAIN_S) and patience.spend(1.0 * REFUSAL_AGAIN_S)
+    assert not patience.spend(1.5 * REFUSAL_AGAIN_S)
+    assert [patience.spend(1000.0) for _ in range(REFUSALS + 1)] == [True] * REFUSALS + [False]
