@@ -201,7 +201,7 @@ def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
 def _tell_applied(applied: AsApplied) -> None:
     t = applied.totals
     typer.echo(f"applied      {t.applied_kg:.2f} kg of {applied.product.name} ({t.applied_n_kg:.2f} kg N) on "
-               f"{t.area_ha:.4f} ha, mean {t.mean_rate_kg_ha or 0.0:.1f} kg/ha")
+               f"{applied.worked_ha:.4f} ha, mean {applied.mean_kg_ha:.1f} kg/ha")
     error = "" if t.error_percent is None else f", applied {t.error_percent:+.2f} %"
     typer.echo(f"target       {t.target_kg:.2f} kg{error}")
     if (cut := applied.cut) is not None:

@@ -24,14 +24,15 @@ HELD_WORDS = ("<p>The target is what control held for each stretch, in steps. Wh
 def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
     """A whole HTML page, pictures inside, nothing fetched from elsewhere: a sheet to hand over. Needs matplotlib."""
     t = applied.totals
-    said = f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(t.area_ha, 3)} ha"
+    said = f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(applied.worked_ha, 3)} ha"
     sums = facts([
-        ("area worked", f"{fixed(t.area_ha, 4)} ha, overlaps included"),
+        ("area worked", f"{fixed(applied.worked_ha, 4)} ha, overlaps included, by the places of the material (by speed "
+                        f"and time {fixed(t.area_ha, 4)} ha)"),
         *(() if t.covered_ha is None or t.overlap_ha is None else ((
             "ground covered", f"{fixed(t.covered_ha, 4)} ha, each place once; {fixed(t.overlap_ha, 4)} ha passed over "
                               "again"),)),
         *(() if t.doses is None else (("doses", f"{t.doses}, plants missed: {t.doses_missed or 0}"),)),
-        ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(t.mean_rate_kg_ha, 4)} kg/ha"),
+        ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(applied.mean_kg_ha, 4)} kg/ha"),
         ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"
                    if t.error_percent is not None else "none logged"),
         *(() if applied.cut is None else (("above the crop's limit", f"{fixed(applied.cut.area_ha, 4)} ha wanted up to "

@@ -71,7 +71,9 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
             held_s += min(step_s, MOST_STEP_S)
         runs_out = row.shaft_rpm >= 0.5 * machine.limits.shaft_low_rpm
         worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or runs_out)
-        if row.time_s > snapshot.sums_s and worked and step_s <= MOST_STEP_S:
+        if not worked:
+            sums.rest()
+        elif row.time_s > snapshot.sums_s and step_s <= MOST_STEP_S:
             sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha, row.open_share)
     width_m, last, after_cut_kg = machine.geometry.working_width_m, rows[-1], 0.0
     cut_hopper_kg = _hopper_kg(rows, width_m)

@@ -4,13 +4,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+ARRIVED = 0.1           # of the target; a standing shaft reads up to 1 r/min, some 1 % of it
 _BIN_KG_HA = 0.25       # of the rate histogram behind C_uc; its error is below this over the mean rate
 
 
 class Totals(NamedTuple):
     """Frozen. Rates are means over worked area; None before any was worked."""
 
-    area_ha: float                       # worked: open width x way, overlaps included
+    area_ha: float                       # worked: open width x way while material left, overlaps included
     applied_kg: float
     applied_n_kg: float
     target_kg: float                     # of the area whose target was known
@@ -41,6 +42,25 @@ class Sums(NamedTuple):
 NOTHING = Sums()
 
 
+class Arrival:
+    """Has material come since work began, or is none wanted? Until then no ground gets any: at a pass's begin the
+    drives take their dead time before anything leaves, and the last of the pass runs out as much later. Way in which
+    nothing leaves yet, counted beside the way in which the last runs out, makes each pass longer than it is."""
+
+    def __init__(self) -> None:
+        self._here = False
+
+    def rest(self) -> None:
+        """No work goes on."""
+        self._here = False
+
+    def counts(self, applied_rate_kg_ha: float, target_rate_kg_ha: float | None) -> bool:
+        """Whether a tick of work adds ground; a target of 0, or none, does with nothing applied."""
+        wanted = 0.0 if target_rate_kg_ha is None else target_rate_kg_ha
+        self._here = self._here or applied_rate_kg_ha >= ARRIVED * wanted
+        return self._here
+
+
 class Totaliser:
     """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1. before: to go on from.
 
@@ -52,6 +72,7 @@ class Totaliser:
             raise ValueError(f"width {width_m:g} m: allowed is above 0")
         if not 0.0 <= product_n_fraction <= 1.0:
             raise ValueError(f"product_n_fraction {product_n_fraction:g}: allowed is 0 to 1")
+        self._arrival = Arrival()
         self._width_m = width_m
         self._n_fraction = product_n_fraction
         self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg, bins = before
@@ -64,17 +85,20 @@ class Totaliser:
                     tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()))
 
     def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
-            target_rate_kg_ha: float | None = None, open_share: float = 1.0) -> None:
-        """One tick of work. Call it only where work is done (working, speed above the lowest, flow wanted or not).
+            target_rate_kg_ha: float | None = None, open_share: float = 1.0) -> bool:
+        """One tick of work. Call it only where work is done (working, speed above the lowest, flow wanted or not), and
+        `rest` where none is. True: it was counted.
 
         step_s: time since the last tick, s. open_share: of the working width; the rates are those under it. What is not
-        known, not finite or negative adds nothing.
+        known, not finite or negative adds nothing, nor does way before material has come (`Arrival`).
         """
         if speed_mps is None or applied_rate_kg_ha is None:
-            return
+            return False
         area_ha = open_share * self._width_m * speed_mps * step_s / 10_000.0
         if not (0.0 < area_ha < math.inf and 0.0 <= applied_rate_kg_ha < math.inf):
-            return
+            return False
+        if not self._arrival.counts(applied_rate_kg_ha, target_rate_kg_ha):
+            return False
         kg = applied_rate_kg_ha * area_ha
         self._worked_s += step_s
         self._area_ha += area_ha
@@ -86,6 +110,11 @@ class Totaliser:
         if target_rate_kg_ha is not None and 0.0 <= target_rate_kg_ha < math.inf:
             self._known_kg += kg
             self._target_kg += target_rate_kg_ha * area_ha
+        return True
+
+    def rest(self) -> None:
+        """No work goes on in this tick."""
+        self._arrival.rest()
 
     @property
     def area_ha(self) -> float:

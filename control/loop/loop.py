@@ -363,9 +363,11 @@ class ControlLoop:
         applied = metered.rate_kg_ha
         runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
         if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out):
-            self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
-                             None if decision.by_point else decision.planned_kg_ha, metered.open_share)
-            self._hold_mean(moment, decision, applied * metered.trim)
+            if self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
+                                None if decision.by_point else decision.planned_kg_ha, metered.open_share):
+                self._hold_mean(moment, decision, applied * metered.trim)
+        else:
+            self._totals.rest()
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 

@@ -135,3 +135,29 @@ def test_doses_are_counted_from_the_logs_events(known_log: RunLog) -> None:
     events[100], events[120], events[140] = "dose 120", "mark x;dose 120", "dose_missed busy"
     counted = as_applied(dataclasses.replace(known_log, columns=known_log.columns | {"events": events})).totals
     assert (counted.doses, counted.doses_missed) == (2, 1)
+
+
+def _changed(log: RunLog, **columns: np.ndarray) -> RunLog:
+    return dataclasses.replace(log, columns=dict(log.columns) | columns)
+
+
+def test_area_worked_is_one_of_places(known_log: RunLog, applied: AsApplied) -> None:
+    """A wheel that reads 1 % fast makes a way longer, not the ground; the mean is what fell over the ground."""
+    true_ha = 60.0 * SPEED_MPS * WIDTH_M / 10_000.0
+    fast = as_applied(_changed(known_log, speed_used_mps=1.0104 * known_log.numbers("speed_used_mps"),
+                               applied_rate_kg_ha=known_log.numbers("applied_rate_kg_ha") / 1.0104))
+    for found in (applied, fast):
+        assert found.worked_ha == pytest.approx(true_ha, rel=0.004)
+        assert found.mean_kg_ha == pytest.approx(296.0, rel=0.005)
+    assert fast.totals.area_ha == pytest.approx(1.0104 * true_ha), "the log's own sum goes by its speed"
+
+
+def test_a_pass_begins_where_material_comes(known_log: RunLog) -> None:
+    """0.4 s of dead time at the begin of work: wanted, the shaft stands and reads a little; no ground yet."""
+    early = known_log.time_s < 0.4
+    applied_kg_ha = np.where(early, 1.5, known_log.numbers("applied_rate_kg_ha"))
+    found = as_applied(_changed(known_log, applied_rate_kg_ha=applied_kg_ha))
+    assert found.totals.worked_s == pytest.approx(60.0 - 0.35, abs=0.051)
+    nothing_wanted = _changed(known_log, applied_rate_kg_ha=np.where(early, 0.0, applied_kg_ha),
+                              target_rate_kg_ha=np.where(early, 0.0, known_log.numbers("target_rate_kg_ha")))
+    assert as_applied(nothing_wanted).totals.worked_s == pytest.approx(60.0, abs=0.01), "ground with a rate of 0 counts"

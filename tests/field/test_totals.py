@@ -85,3 +85,20 @@ def test_what_cannot_be_is_refused():
         Totaliser(0.0, 0.45)
     with pytest.raises(ValueError, match="product_n_fraction"):
         Totaliser(2.4, 46.0)
+
+
+def test_a_pass_is_as_long_as_its_ground():
+    """Dead time at its begin, run-out at its end: counted both, each pass is longer by one of them."""
+    totals = Totaliser(2.4, 0.45)
+    for _ in range(2):
+        for _ in range(8):
+            assert not totals.add(0.05, 1.25, 2.0, 300.0)
+        for _ in range(1912):
+            assert totals.add(0.05, 1.25, 300.0, 300.0)
+        for _ in range(8):
+            assert totals.add(0.05, 1.25, 300.0, 0.0)
+        totals.rest()
+    done = totals.snapshot()
+    assert done.area_ha == pytest.approx(0.0576) and done.mean_rate_kg_ha == pytest.approx(300.0)
+    assert totals.add(0.05, 1.25, 0.0, 0.0) and not Totaliser(2.4, 0.45).add(0.05, 1.25, 0.0, 300.0)
+    assert Totaliser(2.4, 0.45).add(0.05, 1.25, 0.0), "where no target is known, all work counts"

@@ -14,7 +14,7 @@ from control.agronomy.crop import Crop
 from control.agronomy.noa import prepare
 from control.field.across import Across, across
 from control.field.coverage import Coverage, Covered
-from control.field.totals import Totaliser, Totals
+from control.field.totals import Arrival, Totaliser, Totals
 from control.geodesy import Place, TangentPlane
 from control.log_row import HEAD_COLUMNS
 from control.machine.fall import drop_s
@@ -92,6 +92,18 @@ class AsApplied:
     field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
     cut: Cut | None                     # None: nothing was, or the limit is not known
     one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
+    ground: Covered | None = None       # worked, by where it lies: with what came to lie on it, and with a rate of 0
+
+    @property
+    def worked_ha(self) -> float:
+        """Ground worked, as its places have it, every time it was passed over; by speed and time where that is all."""
+        ground = self.ground
+        return self.totals.area_ha if ground is None else ground.area_ha + ground.overlap_ha
+
+    @property
+    def mean_kg_ha(self) -> float:
+        """All that was applied over the ground worked."""
+        return self.totals.applied_kg / self.worked_ha if self.worked_ha > 0.0 else 0.0
 
     @property
     def width_m(self) -> float:
@@ -122,12 +134,14 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
         raise ExportError(f"{log.path}: no row of work with a place: allowed is a log with some")
     product = product or _product(log)
     strips = strips_of(log, machine)
-    covered = _covered(rows, machine.geometry.working_width_m, strips)
+    width_m = machine.geometry.working_width_m
+    covered = _covered(rows, width_m, strips, rows.opened & (rows.applied_kg_ha > 0.0)[:, None])
+    ground = _covered(rows, width_m, strips, rows.opened)
     doses, missed = _doses(log)
     totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
                                                      doses=doses, doses_missed=missed)
     return AsApplied(log.path.stem, machine, product, _gathered(rows, strips, every_s), totals, _begin_utc(log),
-                     _field(log), _cut(log, rows, strips), _one_rate(log, machine))
+                     _field(log), _cut(log, rows, strips), _one_rate(log, machine), ground)
 
 
 class _Rows(NamedTuple):
@@ -154,7 +168,7 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     applied, speed = applied_rate_kg_ha(log), _speed_mps(log)
-    counts = is_worked(log) & (step > 0.0) & (step <= _most_step_s(log))
+    counts = has_arrived(log) & (step > 0.0) & (step <= _most_step_s(log))
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
     drop = falls_s(time, np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
@@ -216,6 +230,19 @@ def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
     off_field = np.asarray(log.texts("target_source") == TargetSource.NONE.value)
     turning = (log.numbers("shaft_rpm_cmd") > 0.0) | (log.numbers("shaft_rpm") > TURNING_RPM)
     return np.asarray(working & (~off_field | turning), dtype=np.bool_)
+
+
+def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
+    """Rows (n,) of work from the first on in which material left, or none was wanted, as the totals count them."""
+    arrival, found = Arrival(), is_worked(log)
+    applied = np.nan_to_num(log.numbers("applied_rate_kg_ha")).tolist()
+    for k, (works, rate, target) in enumerate(zip(found.tolist(), applied, log.numbers("target_rate_kg_ha").tolist(),
+                                                  strict=True)):
+        if works:
+            found[k] = arrival.counts(rate, None if target != target else target)
+        else:
+            arrival.rest()
+    return found
 
 
 def _outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
@@ -320,7 +347,7 @@ def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
     share = opened(log, machine) @ np.array([strip.share for strip in strips_of(log, machine)])
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
-    counts = is_worked(log) & (step <= _most_step_s(log))
+    counts = has_arrived(log) & (step <= _most_step_s(log))
     columns = (step, _speed_mps(log), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"), share)
     for seconds, speed, applied, target, wide in zip(*(column[counts].tolist() for column in columns), strict=True):
         totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
@@ -358,14 +385,15 @@ def _one_rate(log: RunLog, machine: Machine) -> Across | None:
     return across(rule, machine, heads[new])
 
 
-def _covered(rows: _Rows, width_m: float, strips: Sequence[Strip]) -> Covered:
-    """Ground on which something came to lie, each place once, and what was passed over again."""
+def _covered(rows: _Rows, width_m: float, strips: Sequence[Strip], flows: npt.NDArray[np.bool_]) -> Covered:
+    """Ground under the strips that `flows` (n, strips), each place once, and what was passed over again."""
     coverage = Coverage(width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips])
     way_m = np.cumsum(rows.speed_mps * rows.step_s)
     gap = np.concatenate(([True], np.diff(rows.time_s) > rows.step_s[1:] + 1e-6))
-    flows = rows.opened & (rows.applied_kg_ha > 0.0)[:, None]
     turns = np.concatenate(([False], np.any(flows[1:] != flows[:-1], axis=1)))
-    for k in np.flatnonzero(gap | turns | (np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0)).tolist():
+    last = np.concatenate((gap[1:], [True]))
+    strides = np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0
+    for k in np.flatnonzero(gap | turns | last | strides).tolist():
         if gap[k]:
             coverage.lay(_place(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips))
         coverage.lay(_place(rows.end_m[k]), float(rows.heading_deg[k]), flows[k - 1 if turns[k] else k].tolist())

@@ -53,8 +53,9 @@ def records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
 
 
 def summary(applied: AsApplied) -> dict[str, object]:
-    """The sums, in words and units for a machine to read; they are the log's own, row by row."""
+    """The sums, in words and units for a machine to read; they are the log's own, row by row. `worked_ha` and
+    `mean_kg_ha` go by the places of the material."""
     return {"format": "topdress-as-applied/1", "machine": applied.machine.id, "product": applied.product.name,
             "product_n_fraction": applied.product.n_fraction, "working_width_m": applied.width_m,
             "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
-            **applied.totals._asdict()}
+            "worked_ha": applied.worked_ha, "mean_kg_ha": applied.mean_kg_ha, **applied.totals._asdict()}
