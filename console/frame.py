@@ -16,6 +16,8 @@ from control.orders import Alarm, SectionState, Severity
 from control.safety import Allowances, BenchRun
 from drivers.device_status import DeviceStatus
 
+LEAST_HA = 1e-4             # 1 m2: less ground has no mean rate
+
 
 class DeviceDo(StrEnum):
     """What may be ordered of one device (`Link.device`)."""
@@ -109,6 +111,13 @@ class Frame:
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
     strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
+
+
+    @property
+    def mean_rate_kg_ha(self) -> float | None:
+        """Of the worked area; what was released while told to stand lies on none."""
+        stopped_kg = 0.0 if self.totals is None else self.totals.stopped_kg
+        return (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_HA else None
 
 
 _NAMED: dict[str, Any] = {"row": LogRow, "allow": Allowances, "totals": Totals, "bench": BenchRun,

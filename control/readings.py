@@ -38,6 +38,13 @@ class PlantSeen(NamedTuple):
     ahead_m: float
 
 
+class ValvesSeen(NamedTuple):
+    """How the sections' valves stand, left to right, by their own switches."""
+
+    time_s: float
+    open: tuple[bool, ...]
+
+
 class Measurements(NamedTuple):
     """Everything known at one control tick; values are the newest accepted, however old (see their time)."""
 
@@ -59,6 +66,7 @@ class Measurements(NamedTuple):
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
     speed_told: SpeedTold | None = None          # newest
     canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre
+    valves: ValvesSeen | None = None             # None: no valves, or a board that does not tell
 
 
 class SpeedTold(NamedTuple):

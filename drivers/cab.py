@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
-from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedTold
+from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedTold, ValvesSeen
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
 from drivers.cab_line import DatagramLine, DeviceLine
 from drivers.datagrams import Datagrams, open_datagrams, open_line
@@ -57,6 +57,7 @@ class Cab:
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
         self._readings: dict[str, Any] = dict.fromkeys(BOARD_READINGS)      # Reading or None
+        self._valves_seen: ValvesSeen | None = None
         self._work_switch: bool | None = None
         self._work_switch_s = 0.0
         self._switch_fitted = config.has_work_switch
@@ -102,6 +103,7 @@ class Cab:
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
                             drive_stopped=self._drive_stopped(), speed_told=self._speed_told, canopy_index=self._index,
+                            valves=self._valves_seen,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -262,6 +264,7 @@ class Cab:
             self.board = readings
             if readings.work_switch is not None:
                 self._note_work_switch(readings.work_switch, readings.time_s)
+            self._valves_seen = readings.valves
             for name in BOARD_READINGS:
                 value = getattr(readings, name)
                 if value is not None and not (name == "shaft_rpm" and self._module is not None):

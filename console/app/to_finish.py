@@ -38,7 +38,7 @@ def to_finish(frame: Frame | None, picture: FieldPicture | None) -> ToFinish:
     if planned is not None:
         left_kg = max(0.0, planned.mass_kg - frame.applied_kg)
     elif left_ha is not None and begun:
-        left_kg = left_ha * frame.applied_kg / frame.area_ha
+        left_kg = left_ha * (frame.mean_rate_kg_ha or 0.0)
     way_m = None if left_ha is None else left_ha * M2_PER_HA / picture.width_m
     worked_s = frame.totals.worked_s if frame.totals is not None else 0.0
     time_s = None

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from console.app import words
-from console.app.units import M2_PER_HA, Units
+from console.app.units import Units
 from console.frame import Frame
 from console.locale import _
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
@@ -20,7 +20,7 @@ RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but neve
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
 LAG_NOTE = "lag_out_of_range"
-PLACE_NOTES = ("already_spread", "on_headland")      # of the ground ahead: told while working only
+PLACE_NOTES = ("already_spread", "on_headland", "zero_")      # of the ground ahead: told while working only
 ERROR_SPAN = 0.30             # the error bar's end
 
 
@@ -216,7 +216,7 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
 def why_other_rate(frame: Frame) -> str:
     """Why nothing flows while working, else why the rate is not the one wanted; in words, empty where all is plain."""
     row, at_work = frame.row, frame.row.state in (None, "working")
-    notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or note not in PLACE_NOTES)]
+    notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or not note.startswith(PLACE_NOTES))]
     if at_work and frame.why_no_flow:
         notes = list(frame.why_no_flow)
     elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:
@@ -275,7 +275,6 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
     satellites = "--" if row.satellites is None else str(row.satellites)
     hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
     age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"
-    mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
     unsure = f"  ! {_('range')}" if LAG_NOTE in frame.notes else ""
     lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}{unsure}"
     trim = "--" if row.flow_trim is None else f"{row.flow_trim:.3f}"
@@ -288,7 +287,7 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
             Item(_("scale trim"), Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old)),
             Item(_("done"), Shown(units.area.full(frame.area_ha), old)))),
         Item(_("applied"), Shown(f"{units.mass.full(frame.applied_kg)}  "
-                                 f"{_('mean {rate}').format(rate=units.rate.full(mean))}", old)),
+                                 f"{_('mean {rate}').format(rate=units.rate.full(frame.mean_rate_kg_ha))}", old)),
     )
 
 

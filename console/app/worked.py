@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from console.frame import Frame
+from control.log_row import LogRow
 
 Floats = npt.NDArray[np.float64]
 Window = npt.NDArray[np.float32]       # (2 x kinds + 1, rows, columns): sums, counts, passages
@@ -23,6 +24,7 @@ KINDS = 3                              # applied, target, NDVI
 PLANES = 2 * KINDS + 1
 STEP_M = 0.4                           # shorter ways are not entered: standing still weighs nothing
 NOTHING_KG_HA = 1.0                    # less than this is passage, not application
+TURNING_RPM = 2.0                      # the lag paper's threshold of a shaft that turns
 JUMP_M = 12.0                          # places further apart are not joined
 MOST_TILES = 2_000                     # of one size of cell: 57 MB
 _TILE = 32                             # cells on a side
@@ -48,13 +50,21 @@ def spot_of(frame: Frame) -> Spot | None:
         return None
     row = frame.row
     at_work = row.state in (None, "working")           # None: a foreign log
+    lands = at_work or _turns_though_stopped(row)
 
     def known(value: float | None) -> float:
         return float("nan") if value is None else value
 
     return Spot(frame.place_m[0], frame.place_m[1], known(row.heading_deg),
-                known(row.applied_rate_kg_ha) if at_work else float("nan"),
+                known(row.applied_rate_kg_ha) if lands else float("nan"),
                 known(row.target_rate_kg_ha) if at_work else float("nan"), known(row.ndvi), open_bits(row.sections_cmd))
+
+
+def _turns_though_stopped(row: LogRow) -> bool:
+    """Out of work, told to stand, and the shaft turns: what it gives lies there all the same. What a calibrating run
+    gives lies in a tray."""
+    return (row.state != "calibrating" and row.shaft_rpm_cmd == 0.0 and row.shaft_rpm is not None
+            and row.shaft_rpm > TURNING_RPM)
 
 
 def open_bits(sections_cmd: str | None) -> float:

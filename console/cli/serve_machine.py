@@ -27,7 +27,8 @@ def serve_machine(
                                                      "the controller does not know (repeatable).")] = None,
     fault: Annotated[list[str] | None, typer.Option(
         metavar="KIND:DEVICE@FROM_S[+FOR_S]", help="Spoil a device's line: unplug, garbage, half_lines, frozen, "
-        "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of them.")] = None,
+        "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of them. Or a drive that does "
+        "not obey: shaft_turns:board, gate_opens:board.")] = None,
     host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65000,
                                       help="First TCP port; 0: any free ones.")] = 4100,

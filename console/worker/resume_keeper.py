@@ -160,7 +160,7 @@ class Keeper:
             self._done.lost()
             return
         self._done.pass_over(row.time_s, place_m, row.heading_deg,
-                             row.shaft_rpm if row.state in (State.WORKING, State.HELD) else 0.0,
+                             row.shaft_rpm if row.state != State.CALIBRATING else 0.0,
                              (row.applied_rate_kg_ha or 0.0) * (row.flow_trim or 1.0), row.sections_cmd)
 
     def _save(self) -> None:

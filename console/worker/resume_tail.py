@@ -35,6 +35,7 @@ class _Row(NamedTuple):
     hopper_kg: float | None
     state: str
     refill_kg: float
+    stopped_kg: float = 0.0         # entered as released while told to stand
     sections_cmd: str = ""
     open_share: float = 1.0         # of the working width
 
@@ -63,7 +64,7 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
         before_s = row.time_s
         antenna = plane.to_m(row.lat_deg, row.lon_deg)
         place = offset(antenna, row.heading_deg, -antenna_m)
-        flowing = row.state in (State.WORKING, State.HELD)
+        flowing = row.state != State.CALIBRATING        # its material lies in a tray
         applied = row.applied_rate_kg_ha * row.flow_trim
         done.pass_over(row.time_s, place, row.heading_deg, row.shaft_rpm if flowing else 0.0, applied,
                        row.sections_cmd)
@@ -75,6 +76,8 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
             sums.rest()
         elif row.time_s > snapshot.sums_s and step_s <= MOST_STEP_S:
             sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha, row.open_share)
+        if row.time_s > snapshot.sums_s:
+            sums.add_stopped(row.stopped_kg)
     width_m, last, after_cut_kg = machine.geometry.working_width_m, rows[-1], 0.0
     cut_hopper_kg = _hopper_kg(rows, width_m)
     flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
@@ -142,8 +145,7 @@ def _row(cells: dict[str, str]) -> _Row | None:
         return float(cells.get(name) or otherwise)
 
     try:
-        refills = [event.partition(" ")[2] for event in (cells.get("events") or "").split(";")
-                   if event.startswith("refill ")]
+        refills, stopped = (_told(cells.get("events") or "", word) for word in ("refill", "released_stopped"))
         return _Row(
             time_s=float(cells["time_s"]), lat_deg=float(cells["lat_deg"]), lon_deg=float(cells["lon_deg"]),
             heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
@@ -151,6 +153,11 @@ def _row(cells: dict[str, str]) -> _Row | None:
             applied_rate_kg_ha=known("applied_rate_kg_ha"), flow_trim=known("flow_trim", 1.0),
             target_rate_kg_ha=known("target_rate_kg_ha"),
             hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None, state=cells.get("state", ""),
-            refill_kg=sum(map(float, refills)), sections_cmd=cells.get("sections_cmd") or "")
+            refill_kg=refills, stopped_kg=stopped, sections_cmd=cells.get("sections_cmd") or "")
     except (KeyError, ValueError):
         return None
+
+
+def _told(events: str, word: str) -> float:
+    """Sum of what a row's events tell by this word. Raises ValueError."""
+    return sum(float(event.partition(" ")[2]) for event in events.split(";") if event.startswith(f"{word} "))

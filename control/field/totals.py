@@ -25,6 +25,7 @@ class Totals(NamedTuple):
     metres_left_m: float | None = None   # with what the hopper holds, at the present rate
     doses: int | None = None             # of point mode
     doses_missed: int | None = None
+    stopped_kg: float = 0.0              # of applied_kg: released while told to stand, on no area
 
 
 class Sums(NamedTuple):
@@ -37,6 +38,7 @@ class Sums(NamedTuple):
     known_kg: float = 0.0
     target_kg: float = 0.0
     bins: tuple[tuple[int, float, float], ...] = ()     # rate bin, ha, kg
+    stopped_kg: float = 0.0                             # released while told to stand
 
 
 NOTHING = Sums()
@@ -75,14 +77,15 @@ class Totaliser:
         self._arrival = Arrival()
         self._width_m = width_m
         self._n_fraction = product_n_fraction
-        self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg, bins = before
+        self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg, bins, \
+            self._stopped_kg = before
         self._bins = {key: (ha, kg) for key, ha, kg in bins}      # rate bin -> (ha, kg)
 
     @property
     def sums(self) -> Sums:
         """What was added up so far, to go on from later."""
         return Sums(self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg,
-                    tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()))
+                    tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()), self._stopped_kg)
 
     def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
             target_rate_kg_ha: float | None = None, open_share: float = 1.0) -> bool:
@@ -116,13 +119,20 @@ class Totaliser:
         """No work goes on in this tick."""
         self._arrival.rest()
 
+    def add_stopped(self, kg: float) -> None:
+        """What left the machine while it was told to stand: mass that no area and no mean rate answer for. Not finite
+        or negative adds nothing."""
+        if 0.0 < kg < math.inf:
+            self._stopped_kg += kg
+
     @property
     def area_ha(self) -> float:
         return self._area_ha
 
     @property
     def applied_kg(self) -> float:
-        return self._kg
+        """All that left the machine, what was released while told to stand included."""
+        return self._kg + self._stopped_kg
 
     def snapshot(self) -> Totals:
         """The totals so far; cheap enough for a few times a second."""
@@ -134,5 +144,5 @@ class Totaliser:
             away_kg = sum(abs(kg - mean * ha) for ha, kg in self._bins.values())
             cuc = 100.0 * (1.0 - away_kg / self._kg)
         error = 100.0 * (self._known_kg / self._target_kg - 1.0) if self._target_kg > 0.0 else None
-        return Totals(self._area_ha, self._kg, self._kg * self._n_fraction, self._target_kg, self._worked_s, mean, cv,
-                      cuc, error)
+        return Totals(self._area_ha, self.applied_kg, self.applied_kg * self._n_fraction, self._target_kg,
+                      self._worked_s, mean, cv, cuc, error, stopped_kg=self._stopped_kg)

@@ -24,6 +24,7 @@ from control.loop.reach import Reach
 from control.loop.row import head_ndvi, log_row
 from control.loop.sections import Leads
 from control.loop.situation import situation
+from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
@@ -46,6 +47,8 @@ from control.targets.profile import Change, Profile, Target
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
 GROWTH_TOLD_S = 15.0            # after START, of a crop outside its window
+ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached")       # why a rule's rate is nothing
+ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK)
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
 
 
@@ -55,14 +58,17 @@ class ControlLoop:
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
                  has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
                  prescription: MapProfile | None = None, points: PointSource | None = None,
-                 headland: Fence | None = None) -> None:
+                 headland: Fence | None = None, obeyed: bool = True) -> None:
+        """obeyed: False where the drives follow other commands, as in a log that is gone through again."""
         self.machine = machine
         self.crop = crop
         self.job = job
         limits = machine.limits
         self._drive_limits = DriveLimits(limits.shaft_low_rpm, limits.shaft_high_rpm,
                                          limits.opening_low_mm, limits.opening_high_mm)
-        self.safety = Safety(safety_limits or SafetyLimits(hopper_low_kg=limits.hopper_low_kg), has_work_switch)
+        allowed = safety_limits or standing_limits(machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg))
+        self.safety = Safety(allowed, has_work_switch)
+        self._stopped = Stopped(machine, allowed, obeyed)
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points))
         self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription)
         self._doses = None if points is None else Doses(machine, points, self._ahead, self._drive_limits)
@@ -177,7 +183,8 @@ class ControlLoop:
         inside = self._ahead.landing_inside(moment, decision.holding, decision.stop, choices, allow.outside)
         between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(
-            moment, decision, metered, choices, self._ahead.heads, inside, between, console_age_s, log_ok))
+            moment, decision, metered, choices, self._ahead.heads, inside, between, console_age_s, log_ok,
+            self._stopped.told))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._told(moment, decision, metered, verdict, command)
@@ -307,6 +314,8 @@ class ControlLoop:
             rate = self._doses.rate_kg_ha(c)
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
         share = 1.0 if self._ahead.sections is None else self._ahead.sections.open_share(m.time_s)
+        if share <= 0.0:
+            share = open_share(self.machine.switched, m)        # a valve that stays open though told to close
         return Metered(flow if share > 0.0 or flow is None else 0.0, self._over_ground(flow, moment.speed_mps, share),
                        c.flow_trim, self._over_ground(should, moment.speed_mps, share), self._metres_left_m, share)
 
@@ -360,16 +369,28 @@ class ControlLoop:
         self._planner.made(now, decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
                             moment.conditions.supply_v, dt_s, self._terms.drives)
-        applied = metered.rate_kg_ha
+        self._count(moment, decision, metered, verdict, command)
+        self._backing.note_landing(m.shaft_rpm, sensed)
+        self._command = command
+
+    def _count(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+               command: DriveCommand) -> None:
+        """Totals: the ground that is worked, and what leaves the machine though it is told to stand."""
+        m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
         runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
-        if verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out):
-            if self._totals.add(dt_s, sensed.speed_mps, applied * metered.trim,
+        worked = verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out)
+        if worked and applied is not None:
+            if self._totals.add(moment.dt_s, moment.sensed.speed_mps, applied * metered.trim,
                                 None if decision.by_point else decision.planned_kg_ha, metered.open_share):
                 self._hold_mean(moment, decision, applied * metered.trim)
         else:
             self._totals.rest()
-        self._backing.note_landing(m.shaft_rpm, sensed)
-        self._command = command
+        flow_kg_s = None if metered.flow_kg_s is None else metered.flow_kg_s * metered.trim
+        stopped_kg, event = self._stopped.update(m, moment.dt_s, flow_kg_s, verdict, worked)
+        self._totals.add_stopped(stopped_kg)
+        if event is not None:
+            self._events.append(event)
+        self._stopped.command(now, command, verdict, self._expected.pair.shaft_rpm)
 
     def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
         """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""
@@ -478,9 +499,20 @@ class ControlLoop:
             notes.append("already_spread")
         if self._ahead.is_headland(lands_m):
             notes.append("on_headland")
+        if not notes and decision.holding.rate_kg_ha == 0.0 and not decision.by_point:
+            notes += self._why_zero(decision.holding.source)
         if sensed.time_s - self._growth_told_s < GROWTH_TOLD_S:
             notes.append("growth_stage_outside")
         return tuple(notes)
+
+
+    def _why_zero(self, source: TargetSource) -> list[str]:
+        """Why the target is nothing, where its source says so. A canopy's: by its newest decision."""
+        if source is TargetSource.CANOPY:
+            decided = self._ahead.heads.decisions
+            why = decided.rule.decide(decided.ndvi).why if decided.rate_kg_ha == 0.0 else ""
+            return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
+        return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
 
 
 def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None) -> TangentPlane | None:

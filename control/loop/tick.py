@@ -6,9 +6,9 @@ from typing import NamedTuple
 from control.agronomy.strips import Strips
 from control.log_row import LogRow
 from control.loop.moment import Choices
-from control.orders import Alarm, SectionState, State
+from control.orders import Alarm, SectionState
 from control.readings import DriveCommand
-from control.safety import Allowances, BenchRun, Verdict
+from control.safety import POWERED, Allowances, BenchRun, Verdict
 from control.sensing import Sensed
 from control.targets.lag_correction import Fired
 
@@ -38,7 +38,7 @@ class Tick(NamedTuple):
     @property
     def enabled(self) -> bool:
         """Whether the drives have power."""
-        return self.verdict.state in (State.WORKING, State.HELD, State.CALIBRATING)
+        return self.verdict.state in POWERED
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:

@@ -23,6 +23,18 @@ class AlarmKind(NamedTuple):
 _AMBER, _RED = Severity.AMBER, Severity.RED
 
 _KINDS = (
+    AlarmKind("shaft_turns", _RED, N_("Shaft turns though told to stand: use the hard-wired stop. {shaft_rpm} r/min, "
+                                      "{released_kg} kg since it was told."),
+              N_("Keep away from the machine. Use the hard-wired stop, then look at the drive board."),
+              N_("drive board"), State.FAULT),
+    AlarmKind("gate_opens", _RED, N_("Gate opens though told to stand: use the hard-wired stop. It is at {opening_mm} "
+                                     "mm, told {told_mm} mm."),
+              N_("Keep away from the machine. Use the hard-wired stop, then look at the drive board."),
+              N_("drive board"), State.FAULT),
+    AlarmKind("valve_open", _RED, N_("Valve of section {sections} stays open though told to close: use the hard-wired "
+                                     "stop."),
+              N_("Use the hard-wired stop, then look at the valve, its air and its cable."), N_("section valves"),
+              State.HELD),
     AlarmKind("shaft_silent", _RED, N_("The metering shaft does not answer."),
               N_("Stop. Check power and cable of the drive board."), N_("drive board"), State.FAULT),
     AlarmKind("gate_silent", _RED, N_("The opening does not answer."),
@@ -74,6 +86,10 @@ _KINDS = (
               N_("Check the heads and their cable."), N_("canopy heads")),
     AlarmKind("heads_few", _AMBER, N_("Only {valid_heads} canopy heads agree; at least {limit} are wanted."),
               N_("Clean and check the heads that are marked."), N_("canopy heads")),
+    AlarmKind("heads_full", _AMBER, N_("All canopy heads read {limit} or more: no canopy does. The rate by it is "
+                                      "not to be believed."),
+              N_("Look for what covers the heads; check their calibration, or change to a manual rate."),
+              N_("canopy heads")),
     AlarmKind("hopper_low", _AMBER, N_("{hopper_kg} kg left in the hopper, enough for {metres_left} m."),
               N_("Plan the refill."), N_("hopper")),
     AlarmKind("lead_short", _AMBER, N_("Too fast for the heads' lead; at most {usable_speed_mps} m/s."),

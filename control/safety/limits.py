@@ -39,9 +39,18 @@ class SafetyLimits:
     gnss_period_max_s: float = 2.0          # a longer observed period counts as this
     ndvi_silent_s: float = 2.0
     heads_min: int = 4
+    heads_full_ndvi: float = 0.95           # dense wheat reads 0.93 at most: all heads above are covered, or wet ...
+    heads_full_s: float = 2.0               # ... once it lasts this long
     scale_silent_s: float = 2.0
     console_hold_s: float = 2.0
     console_off_s: float = 60.0
+    # told to stand (`stand_watch`)
+    shaft_stands_rpm: float = 2.0           # slower: standing. Six s.d. of the nominal encoder's 0.3 r/min
+    stand_settle_s: float = 1.0             # the machine model says that it stands so long, and it does not slow down
+    run_down_max_s: float = 5.0             # after this also a shaft that slows down turns on
+    stand_confirm_s: float = 0.5            # the reading goes on so long, without a break
+    gate_stands_mm: float = 3.0             # a gate within this of where it was stands; 30 times the sensor's noise
+    valve_closes_s: float = 3.0             # told to close: 2 s is the most of a machine file, and the board's line
     # rate
     rate_floor_kg_ha: float = 50.0          # errors are relative to the larger of target and this
     rate_amber_percent: float = 10.0
@@ -77,6 +86,7 @@ class SafetyLimits:
         _refuse_order(self, "rate_amber_percent", "rate_red_percent")
         _refuse_order(self, "console_hold_s", "console_off_s")
         _refuse_order(self, "flow_low_s", "flow_window_max_s")
+        _refuse_order(self, "stand_settle_s", "run_down_max_s")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from control.safety.alarms import Live
 from control.safety.hopper_watch import HopperWatch
 from control.safety.motion import Motion
 from control.safety.rate_watch import RateWatch
+from control.safety.stand_watch import Stand
 
 
 class Allowances(NamedTuple):
@@ -32,7 +33,9 @@ class Memory(NamedTuple):
     motion: Motion = Motion()
     rate: RateWatch = RateWatch()
     hopper: HopperWatch = HopperWatch()
+    stand: Stand = Stand()
     scale_heard: bool = False
+    heads_full_since_s: float | None = None
     live: tuple[Live, ...] = ()
     checked_s: float = -inf                 # what follows is from that check
     still: bool = False                     # wheel and GNSS known, both slow enough to calibrate

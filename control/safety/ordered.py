@@ -38,12 +38,12 @@ def _entered(m: Memory, state: State, why: Do, now_s: float) -> Memory:
 def _ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if m.state is State.READY:
         return m, YES
-    if m.state is State.OFF:
-        return _entered(m, State.READY, order.do, now_s)._replace(left_off_s=now_s), YES
-    if m.state not in (State.HELD, State.FAULT):
+    if m.state not in (State.OFF, State.HELD, State.FAULT):
         return _wrong_state(m)
     if m.fault_cause is not None:
         return m, _no("cause_lives", alarm=m.fault_cause)
+    if m.state is State.OFF:
+        return _entered(m, State.READY, order.do, now_s)._replace(left_off_s=now_s), YES
     return _entered(m, State.READY, order.do, now_s), YES
 
 
@@ -79,7 +79,7 @@ def _hold(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcom
 def _stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if m.state is State.OFF:
         return m._replace(allow=Allowances()), YES
-    return _entered(m, State.OFF, order.do, now_s)._replace(allow=Allowances()), YES
+    return _entered(m, State.OFF, order.do, now_s)._replace(allow=Allowances(), fault_cause=None), YES
 
 
 def _calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:

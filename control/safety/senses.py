@@ -20,8 +20,17 @@ class Senses(NamedTuple):
     speed_mps: float | None             # the one control uses
     speed_heard_s: float | None         # newest GNSS or wheel speed
     hopper_kg: float | None
-    shaft_ok: bool
-    gate_ok: bool
+    shaft_rpm: float | None
+    opening_mm: float | None
+    heads_full: bool                    # every canopy head that is heard reads more than a canopy can
+
+    @property
+    def shaft_ok(self) -> bool:
+        return self.shaft_rpm is not None
+
+    @property
+    def gate_ok(self) -> bool:
+        return self.opening_mm is not None
 
 
 def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
@@ -43,8 +52,13 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
     return Senses(
         gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), max(heard, default=None),
         _fresh(m.hopper_kg, now_s, limits.scale_silent_s),
-        _fresh(m.shaft_rpm, now_s, limits.drive_silent_s) is not None,
-        _fresh(m.opening_mm, now_s, limits.drive_silent_s) is not None)
+        _fresh(m.shaft_rpm, now_s, limits.drive_silent_s), _fresh(m.opening_mm, now_s, limits.drive_silent_s),
+        _heads_full(now_s, m.ndvi, limits))
+
+
+def _heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyLimits) -> bool:
+    read = [value for head in heads if (value := _fresh(head, now_s, limits.ndvi_silent_s)) is not None]
+    return bool(read) and min(read) >= limits.heads_full_ndvi
 
 
 def _number(value: float | None) -> float | None:

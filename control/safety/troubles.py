@@ -10,6 +10,7 @@ from control.safety.memory import Memory
 from control.safety.motion import Motion
 from control.safety.rate_watch import RateWatch
 from control.safety.senses import Senses, lasted
+from control.safety.stand_watch import Stand
 from control.safety.words import Details, Situation
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
@@ -17,7 +18,7 @@ _UNKNOWN = "?"
 
 
 def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion, rate: RateWatch,
-             hopper: HopperWatch, scale_heard: bool, limits: SafetyLimits) -> dict[str, Details]:
+             hopper: HopperWatch, stand: Stand, scale_heard: bool, limits: SafetyLimits) -> dict[str, Details]:
     """Alarm id -> details, for each alarm of the list whose cause is there in the state of the tick before."""
     found: dict[str, Details] = {}
     if not s.log_ok:
@@ -26,6 +27,7 @@ def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion
         found["control_failed"] = ()
     if s.measurements.put_aside:
         found["device_aside"] = (("devices", ", ".join(s.measurements.put_aside)),)
+    _told_to_stand(found, s, seen, stand)
     if m.state is State.OFF:
         return found
     _drives(found, m, now_s, s, seen, limits)
@@ -39,6 +41,17 @@ def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion
         _rate(found, now_s, s, rate, limits)
         _hopper_stopped(found, now_s, seen, hopper, limits)
     return found
+
+
+def _told_to_stand(found: dict[str, Details], s: Situation, seen: Senses, stand: Stand) -> None:
+    """In every state, also off: an order to stand is no proof that anything stands."""
+    if stand.shaft.turns:
+        found["shaft_turns"] = (("shaft_rpm", _rounded(seen.shaft_rpm)),
+                                ("released_kg", _rounded(s.told.stopped_kg, 1)))
+    if stand.gate.opens:
+        found["gate_opens"] = (("opening_mm", _rounded(seen.opening_mm)), ("told_mm", _rounded(s.told.opening_mm)))
+    if stand.valves.stuck:
+        found["valve_open"] = (("sections", ", ".join(map(str, stand.valves.stuck))),)
 
 
 def _drives(found: dict[str, Details], m: Memory, now_s: float, s: Situation, seen: Senses,
@@ -81,6 +94,8 @@ def _sensors(found: dict[str, Details], m: Memory, now_s: float, s: Situation, s
     all_spoke = all(reading is not None for reading in s.measurements.ndvi)
     if s.valid_heads is not None and s.valid_heads < limits.heads_min and (all_spoke or settled):
         found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))
+    if lasted(m.heads_full_since_s, now_s, limits.heads_full_s):
+        found["heads_full"] = (("limit", limits.heads_full_ndvi),)
     if s.usable_speed_mps is not None:
         found["lead_short"] = (("usable_speed_mps", _rounded(s.usable_speed_mps, 1)),)
 

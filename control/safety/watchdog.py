@@ -10,7 +10,8 @@ from control.safety.memory import Memory
 from control.safety.motion import moved
 from control.safety.ordered import after_order
 from control.safety.rate_watch import rated
-from control.safety.senses import Senses, senses
+from control.safety.senses import Senses, senses, since
+from control.safety.stand_watch import stood
 from control.safety.states import after_tick, leading_to
 from control.safety.troubles import troubles
 from control.safety.words import Situation, Verdict
@@ -56,8 +57,11 @@ class Safety:
         motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held)
         rate = rated(m.rate, now_s, s, m.flowing and m.state is State.WORKING, limits)
         hopper = watched(m.hopper, now_s, seen.hopper_kg, s.expected_flow_kg_s, m.state is State.WORKING, limits)
+        stand = stood(m.stand, now_s, s, seen, limits)
         scale_heard = m.scale_heard or seen.hopper_kg is not None
-        found = troubles(m, now_s, s, seen, motion, rate, hopper, scale_heard, limits)
+        heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
+        m = m._replace(heads_full_since_s=heads_full)
+        found = troubles(m, now_s, s, seen, motion, rate, hopper, stand, scale_heard, limits)
         state, why = after_tick(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:
@@ -66,8 +70,9 @@ class Safety:
         live = booked(m.live, now_s, found, limits.alarm_clear_s)
         self._memory = m._replace(
             state=state, why_state=why, entered_s=m.entered_s if state is m.state else now_s, allow=allow,
-            flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, scale_heard=scale_heard, live=live,
-            checked_s=now_s, still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
+            flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, stand=stand, scale_heard=scale_heard,
+            live=live, checked_s=now_s, still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT),
+            log_ok=s.log_ok)
         return Verdict(state, not forbidden, forbidden, tuple(entry.alarm for entry in live), why)
 
 

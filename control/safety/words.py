@@ -15,6 +15,21 @@ def N_(message: str) -> str:
     return message
 
 
+POWERED = (State.WORKING, State.HELD, State.CALIBRATING)      # states in which the drives have power
+
+
+class Told(NamedTuple):
+    """What the drives were told in the tick before, so what the readings of this one must answer to."""
+
+    turn: bool = True                   # the shaft: a speed, or a dose that is not over yet
+    flow: bool = True                   # material was allowed to flow
+    enabled: bool = True                # the drives have power
+    opening_mm: float = 0.0
+    valves: tuple[bool, ...] = ()       # of the sections, left to right; none: no valves
+    expected_rpm: float = 0.0           # of the shaft by now, by the machine model
+    stopped_kg: float = 0.0             # released in this stop so far, by the measured shaft
+
+
 class Situation(NamedTuple):
     """What the loop tells safety each tick. Unknown is None; a number that is not finite counts as unknown."""
 
@@ -37,6 +52,7 @@ class Situation(NamedTuple):
     log_ok: bool
     position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
+    told: Told = Told()
 
 
 class Verdict(NamedTuple):

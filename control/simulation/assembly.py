@@ -33,16 +33,18 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 
 
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
-                 prescription: MapProfile | None = None, plants: PlantList | None = None) -> ControlLoop:
+                 prescription: MapProfile | None = None, plants: PlantList | None = None,
+                 obeyed: bool = True) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode. Raises ValueError where the headland leaves nothing of the field."""
+    and point mode; `obeyed`: as `ControlLoop` has it. Raises ValueError where the headland leaves nothing of the
+    field."""
     fence = Fence(Boundary(job.field.boundary_m)) if job.field.boundary_m else None
     headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
     points = None
     if plants is not None or job.target.source is TargetSource.POINT:
         points = point_source(machine, job, plants)
     return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
-                       headland=headland)
+                       headland=headland, obeyed=obeyed)
 
 
 def _without_headland(job: Job) -> Boundary:

@@ -56,6 +56,7 @@ class Sensed(NamedTuple):
     plants: tuple[PlantSeen, ...] = ()      # told by the camera in this step
     speed_told: SpeedTold | None = None     # by the tractor in this step
     canopy_index: str = "ndvi"              # that the heads give
+    valves_open: tuple[bool, ...] | None = None     # of the sections, by their own switches; None: no valves
 
 
 class Truth(NamedTuple):
@@ -275,7 +276,7 @@ class Plant:
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
             () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.told(),
-            self._sim.heads_index)
+            self._sim.heads_index, None if self.valves is None else self.valves.open_now)
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
         """Count pulses; the newest one's time is where its distance was reached within the step."""

@@ -29,6 +29,11 @@ class Valves:
                 self._told[k] = on
                 self._to_come[k].append((now_s + (valve.open_s if on else valve.close_s), on))
 
+    @property
+    def open_now(self) -> tuple[bool, ...]:
+        """How each stands, as a switch on it would tell."""
+        return tuple(self._open)
+
     def any_open(self, now_s: float) -> bool:
         """Whether anything can leave the machine; moves the valves up to now."""
         for k, turns in enumerate(self._to_come):

@@ -16,6 +16,7 @@
     hopper_kg(), supply_v(), pitch_deg(), roll_deg() -> float or None
     work_switch() -> bool or None
     valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it changes
+    valves_open() -> int or None    the same as their own switches tell, None where they have none
 """
 from drivers.board.framing import Receiver, decimal, number, seal, whole
 from drivers.board.motion import Doser, Gate, ShaftControl, SpeedMeter
@@ -110,6 +111,9 @@ class Pins:
 
     def valves(self, mask: int) -> None:
         pass
+
+    def valves_open(self) -> "int | None":
+        return None
 
 
 class Slave:
@@ -279,16 +283,18 @@ class Slave:
         pulses, pulse_us = pins.wheel()
         sensor_mm = pins.opening_mm()
         switch = pins.work_switch()
+        valves = pins.valves_open()
         flags = ENABLED * self.enabled | HEARTBEAT_LOST * self._heartbeat_lost
         flags |= DRIVER_FAULT * bool(pins.driver_fault()) | STEPS_LOST * self._gate.lost
         flags |= HOMING * (self.enabled and not self._gate.homed)
         return seal(",".join((
-            "S1", str(self._next_seq()), str(max(self._last_seq, 0)), str(now_us % WRAP), str(pulses % WRAP),
-            str(pulse_us % WRAP), decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
+            "S1" if valves is None else "S2", str(self._next_seq()), str(max(self._last_seq, 0)), str(now_us % WRAP),
+            str(pulses % WRAP), str(pulse_us % WRAP), decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
             decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
             decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),
             decimal(pins.pitch_deg(), -60.0, 60.0), decimal(pins.roll_deg(), -60.0, 60.0),
-            "" if switch is None else str(int(switch)), str(int(flags)))))
+            "" if switch is None else str(int(switch)),
+            str(int(flags)) if valves is None else f"{int(flags)},{valves}")))
 
     def _next_seq(self) -> int:
         seq, self._status_seq = self._status_seq, (self._status_seq + 1) % SEQUENCES

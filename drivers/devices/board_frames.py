@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
+STATUS_VALVES = "S2"            # the same with how the sections' valves stand, from a board whose valves have switches
 COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
 SEQUENCES = 1 << 16
 COUNTERS = 1 << 32              # micros and pulses run over here
@@ -74,6 +75,7 @@ class StatusFrame(NamedTuple):
     roll_deg: float | None = None
     work_switch: bool | None = None
     flags: int = 0
+    valves_open: int | None = None      # bit 0 the leftmost section, 1 open
 
 
 def crc16(payload: bytes) -> int:
@@ -89,6 +91,11 @@ def is_repeat(seq: int, last: int | None) -> bool:
 def valves_mask(valves: Sequence[bool]) -> int:
     """Bit 0 is the leftmost section; 1: open."""
     return sum(1 << k for k, on in enumerate(valves) if on is True)
+
+
+def valves_of(mask: int) -> tuple[bool, ...]:
+    """All that a frame has room for, left to right; those that a machine lacks are closed."""
+    return tuple([bool(mask >> k & 1) for k in range(MOST_VALVES)])
 
 
 def encode_command(frame: CommandFrame) -> bytes:
@@ -114,9 +121,10 @@ def encode_status(frame: StatusFrame) -> bytes:
     """The line with its CRC and line end; an optional value that is not finite is sent as not fitted."""
     values = [_text(getattr(frame, name)) for name in MEASURED]
     switch = "" if frame.work_switch is None else f"{frame.work_switch:d}"
-    return _seal(",".join([STATUS, str(frame.seq % SEQUENCES), str(frame.echo % SEQUENCES),
+    name, more = (STATUS, []) if frame.valves_open is None else (STATUS_VALVES, [str(frame.valves_open)])
+    return _seal(",".join([name, str(frame.seq % SEQUENCES), str(frame.echo % SEQUENCES),
                            str(frame.micros % COUNTERS), str(frame.pulses % COUNTERS),
-                           str(frame.pulse_micros % COUNTERS), *values, switch, str(frame.flags)]))
+                           str(frame.pulse_micros % COUNTERS), *values, switch, str(frame.flags), *more]))
 
 
 def decode_command(frame: bytes) -> CommandFrame:
@@ -130,7 +138,8 @@ def decode_command(frame: bytes) -> CommandFrame:
 
 def decode_status(frame: bytes) -> StatusFrame:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    fields = open_frame(frame, STATUS, 13)
+    valved = frame.startswith(STATUS_VALVES.encode())
+    fields = open_frame(frame, STATUS_VALVES if valved else STATUS, 14 if valved else 13)
     seq, echo = (whole(text, SEQUENCES - 1) for text in fields[:2])
     micros, pulses, pulse_micros = (whole(text, COUNTERS - 1) for text in fields[2:5])
     shaft_rpm = plain_number(fields[5], *STATUS_RANGES["shaft_rpm"])
@@ -140,7 +149,8 @@ def decode_status(frame: bytes) -> StatusFrame:
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
     work_switch = bool(whole(fields[11], 1)) if fields[11] else None
     return StatusFrame(seq, echo, micros, pulses, pulse_micros, shaft_rpm, opening_mm, hopper_kg, supply_v,
-                       pitch_deg, roll_deg, work_switch, whole(fields[12], 255))
+                       pitch_deg, roll_deg, work_switch, whole(fields[12], 255),
+                       whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None)
 
 
 def _seal(payload: str) -> bytes:

@@ -83,6 +83,7 @@ class RateModule:
         self._relays: int | None = None
         self._relays_s = -math.inf
         self._run_until_s = -math.inf
+        self._turns_rpm = 0.0                   # as it told last
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
         """Readings from the datagrams that arrived at `time_s`, oldest first."""
@@ -152,7 +153,8 @@ class RateModule:
     def _due(self, wanted: tuple[float, bool], now_s: float) -> bool:
         waited_s = now_s - self._sent_s
         if wanted == self._sent:
-            return waited_s >= TARGET_AT_LEAST_S
+            disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0       # told to stand, again and again
+            return waited_s >= (TARGET_EVERY_S if disobeys else TARGET_AT_LEAST_S)
         stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
         return stops or waited_s >= TARGET_EVERY_S
 
@@ -165,6 +167,7 @@ class RateModule:
             self._unheard_since_s = None
         elif self._unheard_since_s is None:
             self._unheard_since_s = time_s
+        self._turns_rpm = status.units_per_min
         deaf = self._unheard_since_s is not None and time_s - self._unheard_since_s >= UNHEARD_S
         return ModuleReadings(time_s, None if deaf else Reading(status.units_per_min, time_s), self._turns, status.pwm,
                               status.hears_you, status.bin_empty)

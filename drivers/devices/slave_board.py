@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from control.readings import DriveCommand, Reading
+from control.readings import DriveCommand, Reading, ValvesSeen
 from drivers.devices.board_frames import (
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
@@ -19,6 +19,7 @@ from drivers.devices.board_frames import (
     encode_command,
     is_repeat,
     valves_mask,
+    valves_of,
 )
 from drivers.devices.lines import Counts, LineCutter
 from drivers.devices.point_dose import REPORT, DoseReport, PointDose, decode_report
@@ -53,6 +54,7 @@ class BoardReadings(NamedTuple):
     driver_fault: bool
     steps_lost: bool = False
     homing: bool = False
+    valves: ValvesSeen | None = None
 
 
 class SlaveBoard:
@@ -156,4 +158,5 @@ class SlaveBoard:
             reading(status.hopper_kg), reading(status.supply_v), reading(status.pitch_deg), reading(status.roll_deg),
             status.work_switch, status.pulses, status.echo, bool(status.flags & FLAG_ENABLED),
             bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT),
-            bool(status.flags & FLAG_STEPS_LOST), bool(status.flags & FLAG_HOMING))
+            bool(status.flags & FLAG_STEPS_LOST), bool(status.flags & FLAG_HOMING),
+            None if status.valves_open is None else ValvesSeen(time_s, valves_of(status.valves_open)))

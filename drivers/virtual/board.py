@@ -6,7 +6,6 @@ from drivers.devices.board_frames import (
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
-    MOST_VALVES,
     SEQUENCES,
     SILENT_HOST_S,
     BadFrame,
@@ -16,6 +15,8 @@ from drivers.devices.board_frames import (
     encode_status,
     is_repeat,
     open_frame,
+    valves_mask,
+    valves_of,
     whole,
 )
 from drivers.devices.lines import Counts, LineCutter
@@ -67,7 +68,7 @@ class VirtualBoard:
         if enabled:
             self._opening_mm = self._command.opening_mm
         mask = (self._command.valves or 0) if enabled else 0
-        valves = () if self._command.valves is None else tuple([bool(mask >> k & 1) for k in range(MOST_VALVES)])
+        valves = () if self._command.valves is None else valves_of(mask)
         return DriveCommand(self._command.shaft_rpm if enabled else 0.0, self._opening_mm, valves=valves), enabled
 
     def dose(self, now_s: float) -> DoseOrder | None:
@@ -84,10 +85,12 @@ class VirtualBoard:
         enabled = self.set_points(now_s)[1]
         flags = (FLAG_ENABLED * enabled | FLAG_HEARTBEAT_LOST * self._heartbeat_lost
                  | FLAG_DRIVER_FAULT * self.driver_fault)
+        switches = getattr(sensed, "valves_open", None)     # of a plant whose valves have some
         line = encode_status(StatusFrame(
             self._status_seq, self._last_seq or 0, round(sensed.time_s * 1e6), self._pulses,
             round(self._pulse_s * 1e6), sensed.shaft_rpm, sensed.opening_mm, sensed.hopper_kg, sensed.supply_v,
-            sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags))
+            sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags,
+            None if switches is None else valves_mask(switches)))
         self._status_seq += 1
         report = self._doses.report(self._status_seq, now_s)
         self._status_seq += 1 if report else 0

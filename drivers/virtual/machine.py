@@ -90,7 +90,7 @@ class VirtualMachine:
 
 def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "greenseeker", multiplexed: bool = False,
                 board: BoardConfig | None = None, opening_mm: float = OPENING_MM,
-                index: Literal["ndvi", "ndre"] = "ndvi") -> tuple[Cab, VirtualMachine]:
+                index: Literal["ndvi", "ndre"] = "ndvi", extras: Sequence[Extra] = ()) -> tuple[Cab, VirtualMachine]:
     """A cab and the virtual machine that it is plugged into, joined by ports in memory.
 
     Parameters
@@ -99,6 +99,7 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "gre
     protocol : how they write, one of `canopy_heads.PROTOCOLS`.
     opening_mm : where the plant's gate stands at its start.
     index : which of the heads' indices counts.
+    extras : what else is plugged in, as `VirtualMachine` has them.
     board : drive limits and wheel, where they differ from the nominal machine's; its port name is not used.
 
     The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
@@ -113,5 +114,5 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "gre
         board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}))
     machine = VirtualMachine(plant, pairs["memory:gnss"][1], [pairs[name][1] for name in head_names],
                              pairs["memory:board"][1], clock(), PROTOCOLS[protocol], multiplexed,
-                             opening_mm)
+                             opening_mm, extras)
     return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine

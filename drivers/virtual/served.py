@@ -17,8 +17,9 @@ from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
 from drivers.virtual.pseudo_terminal import TerminalPort
+from drivers.virtual.runaway import Runaway, VirtualRunaway
 from drivers.virtual.served_line import ServedLine
-from drivers.virtual.timeline import TimedFault, faults_at
+from drivers.virtual.timeline import DRIVES, TimedFault, faults_at, runaway_at
 
 FIRST_PORT = 4100
 TRUE_PULSES_PER_TURN = 360.0        # of the virtual rate module's encoder
@@ -110,6 +111,7 @@ class ServedMachine:
         self._start_s = clock()
         self._lines: dict[str, ServedLine | ServedDatagrams | GpsdServer] = {}
         self._in_force: dict[str, PortFaults] = {}
+        self._runs_away = Runaway()
         try:
             self._machine = self._built(plant, serve)
         except OSError:
@@ -137,6 +139,10 @@ class ServedMachine:
                 self._in_force[device] = faults
                 changes.append(f"{device}: {_words(faults)}")
             line.push()
+        runs_away = runaway_at(self._serve.faults, now_s - self._start_s)
+        if runs_away != self._runs_away:
+            self._runs_away = runs_away
+            changes.append(f"board: {_words_of_drives(runs_away)}")
         self._machine.advance(now_s)
         return changes
 
@@ -162,6 +168,8 @@ class ServedMachine:
         if serve.agopengps is not None:
             host, number = serve.agopengps
             extras.append(VirtualAgOpenGps(self._datagrams("agopengps", f"udp://{host}:0?to={host}:{number}")))
+        if any(fault.kind in DRIVES for fault in serve.faults):
+            extras.append(VirtualRunaway(lambda at_s: runaway_at(serve.faults, at_s), self._start_s))
         return VirtualMachine(plant, lines["gnss"], [lines[name] for name in heads], lines["board"],
                               self._start_s, PROTOCOLS[serve.protocol], opening_mm=serve.opening_mm, extras=extras)
 
@@ -180,6 +188,12 @@ class ServedMachine:
     def _close_lines(self) -> None:
         for line in self._lines.values():
             line.close()
+
+
+def _words_of_drives(runs_away: Runaway) -> str:
+    wrong = [f"{name} {value:g} whatever it is told" for name, value in runs_away._asdict().items()
+             if value is not None]
+    return ", ".join(wrong) or "its drives obey"
 
 
 def _words(faults: PortFaults) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from control.orders import Answer, Do, Order, TargetSource
-from control.readings import GnssFix, Measurements, Reading
+from control.readings import GnssFix, Measurements, Reading, ValvesSeen
 from control.safety import Safety, SafetyLimits, Situation, Verdict
 
 NEVER = object()    # in place of an age: never received
@@ -17,14 +17,17 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     """All is well at 1.25 m/s due east. `changes`: fields of Situation, or of the machine by the names below.
 
     speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, work_switch, fix_quality, drive_fault, drive_stopped,
-    heads_heard, and for each sensor an age
+    heads_heard, ndvi, shaft_rpm, opening_mm, valves (read open or not), and for each sensor an age
     (gnss_age_s, wheel_age_s, shaft_age_s, gate_age_s, scale_age_s) or NEVER.
     """
     speed = changes.pop("speed_mps", 1.25)
     gnss_mps, wheel_mps = changes.pop("gnss_mps", speed), changes.pop("wheel_mps", speed)
     course, quality = changes.pop("course_deg", 90.0), changes.pop("fix_quality", 4)
     hopper_kg, switch = changes.pop("hopper_kg", 200.0), changes.pop("work_switch", None)
-    heard = changes.pop("heads_heard", 6)
+    heard, ndvi = changes.pop("heads_heard", 6), changes.pop("ndvi", 0.5)
+    rpm, opening_mm = changes.pop("shaft_rpm", 70.0), changes.pop("opening_mm", 15.0)
+    valves = changes.pop("valves", None)
+    seen = None if valves is None else ValvesSeen(now_s, valves)
     faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped", "control_failed")}
     faults["put_aside"] = changes.pop("put_aside", ())
     ages = {name: changes.pop(f"{name}_age_s", 0.0) for name in ("gnss", "wheel", "shaft", "gate", "scale")}
@@ -36,9 +39,10 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
         now_s - ages["gnss"], 40.0, 116.0, quality, speed_mps=gnss_mps, heading_deg=course)
     s = Situation(
         measurements=Measurements(
-            now_s, ndvi=(Reading(0.5, now_s),) * heard + (None,) * (6 - heard), gnss=fix,
-            wheel_speed_mps=reading("wheel", wheel_mps), shaft_rpm=reading("shaft", 70.0),
-            opening_mm=reading("gate", 15.0), hopper_kg=reading("scale", hopper_kg), work_switch=switch, **faults),
+            now_s, ndvi=(Reading(ndvi, now_s),) * heard + (None,) * (6 - heard), gnss=fix,
+            wheel_speed_mps=reading("wheel", wheel_mps), shaft_rpm=reading("shaft", rpm),
+            opening_mm=reading("gate", opening_mm), hopper_kg=reading("scale", hopper_kg), work_switch=switch,
+            valves=seen, **faults),
         speed_used_mps=speed, gnss_period_s=0.2, wheel_standstill=wheel_mps == 0.0,
         target_source=TargetSource.CANOPY, position_ok=True, landing_inside=True, valid_heads=6, ndvi_age_s=0.1,
         expected_rate_kg_ha=300.0, applied_rate_kg_ha=301.0, expected_flow_kg_s=0.1, target_rate_kg_ha=300.0,

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 from control.orders import Do, Severity, State, TargetSource
-from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS
+from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Told
 
 MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 
 # alarm, what brings it about, seconds before which it is not there, seconds by which it is, state then
+STANDS = Told(turn=False, flow=False, opening_mm=15.0)
+SHUT = STANDS._replace(valves=(False, False))
 RAISED = [
+    ("shaft_turns", {"told": STANDS}, 0.9, 1.2, State.FAULT),
+    ("shaft_turns", {"told": STANDS, "shaft_rpm": 2.5}, 0.9, 1.2, State.FAULT),
+    ("valve_open", {"told": SHUT, "shaft_rpm": 0.0, "valves": (False, True)}, 3.4, 3.6, State.HELD),
+    ("heads_full", {"ndvi": 0.99}, 1.9, 2.1, State.WORKING),
     ("shaft_silent", {"shaft_age_s": 0.51}, 0.0, 0.05, State.FAULT),
     ("gate_silent", {"gate_age_s": 0.51}, 0.0, 0.05, State.FAULT),
     ("drive_fault", {"drive_fault": True}, 0.0, 0.05, State.FAULT),
@@ -60,6 +66,12 @@ SILENT = [
     ("rate_off", {"applied_rate_kg_ha": 329.0}), ("rate_off", {"applied_rate_kg_ha": None}),
     ("rate_off", {"applied_rate_kg_ha": 24.0, "expected_rate_kg_ha": 20.0, "target_rate_kg_ha": 20.0}),
     ("rate_far_off", {"applied_rate_kg_ha": 359.0}), ("hopper_low", {"hopper_kg": 31.0}),
+    ("shaft_turns", {"told": STANDS, "shaft_rpm": 1.9}), ("shaft_turns", {"told": STANDS._replace(turn=True)}),
+    ("gate_opens", {"told": STANDS, "shaft_rpm": 0.0, "opening_mm": 17.9}),
+    ("gate_opens", {"told": STANDS._replace(flow=True), "shaft_rpm": 0.0, "opening_mm": 40.0}),
+    ("gate_opens", {"told": STANDS._replace(opening_mm=40.0), "shaft_rpm": 0.0, "opening_mm": 40.0}),
+    ("valve_open", {"told": STANDS._replace(valves=(False, True)), "shaft_rpm": 0.0, "valves": (False, True)}),
+    ("heads_full", {"ndvi": 0.93}),
     ("hopper_empty", {"hopper_kg": 0.6}), ("console_silent", {"console_age_s": None}),
 ]
 
@@ -85,7 +97,7 @@ def test_not_raised_inside_the_limit(working, alarm, changes):
 
 
 def test_every_alarm_of_the_list_is_raised_by_a_test():
-    elsewhere = {"calibration_moved", "flow_missing"}
+    elsewhere = {"calibration_moved", "flow_missing", "gate_opens"}
     assert {row[0] for row in RAISED} | elsewhere == set(ALARMS)
 
 

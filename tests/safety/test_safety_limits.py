@@ -7,7 +7,9 @@ import pytest
 
 from control.orders import Do
 from control.readings import DriveCommand
-from control.safety import DriveLimits, SafetyLimits, limited
+from control.safety import DriveLimits, SafetyLimits, Told, limited
+
+STANDS = Told(turn=False, flow=False, opening_mm=15.0)
 
 
 def flow(seconds=0.05, **changes):
@@ -113,6 +115,25 @@ def clears(run):
     return run.alarm_ids()
 
 
+def gate_opens_by(mm):
+    def observe(run):
+        run.tick(told=STANDS, shaft_rpm=0.0)
+        run.tick(3.0, told=STANDS, shaft_rpm=0.0, opening_mm=15.0 + mm)
+        return run.alarm_ids()
+    return observe
+
+
+def slowing_down(seconds):
+    """A shaft that loses a tenth of its speed every 0.1 s."""
+    def observe(run):
+        rpm = 100.0
+        for _ in range(round(seconds / run.period_s)):
+            rpm *= 0.95
+            run.tick(told=STANDS, shaft_rpm=max(3.0, rpm))
+        return run.alarm_ids()
+    return observe
+
+
 CHANGES = [
     ("start_speed_mps", 0.8, start_again(speed_mps=0.6)),
     ("stop_speed_mps", 0.1, flow(speed_mps=0.2)),
@@ -135,6 +156,14 @@ CHANGES = [
     ("gnss_period_max_s", 5.0, alarms(gnss_age_s=6.0, gnss_period_s=4.0)),
     ("ndvi_silent_s", 5.0, alarms(ndvi_age_s=3.0)),
     ("heads_min", 2, alarms(valid_heads=3)),
+    ("heads_full_ndvi", 0.98, alarms(3.0, ndvi=0.97)),
+    ("heads_full_s", 5.0, alarms(3.0, ndvi=0.97)),
+    ("shaft_stands_rpm", 9.0, alarms(3.0, told=STANDS, shaft_rpm=5.0)),
+    ("stand_settle_s", 4.0, alarms(3.0, told=STANDS)),
+    ("run_down_max_s", 1.5, slowing_down(2.0)),
+    ("stand_confirm_s", 4.0, alarms(3.0, told=STANDS)),
+    ("gate_stands_mm", 9.0, gate_opens_by(5.0)),
+    ("valve_closes_s", 9.0, alarms(5.0, told=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,))),
     ("scale_silent_s", 5.0, alarms(scale_age_s=3.0)),
     ("console_hold_s", 5.0, state(console_age_s=3.0)),
     ("console_off_s", 90.0, state(console_age_s=70.0)),

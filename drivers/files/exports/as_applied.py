@@ -22,12 +22,12 @@ from control.machine.landing import falls_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves, Strip
 from control.orders import State, TargetSource
+from drivers.files.exports.stopped import TURNING_RPM, StoppedRelease, is_released_stopped, released_stopped
 from drivers.files.read_log import RunLog
 from drivers.plain_text import OneLine
 
 Floats = npt.NDArray[np.float64]
 
-TURNING_RPM = 2.0           # the lag paper's threshold of a shaft that turns
 MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
 GAP_STEPS = 2.5             # of a log with fewer rows than one a second
 DEFAULT_EVERY_S = 1.0
@@ -81,7 +81,8 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AsApplied:
-    """A job as it was done. Sums of the stretches are the log's own to rounding."""
+    """A job as it was done. Sums of the stretches are the log's own to rounding, but for what was
+    released standing still: that lies on no stretch."""
 
     title: str
     machine: Machine
@@ -94,6 +95,8 @@ class AsApplied:
     one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
     ground: Covered | None = None       # worked, by where it lies: with what came to lie on it, and with a rate of 0
 
+    stopped: tuple[StoppedRelease, ...] = ()        # released while told to stand: counted in totals.stopped_kg
+
     @property
     def worked_ha(self) -> float:
         """Ground worked, as its places have it, every time it was passed over; by speed and time where that is all."""
@@ -102,8 +105,8 @@ class AsApplied:
 
     @property
     def mean_kg_ha(self) -> float:
-        """All that was applied over the ground worked."""
-        return self.totals.applied_kg / self.worked_ha if self.worked_ha > 0.0 else 0.0
+        """All that was applied in work over the ground worked."""
+        return (self.totals.applied_kg - self.totals.stopped_kg) / self.worked_ha if self.worked_ha > 0.0 else 0.0
 
     @property
     def width_m(self) -> float:
@@ -115,7 +118,8 @@ class AsApplied:
 
 def as_applied(log: RunLog, machine: Machine | None = None, product: Product | None = None,
                every_s: float = DEFAULT_EVERY_S) -> AsApplied:
-    """The worked rows of a log, gathered in stretches of at most `every_s`.
+    """The worked rows of a log, and those in which its shaft turned though told to stand, in stretches of at most
+    `every_s`.
 
     The applied rate is the log's, times the scale's correction of the flow model where the log has one. A stretch
     lies where its material landed: behind the antenna by the machine's measure, and on by the drop time.
@@ -141,7 +145,7 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
                                                      doses=doses, doses_missed=missed)
     return AsApplied(log.path.stem, machine, product, _gathered(rows, strips, every_s), totals, _begin_utc(log),
-                     _field(log), _cut(log, rows, strips), _one_rate(log, machine), ground)
+                     _field(log), _cut(log, rows, strips), _one_rate(log, machine), ground, released_stopped(log))
 
 
 class _Rows(NamedTuple):
@@ -168,7 +172,7 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     applied, speed = applied_rate_kg_ha(log), _speed_mps(log)
-    counts = has_arrived(log) & (step > 0.0) & (step <= _most_step_s(log))
+    counts = (has_arrived(log) | is_released_stopped(log)) & (step > 0.0) & (step <= _most_step_s(log))
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
     drop = falls_s(time, np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
@@ -178,7 +182,8 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
     turned = np.degrees(np.unwrap(np.radians(heading)))
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
-    columns = [time, step, speed, applied, log.numbers("target_rate_kg_ha"), begin, end, at, shaft,
+    wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)     # told to stand: no target
+    columns = [time, step, speed, applied, wanted, begin, end, at, shaft,
                log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
     return _Rows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
 
@@ -352,6 +357,8 @@ def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
     for seconds, speed, applied, target, wide in zip(*(column[counts].tolist() for column in columns), strict=True):
         totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
                       None if target != target else target, wide)
+    for one in released_stopped(log):
+        totaliser.add_stopped(one.kg)
     return totaliser.snapshot()
 
 

@@ -58,4 +58,5 @@ def summary(applied: AsApplied) -> dict[str, object]:
     return {"format": "topdress-as-applied/1", "machine": applied.machine.id, "product": applied.product.name,
             "product_n_fraction": applied.product.n_fraction, "working_width_m": applied.width_m,
             "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
+            "released_stopped": [dict(one._asdict()) for one in applied.stopped if one.lat_deg == one.lat_deg],
             "worked_ha": applied.worked_ha, "mean_kg_ha": applied.mean_kg_ha, **applied.totals._asdict()}

@@ -18,6 +18,7 @@ from control.orders import BY_CANOPY, BY_MAP
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
+LEAST_STOPPED_KG = 0.05   # shown to 0.1 kg; a stop's own run-down is some 0.1 kg
 SILENT_S = 2.0              # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
@@ -278,6 +279,8 @@ def totals(frame: Frame | None, age_s: float, units: Units, picture: FieldPictur
         Item(_("to finish"), Shown(to_finish(frame, picture).text(units), old)),
         Item(_("area"), Shown(units.area.full(t.area_ha), old)),
         Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
+        *(() if t.stopped_kg < LEAST_STOPPED_KG else (
+            Item(_("while stopped"), Shown(units.mass._replace(decimals=1).full(t.stopped_kg), old)),)),
         Item(_("covered"), Shown(_covered(t, units), old)),
         Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
         Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),

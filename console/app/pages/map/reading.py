@@ -8,7 +8,7 @@ from console.app.field_picture import FieldPicture
 from console.app.laid import LaidView
 from console.app.map_image import Ground, ground
 from console.app.to_finish import to_finish
-from console.app.units import M2_PER_HA, Units
+from console.app.units import Units
 from console.app.view import Item, Shown, duration, rate_error, signed_percent
 from console.app.worked import Worked
 from console.frame import Frame
@@ -60,7 +60,6 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
     if frame is None:
         return ()
     field_ha = picture.area_ha if picture is not None else None
-    mean = frame.applied_kg / frame.area_ha if frame.area_ha > 1.0 / M2_PER_HA else None
     left = to_finish(frame, picture)
     time_left = "--" if left.time_s is None else duration(left.time_s)
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
@@ -72,5 +71,5 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
         (_("applied"), units.mass.full(frame.applied_kg)),
         (_("still needed"), units.mass.full(left.product_kg)),
         (_("in hopper"), units.mass.full(row.hopper_kg)),
-        (_("mean"), units.rate.full(mean)),
+        (_("mean"), units.rate.full(frame.mean_rate_kg_ha)),
         (_("speed"), units.speed.full(row.speed_used_mps if row.speed_used_mps is not None else row.speed_mps))))

@@ -1,0 +1,104 @@
+"""What the drives were told, and what leaves the machine though its shaft is told to stand.
+
+A stop takes a second to come to a stand, and a drive that has gone wrong none at all: what the measured shaft gives
+meanwhile lies on the ground and is missing in the hopper. It is counted here in every state, and entered in the log.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf, isfinite
+
+from control.machine.machine import Machine
+from control.machine.sections import Strip
+from control.orders import State
+from control.readings import DriveCommand, Measurements, is_fresh
+from control.safety import POWERED, SafetyLimits, Told, Verdict
+
+EVERY_S = 1.0               # while it goes on, the log tells as often: a power cut loses no more
+SHAFT_HOLDS_S = 0.5         # as long as safety believes a reading of the shaft
+VALVE_LINE_S = 1.0          # a valve's switch and the board's line are later than the machine file says by less
+LEAST_KG = 1e-4             # the log's resolution; less waits for more
+
+
+def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
+    """The limits with the shaft speed that counts as standing on this machine, above its sensor's noise (six s.d.) and
+    below half its slowest turning; and with the time that its valves take to close, and a second."""
+    stands_rpm = max(limits.shaft_stands_rpm, 6.0 * machine.noise.shaft_rpm)
+    closes_s = max((section.valve.close_s for section in machine.sections if section.valve), default=0.0)
+    return replace(limits, shaft_stands_rpm=min(stands_rpm, 0.5 * machine.limits.shaft_low_rpm),
+                   valve_closes_s=closes_s + VALVE_LINE_S)
+
+
+def open_share(strips: Sequence[Strip], m: Measurements) -> float:
+    """Of the working width, by the valves' own switches; 0 where they tell nothing."""
+    if m.valves is None or not is_fresh(m.valves.time_s, m.time_s, SHAFT_HOLDS_S):
+        return 0.0
+    return sum(strip.share for strip, on in zip(strips, m.valves.open, strict=False) if on)
+
+
+class Stopped:
+    """`told`: what the drives were told in the tick before. Once a tick `update`, then `command`."""
+
+    def __init__(self, machine: Machine, limits: SafetyLimits, obeyed: bool = True) -> None:
+        """obeyed: False where the drives follow other commands, as in a log that is gone through again."""
+        self.told = Told(turn=not obeyed, flow=not obeyed, enabled=False, opening_mm=machine.set_points.opening_mm)
+        self._shaft, self._stands_rpm, self._obeyed = machine.shaft, limits.shaft_stands_rpm, obeyed
+        self._dose_until_s = -inf
+        self._spell_kg = 0.0            # released since it was told to stand
+        self._to_tray = False           # since a calibrating run: what runs down falls into its tray
+        self._tray_kg = 0.0
+        self._owed_kg = 0.0             # to be entered in the log
+        self._entered_s = -inf
+
+    def update(self, m: Measurements, dt_s: float, flow_kg_s: float | None, verdict: Verdict,
+               worked: bool) -> tuple[float, str | None]:
+        """Kilograms to be counted of this tick, and the row's event where one is due. worked: counted as work."""
+        kg = self._released_kg(m, dt_s, flow_kg_s)
+        self._spell_kg = 0.0 if self.told.turn else self._spell_kg + kg
+        counted_kg = 0.0 if worked else self._counted_kg(kg, verdict)
+        return counted_kg, self._event(m.time_s, counted_kg)
+
+    def command(self, now_s: float, command: DriveCommand, verdict: Verdict, expected_rpm: float) -> None:
+        """What the drives are told from now on. expected_rpm: of the shaft by now, by the machine model."""
+        if not self._obeyed:
+            return
+        if command.dose is not None:
+            turns_s = command.dose.angle_deg / (6.0 * command.dose.shaft_rpm)
+            answers_s = self._shaft.dead_time_s + self._shaft.extra_dead_time_s
+            self._dose_until_s = max(self._dose_until_s, now_s) + answers_s + turns_s
+        turn = command.shaft_rpm > 0.0 or now_s < self._dose_until_s
+        self.told = Told(turn, verdict.flow_allowed, verdict.state in POWERED, command.opening_mm, command.valves,
+                         expected_rpm, self._spell_kg)
+
+    def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
+        """By the measured shaft; 0 unless it is told to stand, and turns."""
+        if self.told.turn or flow_kg_s is None or m.shaft_rpm is None:
+            return 0.0
+        turns = m.shaft_rpm.value >= self._stands_rpm and is_fresh(m.shaft_rpm.time_s, m.time_s, SHAFT_HOLDS_S)
+        kg = flow_kg_s * dt_s
+        return kg if turns and kg > 0.0 and isfinite(kg) else 0.0
+
+    def _counted_kg(self, kg: float, verdict: Verdict) -> float:
+        """What runs down after a calibrating run lies in its tray; of a shaft that goes on, all counts."""
+        if verdict.state is State.CALIBRATING:
+            self._to_tray = True
+        if not self._to_tray:
+            return kg
+        self._tray_kg += kg
+        goes_on = any(alarm.id == "shaft_turns" and alarm.gone_s is None for alarm in verdict.alarms)
+        counted_kg = self._tray_kg if goes_on else 0.0
+        if goes_on or (kg <= 0.0 and verdict.state is not State.CALIBRATING and not self.told.turn):
+            self._to_tray, self._tray_kg = False, 0.0
+        return counted_kg
+
+    def _event(self, now_s: float, kg: float) -> str | None:
+        """At the end of what is released, and every second meanwhile."""
+        if self._owed_kg <= 0.0:
+            self._entered_s = now_s
+        self._owed_kg += kg
+        if (kg > 0.0 and now_s - self._entered_s < EVERY_S) or self._owed_kg < LEAST_KG:
+            return None
+        told_kg, self._entered_s = round(self._owed_kg, 4), now_s
+        self._owed_kg = max(0.0, self._owed_kg - told_kg)
+        return f"released_stopped {told_kg:.4f}"

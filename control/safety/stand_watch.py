@@ -1,0 +1,105 @@
+"""Do the drives stand while they are told to? Shaft, gate and valves, in every state. Pure.
+
+A stop is an order to a drive, not a fact. A shaft that runs down is no trouble: it must turn on although the machine
+model says that it stands, and not be slowing down. A gate may travel to its set-point first. A valve may take its time.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.readings import is_fresh
+from control.safety.limits import SafetyLimits
+from control.safety.senses import Senses, lasted, since
+from control.safety.words import Situation
+
+SLOWING_SHARE = 0.9         # of its lowest speed so far: a shaft below that is still slowing down
+
+
+class ShaftStand(NamedTuple):
+    """The metering shaft while it is told to stand."""
+
+    told_since_s: float | None = None       # without a break; None: it is told to turn
+    settled_since_s: float | None = None    # by the machine model it stands since then
+    lowest_rpm: float | None = None         # read since it was told
+    slowed_s: float = 0.0                   # when it was last seen slowing down
+    turning_since_s: float | None = None
+    turns: bool = False                     # though told to stand
+
+
+class GateStand(NamedTuple):
+    """The gate while nothing may flow: its set-point stays, so must the gate."""
+
+    told_mm: float | None = None            # the newest set-point that it was to follow; None: none yet
+    lowest_mm: float | None = None          # read since flow was forbidden: on its way down it may be higher before
+    opening_since_s: float | None = None
+    opens: bool = False
+
+
+class ValveStand(NamedTuple):
+    """The sections' valves that are told to be closed; of machines whose board tells how they stand."""
+
+    open_since_s: tuple[float | None, ...] = ()     # told closed for long enough, and read open since
+    closed_since_s: tuple[float | None, ...] = ()   # told to be closed since
+    stuck: tuple[int, ...] = ()                     # sections, from 1, that stay open
+
+
+class Stand(NamedTuple):
+    shaft: ShaftStand = ShaftStand()
+    gate: GateStand = GateStand()
+    valves: ValveStand = ValveStand()
+
+
+def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> Stand:
+    """The watch after this tick."""
+    return Stand(_shaft(before.shaft, now_s, s, seen, limits), _gate(before.gate, now_s, s, seen, limits),
+                 _valves(before.valves, now_s, s, limits))
+
+
+def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> ShaftStand:
+    if s.told.turn:
+        return ShaftStand()
+    rpm = seen.shaft_rpm
+    turning = rpm is not None and rpm >= limits.shaft_stands_rpm
+    lowest, slowed_s = before.lowest_rpm, before.slowed_s
+    if rpm is not None and (lowest is None or rpm < SLOWING_SHARE * lowest):
+        lowest, slowed_s = rpm, now_s
+    settled = since(before.settled_since_s, now_s, s.told.expected_rpm < limits.shaft_stands_rpm)
+    turning_since = since(before.turning_since_s, now_s, turning)
+    runs_down = not lasted(slowed_s, now_s, limits.stand_settle_s) and not lasted(settled, now_s, limits.run_down_max_s)
+    return ShaftStand(
+        now_s if before.told_since_s is None else before.told_since_s, settled, lowest, slowed_s, turning_since,
+        lasted(turning_since, now_s, limits.stand_confirm_s) and lasted(settled, now_s, limits.stand_settle_s)
+        and not runs_down)
+
+
+def _gate(before: GateStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> GateStand:
+    """Neither above its set-point nor above where it came from: a board without enable keeps the last set-point that it
+    followed, and at power-on where the gate stands."""
+    told_mm = s.told.opening_mm if s.told.enabled else before.told_mm
+    if s.told.flow:
+        return GateStand(told_mm)
+    read = seen.opening_mm
+    if read is None:
+        return GateStand(told_mm, before.lowest_mm)
+    lowest = read if before.lowest_mm is None else min(before.lowest_mm, read)
+    most_mm = lowest if told_mm is None else max(lowest, told_mm)
+    opening = since(before.opening_since_s, now_s, read > most_mm + limits.gate_stands_mm)
+    return GateStand(told_mm, lowest, opening, lasted(opening, now_s, limits.stand_confirm_s))
+
+
+def _valves(before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits) -> ValveStand:
+    told, seen = s.told.valves, s.measurements.valves
+    if not told or seen is None or not is_fresh(seen.time_s, now_s, limits.drive_silent_s):
+        return ValveStand()
+    count = min(len(told), len(seen.open))
+    closed = _each(before.closed_since_s, count)
+    opened = _each(before.open_since_s, count)
+    closed_since = tuple([since(closed[k], now_s, not told[k]) for k in range(count)])
+    open_since = tuple([since(opened[k], now_s, seen.open[k] and lasted(
+        closed_since[k], now_s, limits.valve_closes_s)) for k in range(count)])
+    return ValveStand(open_since, closed_since, tuple(
+        [k + 1 for k in range(count) if lasted(open_since[k], now_s, limits.stand_confirm_s)]))
+
+
+def _each(before: tuple[float | None, ...], count: int) -> tuple[float | None, ...]:
+    return before if len(before) == count else (None,) * count

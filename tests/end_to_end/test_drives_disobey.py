@@ -1,0 +1,105 @@
+"""A board that does not do what it is told, over its own bytes: said, told to stand again and again, counted,
+entered."""
+from __future__ import annotations
+
+import csv
+import datetime as dt
+
+import pytest
+
+from control.orders import Do
+from drivers.files.exports.as_applied import as_applied
+from drivers.files.read_log import read_log
+from drivers.files.run_log import RunLogWriter
+from drivers.files.run_meta import run_meta
+from drivers.files.setup import load_setup
+from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway
+
+SHAFT, GATE = Runaway(shaft_rpm=RUNAWAY_RPM), Runaway(opening_mm=RUNAWAY_MM)
+
+
+@pytest.fixture(scope="module")
+def bench(benchmark_module):
+    module = benchmark_module("drives_disobey")
+    module.LASTS_S, module.SETTLED_S = 6.0, 3.0         # half a minute by hand: python benchmarks/drives_disobey.py
+    return module
+
+
+@pytest.mark.parametrize("name", ["off, from the start", "ready", "calibrating, shaft at 0", "held, from the order on",
+                                  "off, from STOP on", "working, switch up", "fault"])
+def test_a_shaft_that_turns_is_said_and_counted_in_every_state(bench, name):
+    found = bench.lied_to(bench.STATES[name], SHAFT, "shaft_turns")
+    assert found.plant_kg > 0.6
+    assert all(bench.promised(name, found, bench.SHAFT_SAID_S).values()), found
+    assert found.state in ("fault", "off")
+    if not name.startswith("working"):          # there it is the run-down of work until the alarm
+        assert found.entered_kg == pytest.approx(found.counted_kg, abs=0.005)
+
+
+@pytest.mark.parametrize("name", ["off, from the start", "held, from the order on"])
+def test_a_gate_that_opens_is_said(bench, name):
+    found = bench.lied_to(bench.STATES[name], GATE, "gate_opens")
+    assert all(bench.promised(name, found, bench.GATE_SAID_S).values()), found
+
+
+@pytest.mark.parametrize("name", ["held, from the order on"])
+def test_a_valve_that_stays_open_is_said(bench, name):
+    found = bench.lied_to(bench.STATES[name], Runaway(), "valve_open", "huanghai_sections", "sections_demo", {2: True})
+    assert all(bench.promised(name, found, bench.VALVE_SAID_S).values()), found
+
+
+@pytest.mark.parametrize("machine", ["huanghai", "huanghai_sections"])
+def test_a_day_of_stops_and_starts_accuses_nobody(bench, machine):
+    """Holds, stops, calibrating runs, changes of the rate and of the strategy: drives that obey."""
+    it = bench.Machine(machine, "sections_demo" if machine != "huanghai" else "demo")
+    it.work()
+    for do, value, seconds in ((Do.HOLD, None, 3.0), (Do.START, None, 8.0), (Do.STRATEGY, "speed_first", 5.0),
+                               (Do.NUDGE, 30.0, 4.0), (Do.STOP, None, 4.0), (Do.READY, None, 1.0),
+                               (Do.START, None, 6.0), (Do.STRATEGY, "balanced", 3.0), (Do.HOLD, None, 2.0)):
+        it.order(do, value)
+        it.run(seconds)
+    said = {alarm.id for tick in it.ticks for alarm in tick.alarms}
+    assert not said & {"shaft_turns", "gate_opens", "valve_open"}, said
+
+
+def test_what_runs_down_after_a_catch_test_lies_in_the_tray(bench):
+    it = bench.Machine()
+    bench._calibrating(it)
+    for rpm in (0.0, 60.0):
+        it.loop.order(bench.Order(Do.CALIBRATE_SHAFT, rpm))
+        for _ in range(40):
+            it.loop.order(bench.Order(Do.CALIBRATE))
+            it.run(0.05)
+    it.order(Do.RELEASE)
+    it.run(3.0)
+    assert it.hopper_kg < 299.9
+    assert it.loop.totals.applied_kg == 0.0
+    assert not any("released_stopped" in (tick.row.events or "") for tick in it.ticks)
+
+
+def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
+    it = bench.Machine()
+    it.work()
+    it.order(Do.HOLD)
+    it.run(3.0)
+    it.runaway = SHAFT
+    it.run(10.0)
+    it.runaway = Runaway()
+    it.run(3.0)
+    setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
+    writer = RunLogWriter(tmp_path / "run.csv", run_meta(setup.machine, setup.crop, it.job, seed=1, sha256={}))
+    for tick in it.ticks:
+        writer.append(tick.row)
+    writer.close()
+    totals = it.loop.totals
+    assert totals.stopped_kg > 1.2
+    assert totals.applied_kg * 0.46 == pytest.approx(totals.applied_n_kg, rel=0.05)
+    applied = as_applied(read_log(tmp_path / "run.csv"))
+    assert applied.totals.applied_kg == pytest.approx(totals.applied_kg, rel=2e-3)
+    assert applied.totals.stopped_kg == pytest.approx(totals.stopped_kg, abs=1e-3)
+    assert sum(one.kg for one in applied.stopped) == pytest.approx(totals.stopped_kg, abs=1e-3)
+    on_ground = float(applied.stretches.applied_kg.sum())
+    assert on_ground > applied.totals.applied_kg - applied.totals.stopped_kg + 0.5       # it moved on: on stretches too
+    with (tmp_path / "run.csv").open(newline="") as file:
+        events = [row["events"] for row in csv.DictReader(file) if "released_stopped" in row["events"]]
+    assert len(events) > 10
