@@ -76,7 +76,8 @@ class Crop(BaseModel):
     name: str = Field(min_length=1)
     note: str = Field(default="", description="where the figures come from")
     flag: str = Field(default="", description="what the operator must know before using this crop")
-    examples: tuple[str, ...] = Field(default=(), description="keys whose values are examples, to be replaced")
+    examples: tuple[str, ...] = Field(default=(), max_length=100,
+                                      description="keys whose values are examples, to be replaced")
 
     index: Literal["ndvi", "ndre"] = Field(default="ndvi", description="what the heads are to read; ndre (red edge) "
                                            "for dense canopies, with a curve of its own")

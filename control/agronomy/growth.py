@@ -6,12 +6,14 @@ crop has not yet told what it will be, later it has closed and NDVI says little.
 """
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Scale = Literal["feekes", "bbch", "days"]
 SCALE_RANGE: dict[str, tuple[float, float]] = {"feekes": (1.0, 11.4), "bbch": (0.0, 99.0), "days": (1.0, 400.0)}
+
+Stage = Annotated[float, Field(ge=0, le=400)]        # the widest of the scales
 
 
 class _Part(BaseModel):
@@ -22,8 +24,8 @@ class GrowthWindow(_Part):
     """From which stage to which the crop's rule holds. days: as the rule counts them, above its base temperature."""
 
     scale: Scale
-    first: float
-    last: float
+    first: Stage
+    last: Stage
     source: str = Field(default="", description="who says so")
 
     @model_validator(mode="after")
@@ -39,7 +41,7 @@ class GrowthStage(_Part):
     """The crop's stage on the day of work, as somebody saw it."""
 
     scale: Literal["feekes", "bbch"]
-    stage: float
+    stage: Stage
 
     @model_validator(mode="after")
     def _on_its_scale(self) -> Self:

@@ -19,7 +19,7 @@ class CatchTest(BaseModel):
     high: float | None = Field(default=None, gt=0.0, le=1000.0, description="90 % interval")
     zero_offset_g_rev: float = Field(default=0.0, ge=-1e5, le=1e5, description="g a turn at zero opening")
     fill_falloff_percent: float = Field(default=0.0, ge=-10.0, le=60.0, description="lost at the machine's full_rpm")
-    rows: int | None = Field(default=None, ge=1, description="catches that were weighed")
+    rows: int | None = Field(default=None, ge=1, le=1_000_000, description="catches that were weighed")
     data: str = Field(default="", description="the table that was fitted")
     sha256: str = Field(default="", description="of that table")
 
@@ -46,7 +46,8 @@ class Product(BaseModel):
     density_kg_l: float | None = Field(default=None, ge=0.2, le=3.0, description="loose, as filled in")
     size_mm: float | None = Field(default=None, gt=0.0, le=20.0, description="middle grain, by mass")
     repose_deg: float | None = Field(default=None, gt=0.0, lt=90.0, description="angle of repose: how badly it flows")
-    catch_tests: tuple[CatchTest, ...] = Field(default=(), description="of any machine, in any order")
+    catch_tests: tuple[CatchTest, ...] = Field(default=(), max_length=10_000,
+                                                description="of any machine, in any order")
 
     def newest_test(self, machine_id: str) -> CatchTest | None:
         """The last one by date with this machine; of one day the one that stands last."""

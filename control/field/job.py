@@ -13,7 +13,11 @@ from control.agronomy.response import ResponseRule
 from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
-Metres = Annotated[float, Field(gt=0, le=100_000)]
+Metres = Annotated[float, Field(ge=0.01, le=1000)]
+Far = Annotated[float, Field(ge=-100_000, le=100_000)]      # of a corner, from the field's origin
+Hz = Annotated[float, Field(ge=0.01, le=20)]
+MOST_CORNERS = 20_000
+MOST_PLANTS = 1_000_000         # as many as a plant list may have
 Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
 
@@ -32,10 +36,10 @@ class Wanted(Part):
     hold_mean_kg_ha: Annotated[float, Field(gt=0, le=2000)] | None = None
     around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0        # map_and_canopy: how far the heads may move
     around_kg_ha: Rate | None = None            # the same in kg/ha; None: by percent
-    decision_hz: Annotated[float, Field(gt=0, le=20)] = 1.0
+    decision_hz: Hz = 1.0
     map: str | None = None                      # a prescription, beside the job file
     plants: str | None = None                   # a plant list, beside the job file
-    dose_angle_deg: Annotated[float, Field(gt=0, le=3600)] = 120.0      # point mode: one dose, as the paper's
+    dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0      # point mode: one dose, as the paper's
     dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
     learn_threshold: bool = True                # point mode: measured dose errors move the threshold
 
@@ -55,7 +59,8 @@ class Ground(Part):
     title: str = ""
     origin_lat_deg: Annotated[float, Field(ge=-89, le=89)] = 34.28
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 119.88
-    boundary_m: tuple[tuple[float, float], ...] = ()        # closed by itself; empty: no field known
+    # closed by itself; empty: no field known
+    boundary_m: Annotated[tuple[tuple[Far, Far], ...], Field(max_length=MOST_CORNERS)] = ()
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
     headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
@@ -87,7 +92,7 @@ class Camera(Part):
 
     ahead_m: Metres = 6.0                       # nearest edge of the picture
     view_m: Metres = 1.0                        # length of the picture
-    hz: Annotated[float, Field(gt=0, le=50)] = 10.0
+    hz: Annotated[float, Field(ge=0.01, le=50)] = 10.0
     computing_s: Annotated[float, Field(ge=0, le=10)] = 1.5
     seen_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
 
@@ -95,26 +100,26 @@ class Camera(Part):
 class SpeedChange(Part):
     """From `at_s` on the tractor wants `speed_kmh` (0 stops, negative backs up)."""
 
-    at_s: Annotated[float, Field(ge=0)] = 0.0
+    at_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
     speed_kmh: Annotated[float, Field(ge=-10, le=30)] = 4.5
-    acceleration_mps2: Annotated[float, Field(gt=0, le=5)] = 0.5
+    acceleration_mps2: Annotated[float, Field(ge=0.001, le=5)] = 0.5
 
 
 class Simulated(Part):
     """The ground truth of the simulated machine: tractor, passes, canopy, sensor rates, refills."""
 
     canopy: Canopy = Canopy()
-    speed_kmh: Annotated[float, Field(gt=0, le=30)] = 4.5
+    speed_kmh: Annotated[float, Field(ge=0.01, le=30)] = 4.5
     speed_wander_percent: Annotated[float, Field(ge=0, le=30)] = 2.0
-    speed_changes: tuple[SpeedChange, ...] = ()
+    speed_changes: Annotated[tuple[SpeedChange, ...], Field(max_length=10_000)] = ()
     # the tractor tells nothing, the speed that its driver has set, changes of that ahead as well, or all of its drive
     speed_told: Literal["none", "set", "plan", "drive"] = "none"
-    pass_length_m: Metres = 300.0
+    pass_length_m: Annotated[float, Field(ge=0.1, le=20_000)] = 300.0
     passes: Annotated[int, Field(ge=1, le=1000)] = 24
     run_in_m: Metres = 12.0                     # straight beyond each end of a pass
     begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0     # of the whole way: where the machine stands at first
-    gnss_hz: Annotated[float, Field(gt=0, le=20)] = 10.0
-    heads_hz: Annotated[float, Field(gt=0, le=20)] = 2.0
+    gnss_hz: Hz = 10.0
+    heads_hz: Hz = 2.0
     heads_index: Literal["ndvi", "ndre"] = "ndvi"       # what the simulated heads read off the canopy
     hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0
     refill_at_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
@@ -124,6 +129,13 @@ class Simulated(Part):
     plants: Plants | None = None                # point mode; a plant list of the job stands before it
     camera: Camera | None = None                # point mode without a plant list
     dose_measured_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01   # of dose errors, measured behind the machine
+
+    @model_validator(mode="after")
+    def _plants_to_be_held(self) -> Simulated:
+        if self.plants is not None and self.passes * self.pass_length_m / self.plants.spacing_m > MOST_PLANTS:
+            raise ValueError(f"plants.spacing_m {self.plants.spacing_m:g}: {self.passes} passes of "
+                             f"{self.pass_length_m:g} m have more than {MOST_PLANTS} plants")
+        return self
 
 
 class Job(Part):

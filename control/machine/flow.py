@@ -13,11 +13,11 @@ STOPPED_RPM = 0.5       # a shaft slower than this stands still, and what leaks 
 
 
 class Flow(NamedTuple):
-    grams_per_rev_mm: Annotated[float, Field(gt=0, le=1000)] = 5.5
+    grams_per_rev_mm: Annotated[float, Field(ge=1e-4, le=1000)] = 5.5
     flutes: Annotated[float, Field(ge=1, le=100)] = 6.0
     outlets: Annotated[float, Field(ge=1, le=100)] = 6.0
-    full_kg: Annotated[float, Field(gt=0, le=20000)] = 300.0
-    full_rpm: Annotated[float, Field(gt=0, le=1e4)] = 100.0         # shaft speed at which the fall-off is told
+    full_kg: Annotated[float, Field(ge=0.01, le=20000)] = 300.0
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the fall-off is told
     gain_percent: Annotated[float, Field(ge=-60, le=100), Effect(
         "flow.gain", "%", "Kilograms per revolution off by a factor",
         "Another bulk density or product fills the flutes with another mass.",

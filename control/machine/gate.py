@@ -11,8 +11,8 @@ from .elements import DelayLine, line_held, line_put, line_start
 
 class Gate(NamedTuple):
     dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.10
-    slew_mm_s: Annotated[float, Field(gt=0, le=500)] = 20.0
-    full_mm: Annotated[float, Field(gt=0, le=500)] = 60.0
+    slew_mm_s: Annotated[float, Field(ge=0.1, le=500)] = 20.0
+    full_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
     offset_mm: Annotated[float, Field(ge=-500, le=500), Effect(
         "gate.offset", "mm, reading - true", "Opening's read-back differs from the true opening by a constant",
         "A shifted displacement sensor reports a wrong opening, and the flow follows the true one.",

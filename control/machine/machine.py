@@ -15,14 +15,22 @@ from .scale import Scale
 from .sections import MOST_SECTIONS, Section, Strip, strips, trouble_of
 from .shaft import Shaft
 from .speed import Speed
-from .terms import OLD_NOTE, Term
+from .terms import OLD_NOTE, Number, Term
 
 STAGES: dict[str, Any] = {"shaft": Shaft, "gate": Gate, "flow": Flow, "scale": Scale, "speed": Speed,
                           "heads": Heads, "fall": Fall}
 CATALOGUE: dict[str, Entry] = catalogue(STAGES)
 
-Positive = Annotated[float, Field(gt=0, le=1e6)]
-Spread = Annotated[float, Field(ge=0, le=1e3)]
+# Ranges that a machine could have: the widest booms and discs spread 54 m, the smallest bench has one row.
+Width = Annotated[float, Field(ge=0.1, le=60)]
+Height = Annotated[float, Field(gt=0, le=10)]
+Turning = Annotated[float, Field(gt=0, le=2000)]            # r/min
+Opening = Annotated[float, Field(gt=0, le=500)]             # mm, as `gate.full_mm`
+Resolution = Annotated[float, Field(ge=1e-4, le=50)]        # of a drive's set-point
+Share = Annotated[float, Field(ge=1e-6, le=100)]            # %
+Seconds = Annotated[float, Field(ge=1e-6, le=60)]
+Member = Annotated[int, Field(ge=1, le=100)]                # a head or an outlet
+MOST_TERMS, MOST_ENTRIES = 100, 2000                        # of a file that many diagnoses have changed
 
 
 class Part(BaseModel):
@@ -32,82 +40,82 @@ class Part(BaseModel):
 class Geometry(Part):
     """Along-track places are relative to the outlets, forward positive."""
 
-    working_width_m: Positive = 2.4
+    working_width_m: Width = 2.4
     outlets: Annotated[int, Field(ge=1, le=100)] = 6
     heads: Annotated[int, Field(ge=1, le=6)] = 6
     antenna_m: Annotated[float, Field(ge=-30, le=30)] = 2.0
     heads_m: Annotated[float, Field(ge=-30, le=30)] = 6.5
-    head_height_m: Positive = 0.8
-    outlet_height_m: Positive = 0.5
+    head_height_m: Height = 0.8
+    outlet_height_m: Height = 0.5
 
 
 class Limits(Part):
     """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest there is none."""
 
     shaft_low_rpm: Annotated[float, Field(ge=0, le=1000)] = 10.0
-    shaft_high_rpm: Positive = 100.0
-    shaft_resolution_rpm: Positive = 0.1
+    shaft_high_rpm: Turning = 100.0
+    shaft_resolution_rpm: Resolution = 0.1
     opening_low_mm: Annotated[float, Field(ge=0, le=500)] = 5.0
-    opening_high_mm: Positive = 60.0
-    opening_resolution_mm: Positive = 0.1
+    opening_high_mm: Opening = 60.0
+    opening_resolution_mm: Resolution = 0.1
     hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 15.0
 
 
 class SetPoints(Part):
-    shaft_rpm: Positive = 70.0          # opening first
-    opening_mm: Positive = 25.0         # speed first
+    shaft_rpm: Turning = 70.0           # opening first
+    opening_mm: Opening = 25.0          # speed first
 
 
 class Noise(Part):
     """One standard deviation of what each sensor adds."""
 
-    shaft_rpm: Spread = 0.3
-    opening_mm: Spread = 0.1
-    gnss_mps: Spread = 0.03
-    wheel_mps: Spread = 0.02
-    ndvi: Spread = 0.01
-    scale_kg: Spread = 0.15
-    scale_correlation_s: Positive = 1.0
-    gnss_m: Spread = 0.02
-    supply_v: Spread = 0.05
-    pitch_deg: Spread = 0.1
+    shaft_rpm: Annotated[float, Field(ge=0, le=100)] = 0.3
+    opening_mm: Annotated[float, Field(ge=0, le=50)] = 0.1
+    gnss_mps: Annotated[float, Field(ge=0, le=5)] = 0.03
+    wheel_mps: Annotated[float, Field(ge=0, le=5)] = 0.02
+    ndvi: Annotated[float, Field(ge=0, le=1)] = 0.01
+    scale_kg: Annotated[float, Field(ge=0, le=500)] = 0.15
+    scale_correlation_s: Annotated[float, Field(ge=0.001, le=600)] = 1.0
+    gnss_m: Annotated[float, Field(ge=0, le=20)] = 0.02
+    supply_v: Annotated[float, Field(ge=0, le=10)] = 0.05
+    pitch_deg: Annotated[float, Field(ge=0, le=20)] = 0.1
 
 
 class Tolerance(Part):
     """One standard deviation of what the nominal values may be off: the priors of diagnosis."""
 
-    flow_percent: Positive = 0.1
-    wheel_percent: Positive = 0.05
-    shaft_percent: Positive = 0.05
-    dead_time_s: Positive = 0.010
-    time_constant_s: Positive = 0.015
-    gate_slew_percent: Positive = 3.0
-    opening_mm: Positive = 0.01
-    head_percent: Positive = 0.1
+    flow_percent: Share = 0.1
+    wheel_percent: Share = 0.05
+    shaft_percent: Share = 0.05
+    dead_time_s: Seconds = 0.010
+    time_constant_s: Seconds = 0.015
+    gate_slew_percent: Share = 3.0
+    opening_mm: Annotated[float, Field(ge=1e-6, le=100)] = 0.01
+    head_percent: Share = 0.1
 
 
 class Adopted(Part):
     """Where an effect in this file comes from, and where it may be believed."""
 
     id: str
-    size: float
-    low: float | None = None
-    high: float | None = None
+    size: Number
+    low: Number | None = None
+    high: Number | None = None
     unit: str = ""
-    member: int | None = None
+    member: Member | None = None
     data: str = ""
     sha256: str = ""
     date: str = ""
-    valid: dict[str, tuple[float, float]] = {}
+    valid: dict[str, tuple[Number, Number]] = {}
 
 
 class Resized(Part):
     """An effect whose size a change set, in its catalogue unit."""
 
     id: str
-    member: int | None = None
-    before: float
-    after: float
+    member: Member | None = None
+    before: Number
+    after: Number
 
 
 class Change(Part):
@@ -116,8 +124,8 @@ class Change(Part):
     date: str = ""
     data: str = ""
     sha256: str = ""
-    effects: tuple[Resized, ...] = ()
-    terms: tuple[Term, ...] = ()
+    effects: Annotated[tuple[Resized, ...], Field(max_length=MOST_TERMS)] = ()
+    terms: Annotated[tuple[Term, ...], Field(max_length=MOST_TERMS)] = ()
     undone: str = ""
 
 
@@ -141,9 +149,9 @@ class Machine(Part):
     noise: Noise = Noise()
     tolerance: Tolerance = Tolerance()
     sections: Annotated[tuple[Section, ...], Field(max_length=MOST_SECTIONS)] = ()      # left to right; none: one whole
-    terms: tuple[Term, ...] = ()
-    adopted: tuple[Adopted, ...] = ()
-    history: tuple[Change, ...] = ()
+    terms: Annotated[tuple[Term, ...], Field(max_length=MOST_TERMS)] = ()
+    adopted: Annotated[tuple[Adopted, ...], Field(max_length=MOST_ENTRIES)] = ()
+    history: Annotated[tuple[Change, ...], Field(max_length=MOST_ENTRIES)] = ()
 
     @model_validator(mode="after")
     def _agree(self) -> Machine:

@@ -9,7 +9,7 @@ from .effect import HOPPER, Effect
 
 
 class Scale(NamedTuple):
-    resolution_kg: Annotated[float, Field(gt=0, le=10)] = 0.05
+    resolution_kg: Annotated[float, Field(ge=1e-4, le=10)] = 0.05
     gain_percent: Annotated[float, Field(ge=-30, le=30), Effect(
         "scale.gain", "%", "Scale reads off by a factor",
         "A wrong calibration weight or a cell under side load scales every reading.",

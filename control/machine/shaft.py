@@ -12,10 +12,10 @@ from .elements import DelayLine, line_held, line_put, line_start, stepped
 
 class Shaft(NamedTuple):
     dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.373
-    time_constant_s: Annotated[float, Field(gt=0, le=5)] = 0.05
-    acceleration_rpm_s: Annotated[float, Field(gt=0, le=5000)] = 200.0
-    nominal_supply_v: Annotated[float, Field(gt=0, le=60)] = 13.5
-    full_opening_mm: Annotated[float, Field(gt=0, le=500)] = 60.0
+    time_constant_s: Annotated[float, Field(ge=1e-4, le=5)] = 0.05
+    acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=5000)] = 200.0
+    nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
+    full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
     gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
         "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",

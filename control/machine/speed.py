@@ -12,7 +12,7 @@ UPHILL_SHARE_PER_DEG = 0.15     # slip grows by this share of itself for each de
 
 
 class Speed(NamedTuple):
-    wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50
+    wheel_circumference_m: Annotated[float, Field(ge=0.05, le=20)] = 2.50
     pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
     slip_percent: Annotated[float, Field(ge=-5, le=40), Effect(
         "speed.wheel_slip", "%", "Wheel reads fast under load, more uphill",

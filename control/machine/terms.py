@@ -133,8 +133,8 @@ class Interval(NamedTuple):
     """90 % interval of a coefficient."""
 
     name: str
-    low: float
-    high: float
+    low: Number
+    high: Number
 
 
 class Term(BaseModel):
@@ -148,10 +148,10 @@ class Term(BaseModel):
     form: Form
     over: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=2)]
     coefficients: dict[str, Number] = {}
-    intervals: tuple[Interval, ...] = ()
-    nodes: tuple[Number, ...] = ()
-    values: tuple[Number, ...] = ()
-    held_out_gain: float | None = None          # share of the held-out error that it took away
+    intervals: Annotated[tuple[Interval, ...], Field(max_length=100)] = ()
+    nodes: Annotated[tuple[Number, ...], Field(max_length=100)] = ()
+    values: Annotated[tuple[Number, ...], Field(max_length=100)] = ()
+    held_out_gain: Number | None = None          # share of the held-out error that it took away
     source: Source = Source()
 
     def __hash__(self) -> int:

@@ -9,6 +9,7 @@ from control.field.job import Canopy
 from control.machine.elements import Array
 
 CELL_M = 0.4
+MOST_CELLS = 4_000_000          # 0.8 km by 0.8 km, 32 MB, four times that to make; beyond the same canopy comes again
 # Both indices saturate with leaf area, NDVI much sooner (form after Baret and Guyot 1991, Remote Sens. Environ.
 # 35:161-173; the figures are typical of wheat, nobody's in particular).
 SOIL_NDVI, DENSE_NDVI, NDVI_PER_LEAF = 0.15, 0.95, 0.70
@@ -30,8 +31,7 @@ class CanopyField:
 
     def __init__(self, canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int) -> None:
         self._east0, self._north0 = east_m[0], north_m[0]
-        columns = max(8, int(np.ceil((east_m[1] - east_m[0]) / CELL_M)))
-        rows = max(8, int(np.ceil((north_m[1] - north_m[0]) / CELL_M)))
+        columns, rows = _grid(east_m[1] - east_m[0], north_m[1] - north_m[0])
         rng = np.random.default_rng(seed)
         x = CELL_M * np.minimum(np.arange(columns), columns - np.arange(columns))
         y = CELL_M * np.minimum(np.arange(rows), rows - np.arange(rows))
@@ -54,3 +54,14 @@ class CanopyField:
         j0, j1 = j % self._rows, (j + 1) % self._rows
         g = self.ndvi
         return float((1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * ((1 - u) * g[j1, i0] + u * g[j1, i1]))
+
+
+def _grid(wide_m: float, long_m: float) -> tuple[int, int]:
+    """Columns and rows: all of the ground, the longer side cut where that would be more than `MOST_CELLS`."""
+    columns, rows = (max(8, int(np.ceil(m / CELL_M))) for m in (wide_m, long_m))
+    if columns * rows <= MOST_CELLS:
+        return columns, rows
+    side = int(MOST_CELLS ** 0.5)
+    if min(columns, rows) >= side:
+        return side, side
+    return (columns, MOST_CELLS // columns) if columns < rows else (MOST_CELLS // rows, rows)
