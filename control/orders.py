@@ -60,6 +60,7 @@ class Do(StrEnum):
     REFILL = "refill"                # value: kg filled in
     ALLOW_REVERSE = "allow_reverse"  # value: True / False
     ALLOW_OUTSIDE = "allow_outside"  # value: True / False
+    ALLOW_MAP_ELSEWHERE = "allow_map_elsewhere"     # value: True / False: the outside rate of a map that lies elsewhere
     GO_ON_UNLOGGED = "go_on_unlogged"  # value: True / False
     FLOW_TRIM = "flow_trim"          # value: True / False: the scale may correct the flow model
     LOOK_AHEAD = "look_ahead"        # value: True / False

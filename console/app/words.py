@@ -34,7 +34,8 @@ NOTES = {
     "not_working": N_("not working"), "drive_silent": N_("a drive is silent"), "speed_silent": N_("no speed"),
     "standstill": N_("standing still"), "low_speed": N_("too slow"), "reversing": N_("reversing"),
     "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
-    "outside_field": N_("lands outside field"), "work_switch_up": N_("work switch is up"),
+    "outside_field": N_("lands outside field"), "map_elsewhere": N_("the map lies elsewhere"),
+    "work_switch_up": N_("work switch is up"),
     "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
     "already_spread": N_("already spread"), "on_headland": N_("headland"),
     "growth_stage_outside": N_("growth stage"), "rate_is_zero": N_("rate here is zero"),
@@ -42,7 +43,8 @@ NOTES = {
     "zero_yield_reached": N_("canopy needs nothing"), "zero_map": N_("the map says 0 here"),
     "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
 }
-ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK")}
+ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK"),
+              "map_elsewhere": N_("MAP ELSEWHERE OK")}
 
 ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "no_lag_rig": N_("No signal from the lag rig."),

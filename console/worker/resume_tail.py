@@ -70,14 +70,7 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
                        row.sections_cmd)
         if row.time_s > snapshot.time_s and row.state == State.HELD:
             held_s += min(step_s, MOST_STEP_S)
-        runs_out = row.shaft_rpm >= 0.5 * machine.limits.shaft_low_rpm
-        worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or runs_out)
-        if not worked:
-            sums.rest()
-        elif row.time_s > snapshot.sums_s and step_s <= MOST_STEP_S:
-            sums.add(step_s, row.speed_used_mps, applied, row.target_rate_kg_ha, row.open_share)
-        if row.time_s > snapshot.sums_s:
-            sums.add_stopped(row.stopped_kg)
+        _add(sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s)
     width_m, last, after_cut_kg = machine.geometry.working_width_m, rows[-1], 0.0
     cut_hopper_kg = _hopper_kg(rows, width_m)
     flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
@@ -95,6 +88,18 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
     return replace(snapshot, sums=sums.sums, ground=done.raster(), track=tuple(done.track), place_m=place,
                    heading_deg=rows[-1].heading_deg, held_s=held_s, time_s=before_s, sums_s=before_s,
                    refills=(*snapshot.refills, *refills), after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
+
+
+def _add(sums: Totaliser, row: _Row, step_s: float, turning_rpm: float, is_new: bool) -> None:
+    """A row to the sums, as the loop counts it; only what is not in them yet."""
+    worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm)
+    if not worked:
+        sums.rest()
+    elif is_new and step_s <= MOST_STEP_S:
+        sums.add(step_s, row.speed_used_mps, row.applied_rate_kg_ha * row.flow_trim, row.target_rate_kg_ha,
+                 row.open_share)
+    if is_new:
+        sums.add_stopped(row.stopped_kg)
 
 
 def _with_shares(rows: Iterator[_Row], machine: Machine) -> Iterator[_Row]:

@@ -63,6 +63,10 @@ class Boundary:
         """Whether a place lies inside or on the edge; False where it is not finite. About 3 us."""
         return bool(shapely.intersects_xy(self.shape, east_m, north_m))
 
+    def away_m(self, place: Place) -> float:
+        """Distance, m, from a place to the field; 0 inside."""
+        return float(shapely.distance(self.shape, shapely.Point(place)))
+
     def many_inside(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """`contains` for places (n, 2) -> (n,)."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)

@@ -18,6 +18,7 @@ from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
+from control.loop.map_near import MapNear
 from control.loop.moment import Choices, Decision, Metered, Moment
 from control.loop.ordered import Operator
 from control.loop.reach import Reach
@@ -33,9 +34,9 @@ from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
-from control.orders import BY_CANOPY, Answer, Order, State, Strategy, TargetSource
+from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible, told_text
-from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves
+from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
 from control.targets.lag_correction import ChangeQueue
@@ -73,6 +74,8 @@ class ControlLoop:
         self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription)
         self._doses = None if points is None else Doses(machine, points, self._ahead, self._drive_limits)
         self._backing = Backing(machine)
+        self._near = MapNear(None if prescription is None else prescription.prescription, job.field.boundary_m)
+        self._sensed: Sensed | None = None              # of the newest tick
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
         self._setting = Setting(machine, job.strategy)
@@ -84,7 +87,7 @@ class ControlLoop:
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
                                   prescription is not None, self._started, self._ahead.heads.decisions.take_strip,
-                                  len(machine.switched), machine.flow.full_kg)
+                                  len(machine.switched), machine.flow.full_kg, self._why_no_start)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events: list[str] = []                    # of the next row
@@ -157,6 +160,8 @@ class ControlLoop:
     def order(self, order: Order) -> Answer:
         """Obey or refuse; `Answer.why` says why."""
         answer, event = self._operator.order(order, self._time_s or 0.0)
+        if answer.accepted and order.do is Do.SOURCE:
+            self._near.started()
         if event:
             self._events.append(event)
         return answer
@@ -168,9 +173,19 @@ class ControlLoop:
             self._events.append(f"growth_stage_outside {self._growth.text}")
             self._growth_told_s = self._time_s or 0.0
         self._backing.forget()
+        self._near.started()
         self._ahead.overlap.started()
         if self._ahead.sections is not None:
             self._ahead.sections.started()
+
+    def _why_no_start(self) -> str:
+        """What START is refused for beyond what safety knows; empty: nothing."""
+        if self.safety.memory.allow.map_elsewhere or self._ahead.map is None:
+            return ""
+        away_m = self._near.away_m(self._operator.choices.source, self._sensed)
+        outside_kg_ha = self._ahead.map.prescription.outside_kg_ha
+        return "" if away_m is None else refusal("map_elsewhere", away_m=f"{away_m:.0f}",
+                                                 outside_kg_ha=f"{outside_kg_ha:g}")
 
     # -- one tick --------------------------------------------------------------------------------------------------
 
@@ -184,7 +199,7 @@ class ControlLoop:
         between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(
             moment, decision, metered, choices, self._ahead.heads, inside, between, console_age_s, log_ok,
-            self._stopped.told))
+            self._stopped.told, self._near.elsewhere_m is not None))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._told(moment, decision, metered, verdict, command)
@@ -193,6 +208,8 @@ class ControlLoop:
         """Where the machine is, how fast, and what lies ahead."""
         m, dt_s = self._at_time(possible(m))
         sensed = self._sensing.update(m)
+        self._sensed = sensed
+        self._near.look(self.safety.state, self._operator.choices.source, sensed)
         self._note_jump(m, sensed)
         self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
         if self._doses is not None:

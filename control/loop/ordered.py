@@ -24,11 +24,13 @@ YES = Answer(True)
 
 
 class Operator:
-    """What the operator has chosen. `started`: called when safety has accepted START."""
+    """What the operator has chosen. `started`: called when safety has accepted START; `why_no_start`: what START is
+    refused for, empty: nothing."""
 
     def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, flow_trim: FlowTrim,
                  points: PointSource | None, has_map: bool, started: Callable[[], None],
-                 strip_measured: Callable[[StripValue], None], sections: int = 0, hopper_kg: float = inf) -> None:
+                 strip_measured: Callable[[StripValue], None], sections: int = 0, hopper_kg: float = inf,
+                 why_no_start: Callable[[], str] = str) -> None:
         """hopper_kg: what the hopper holds; more than that is no refill."""
         self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
                                job.flow_trim, job.no_double)
@@ -40,6 +42,7 @@ class Operator:
         self._flow_trim = flow_trim
         self._points = points
         self._started = started
+        self._why_no_start = why_no_start
         self._strip_measured = strip_measured
         self._sections = sections
         self._hopper_kg = hopper_kg
@@ -136,6 +139,8 @@ class Operator:
         before = self._safety.state
         if order.do is Do.REFILL and (_number(order) or 0.0) > self._hopper_kg + REFILL_ROUNDED_KG:
             return Answer(False, refusal("refill_beyond_hopper", hopper_kg=f"{self._hopper_kg:g}"))
+        if order.do is Do.START and before in (State.READY, State.HELD) and (why := self._why_no_start()):
+            return Answer(False, why)
         answer = self._safety.order(order, now_s)
         if not answer.accepted:
             return answer

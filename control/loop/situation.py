@@ -9,7 +9,7 @@ from control.safety import Situation, Told
 
 def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, heads: CanopyHeads,
               landing_inside: bool | None, between_doses: bool, console_age_s: float | None,
-              log_ok: bool, told: Told) -> Situation:
+              log_ok: bool, told: Told, map_elsewhere: bool) -> Situation:
     """`between_doses`: a rate means nothing there, and is not told."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
@@ -28,4 +28,4 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
         usable_speed_mps=decision.usable_mps if moment.speed_mps > decision.usable_mps else None,
         console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m,
         cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
-        else None, told=told)
+        else None, told=told, map_elsewhere=map_elsewhere)

@@ -24,10 +24,12 @@ LEAST_KG = 1e-4             # the log's resolution; less waits for more
 def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
     """The limits with the shaft speed that counts as standing on this machine, above its sensor's noise (six s.d.) and
     below half its slowest turning; and with the time that its valves take to close, and a second."""
-    stands_rpm = max(limits.shaft_stands_rpm, 6.0 * machine.noise.shaft_rpm)
+    noise_rpm = machine.noise.shaft_rpm
+    stands_rpm = max(limits.shaft_stands_rpm, 6.0 * noise_rpm)
+    if machine.limits.shaft_low_rpm > 0.0:          # 0: no slowest turning is known
+        stands_rpm = min(stands_rpm, max(0.5 * machine.limits.shaft_low_rpm, 4.0 * noise_rpm))
     closes_s = max((section.valve.close_s for section in machine.sections if section.valve), default=0.0)
-    return replace(limits, shaft_stands_rpm=min(stands_rpm, 0.5 * machine.limits.shaft_low_rpm),
-                   valve_closes_s=closes_s + VALVE_LINE_S)
+    return replace(limits, shaft_stands_rpm=stands_rpm, valve_closes_s=closes_s + VALVE_LINE_S)
 
 
 def open_share(strips: Sequence[Strip], m: Measurements) -> float:

@@ -22,6 +22,7 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType({
     "course_unknown": N_("Its course after the standstill is not known yet."),
     "position_lost": N_("There is no usable position."),
     "outside_field": N_("What is released now would land outside the field."),
+    "map_elsewhere": N_("The map lies elsewhere: its outside rate would be spread."),
     "work_switch_up": N_("The work switch is up or silent."),
     "log_failed": N_("The log cannot be written."),
     "target_refused": N_("The target is above the product's limit or not a number."),
@@ -58,7 +59,8 @@ def _speed(s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits
 def _place(s: Situation, allow: Allowances) -> tuple[str, ...]:
     lost = ("position_lost",) if s.target_source in BY_PLACE and not s.position_ok else ()
     outside = ("outside_field",) if s.landing_inside is False and not allow.outside else ()
-    return lost + outside
+    elsewhere = ("map_elsewhere",) if s.map_elsewhere and not allow.map_elsewhere else ()
+    return lost + outside + elsewhere
 
 
 def _record(s: Situation, allow: Allowances, limits: SafetyLimits) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ class Allowances(NamedTuple):
     reverse: bool = False
     outside: bool = False
     unlogged: bool = False      # ends also when the log works again
+    map_elsewhere: bool = False         # the outside rate of a map that does not lie here is wanted
 
 
 class Memory(NamedTuple):

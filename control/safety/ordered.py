@@ -131,6 +131,12 @@ def _allow_outside(m: Memory, order: Order, now_s: float, limits: SafetyLimits) 
     return m._replace(allow=m.allow._replace(outside=order.value)), YES
 
 
+def _allow_map_elsewhere(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+    if not isinstance(order.value, bool):
+        return m, _no("yes_or_no")
+    return m._replace(allow=m.allow._replace(map_elsewhere=order.value)), YES
+
+
 def _go_on_unlogged(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if not isinstance(order.value, bool):
         return m, _no("yes_or_no")
@@ -155,5 +161,6 @@ def _number(value: str | float | bool) -> float | None:
 _HANDLERS: Mapping[Do, Callable[[Memory, Order, float, SafetyLimits], Outcome]] = {
     Do.READY: _ready, Do.START: _start, Do.HOLD: _hold, Do.STOP: _stop, Do.CALIBRATE: _calibrate,
     Do.RELEASE: _release, Do.ACKNOWLEDGE: _acknowledge, Do.ALLOW_REVERSE: _allow_reverse,
-    Do.ALLOW_OUTSIDE: _allow_outside, Do.GO_ON_UNLOGGED: _go_on_unlogged, Do.REFILL: _refill,
+    Do.ALLOW_OUTSIDE: _allow_outside, Do.ALLOW_MAP_ELSEWHERE: _allow_map_elsewhere,
+    Do.GO_ON_UNLOGGED: _go_on_unlogged, Do.REFILL: _refill,
 }

@@ -53,6 +53,7 @@ class Situation(NamedTuple):
     position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
     told: Told = Told()
+    map_elsewhere: bool = False         # the map does not lie where work was started
 
 
 class Verdict(NamedTuple):
@@ -79,6 +80,8 @@ REFUSALS: Mapping[str, str] = {
     "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),
     "calibrate_seconds": N_("A calibration run lasts more than 0 and at most {max_s} s."),
     "calibrate_setting": N_("A shaft speed is a number of r/min, an opening a number of mm, both 0 or more."),
+    "map_elsewhere": N_("The map lies {away_m} m from here and gives {outside_kg_ha} kg/ha outside of it. Choose "
+                        "another map, or allow it (H)."),
     "start_held": N_("Let go of START first."),
     "release_first": N_("Let go of the calibration button first."),
     "no_such_alarm": N_("There is no live alarm {alarm}."),

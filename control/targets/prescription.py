@@ -17,6 +17,7 @@ from .profile import Target
 from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons
 
 SHORTEST_M = 0.25       # a shorter stretch is a cut corner, passed before a drive has answered
+PROBES = 100            # on a side: 10 m apart in a field of 1 km
 LEAST_M2 = 0.01         # smaller ground is the rounding of corners
 LEAST_DEG2 = LEAST_M2 / 111_200.0 ** 2
 GAP_M = 0.5             # shorter ground without a rate, between ground that has one, is a sliver between polygons
@@ -122,6 +123,22 @@ class Prescription:
             else:
                 found.append(self._default if rate != rate else Target(rate, TargetSource.MAP))
         return found
+
+    @property
+    def outside_kg_ha(self) -> float:
+        """What it gives outside its fields, and where it names none, outside its ground."""
+        return self.fallbacks.outside_kg_ha
+
+    def away_m(self, place: Place) -> float:
+        """Distance, m, from a place to the map: its ground with a rate, or one of its fields; 0 on it."""
+        return min([self._rates.away_m(place), *(field.away_m(place) for field in self._fields)])
+
+    def has_rate_in(self, field: Boundary) -> bool:
+        """Whether it gives a rate somewhere in a field, looked at on a raster of `PROBES` by `PROBES` places."""
+        west, south, east, north = field.shape.bounds
+        places = np.stack(np.meshgrid(np.linspace(west, east, PROBES), np.linspace(south, north, PROBES)),
+                          axis=-1).reshape(-1, 2)
+        return bool(np.isfinite(self._rates.rates_at(places[field.many_inside(places)])).any())
 
     def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[Ahead]:
         """The stretches along a straight line from `start`, the first from 0 m on; each differs from the one before.

@@ -27,6 +27,10 @@ class RateMap(Protocol):
         """Places (n, 2), m -> rates (n,), kg/ha; NaN where the map says nothing."""
         ...
 
+    def away_m(self, place: Place) -> float:
+        """Distance, m, from a place to the nearest ground that has a rate; 0 on it, infinite where the map has none."""
+        ...
+
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
         """Distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate may change; in any order."""
         ...
@@ -105,6 +109,19 @@ class GridMap:
         found[inside] = self.rate_kg_ha[row[inside].astype(np.int64), column[inside].astype(np.int64)]
         return found
 
+    def away_m(self, place: Place) -> float:
+        """By the frame as it lies at the place: right to the share by which it bends, below 1 % over 10 km."""
+        row, column = np.nonzero(np.isfinite(self.rate_kg_ha))
+        if not len(row):
+            return math.inf
+        at = np.array([place[0], place[0] + 1.0, place[0]]), np.array([place[1], place[1], place[1] + 1.0])
+        columns, rows = self.frame.at(*at)
+        cells = np.stack((_beyond(columns[0], column), _beyond(rows[0], row)))
+        per_m = np.array([np.diff(columns[:2]), columns[2] - columns[:1]]).T, np.array([
+            np.diff(rows[:2]), rows[2] - rows[:1]]).T
+        metres = np.linalg.solve(np.concatenate(per_m), cells)
+        return float(np.hypot(*metres).min())
+
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
         """Every column's and row's edge on the way. Within 40 m a line is straight in the frame to 0.03 mm."""
         east, north = direction(heading_deg)
@@ -112,6 +129,11 @@ class GridMap:
                                     np.array([start[1], start[1] + farthest_m * north]))
         rows, columns = self.rate_kg_ha.shape
         return np.concatenate((_steps(column, columns), _steps(row, rows))) * farthest_m
+
+
+def _beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
+    """How far, in cells and with its sign, each cell (n,) lies from a place; 0 within it."""
+    return np.asarray(np.where(at < cell, cell - at, np.where(at > cell + 1.0, cell + 1.0 - at, 0.0)), dtype=np.float64)
 
 
 def _steps(ends: Floats, count: int) -> Floats:
@@ -146,6 +168,12 @@ class ZoneMap:
         first = np.full(len(points), none)
         np.minimum.at(first, point, zone)
         return np.asarray(np.append(self.rate_kg_ha, np.nan)[first], dtype=np.float64)
+
+    def away_m(self, place: Place) -> float:
+        if not len(self.shapes):
+            return math.inf
+        point = shapely.Point(place)
+        return float(shapely.distance(self.shapes[self._tree.nearest(point)], point))
 
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
         east, north = direction(heading_deg)

@@ -28,6 +28,7 @@ class Machine(Pins):
         self.loses_steps = False
         self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
         self.valve_mask = -1            # as the pins were told
+        self.valve_switches = None      # what they tell; None: there are none
 
     def pass_time(self, us):
         self.now_us += us
@@ -78,6 +79,9 @@ class Machine(Pins):
 
     def valves(self, mask):
         self.valve_mask = mask
+
+    def valves_open(self):
+        return self.valve_switches
 
 
 class Bench:
@@ -192,6 +196,17 @@ def valves():
     plain.say("T2,0,50.0,25.0,0,5")
     plain.run(0.01)
     return [masks, plain.board.receiver.rejected.get("unknown_frame", 0)]
+
+
+def valve_switches():
+    """Name and last field of the newest status frame: of a board without switches, of one whose valves 1 and 3 are
+    open, of one whose valves are all closed."""
+    bench, found = Bench(), []
+    for bench.machine.valve_switches in (None, 5, 0):
+        bench.run(0.1)
+        fields = bench.machine.sent[-1].split(b"*")[0].split(b",")
+        found.append([fields[0].decode(), len(fields), fields[-1].decode()])
+    return found
 
 
 def bad_frames():
@@ -462,8 +477,8 @@ def tilt():
 
 
 SCENARIOS = {
-    "safe_stop": safe_stop, "valves": valves, "power_on": power_on, "stop_at_once": stop_at_once,
-    "driver_fault": driver_fault,
+    "safe_stop": safe_stop, "valves": valves, "valve_switches": valve_switches, "power_on": power_on,
+    "stop_at_once": stop_at_once, "driver_fault": driver_fault,
     "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
     "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
     "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,

@@ -51,6 +51,10 @@ def test_valves_open_only_while_the_drives_are_enabled(scenarios):
     assert unknown == 1, "a board without valves obeys no frame that has them"
 
 
+def test_a_board_whose_valves_have_switches_tells_how_they_stand(scenarios):
+    assert scenarios.valve_switches() == [["$S1", 14, "0"], ["$S2", 15, "5"], ["$S2", 15, "0"]]
+
+
 def test_wrong_frames_are_counted_by_kind_and_not_obeyed(scenarios):
     counts, obeyed_rpm = scenarios.bad_frames()
     assert dict(counts) == {"bad_crc": 3, "missing_crc": 3, "wrong_length": 1, "out_of_range": 4, "not_a_number": 3,
@@ -162,9 +166,9 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
 
 
 @pytest.mark.parametrize("part", [
-    "safe_stop", "valves", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits", "shaft_step",
-    "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves", "gate_moves_homed",
-    "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
+    "safe_stop", "valves", "valve_switches", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits",
+    "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves",
+    "gate_moves_homed", "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
 def test_micropython_does_the_same(part, scenarios, under_micropython):
     assert under_micropython[part] == scenarios.SCENARIOS[part]()
 

@@ -48,6 +48,20 @@ def test_what_is_not_fitted_is_none(board_line):
     assert [getattr(readings, name) for name in optional] == [None] * 5
 
 
+def test_how_the_valves_stand_is_told_by_a_board_that_knows(board_line):
+    frame = StatusFrame(7, 41, 1_000_000, 8, 990_000, 69.9, 24.98, 250.05, 13.48, 1.5, -0.25, True, 1, valves_open=5)
+    line = board_line(status(7, name="S2") + ",5")
+    assert encode_status(frame) == line
+    board = SlaveBoard()
+    readings, = board.feed(line, 5.0)
+    assert readings.valves.time_s == 5.0 and readings.valves.open[:4] == (True, False, True, False)
+    assert board.feed(board_line(status(8, name="S2") + ",65536"), 5.05) == []
+    assert board.feed(board_line(status(8, name="S2")), 5.05) == []
+    assert dict(board.counts.rejected) == {"out_of_range": 1, "wrong_length": 1}
+    readings, = board.feed(board_line(status(9)), 5.1)
+    assert readings.valves is None
+
+
 def test_flags(board_line):
     readings, = SlaveBoard().feed(board_line(status(7, flags="6")), 5.0)
     assert (readings.enabled, readings.heartbeat_lost, readings.driver_fault) == (False, True, True)
@@ -60,7 +74,7 @@ def test_flags(board_line):
     (status(8, micros="4294967296"), "out_of_range"), (status(8, shaft=""), "not_a_number"),
     (status(8, shaft="nan"), "not_a_number"), (status(8, shaft="1e1"), "not_a_number"),
     (status(8, seq="-1"), "not_a_number"), (status(8, flags="1,1"), "wrong_length"), ("S1,8", "wrong_length"),
-    (status(8, name="S2"), "unknown_frame"), (status(7), "repeated_sequence"), (status(3), "repeated_sequence"),
+    (status(8, name="S3"), "unknown_frame"), (status(7), "repeated_sequence"), (status(3), "repeated_sequence"),
 ])
 def test_wrong_frames_are_rejected_and_named(board_line, payload, kind):
     board = SlaveBoard()

@@ -17,6 +17,7 @@ FORBIDDEN = [
     ("position_lost", {"position_ok": False, "target_source": TargetSource.POINT}),
     ("position_lost", {"position_ok": False, "target_source": TargetSource.MAP_AND_CANOPY}),
     ("outside_field", {"landing_inside": False}),
+    ("map_elsewhere", {"target_source": TargetSource.MAP, "map_elsewhere": True}),
     ("work_switch_up", {"work_switch": False}),
     ("log_failed", {"log_ok": False}),
     ("target_refused", {"target_rate_kg_ha": nan}),
@@ -214,6 +215,15 @@ def test_the_operator_may_allow_landing_outside(working):
     assert run.tick(landing_inside=False).flow_allowed
     assert run.order(Do.ALLOW_OUTSIDE, False).accepted
     assert not run.tick(landing_inside=False).flow_allowed
+
+
+def test_the_operator_may_want_the_outside_rate_of_a_map_elsewhere(working):
+    run = working()
+    assert not run.order(Do.ALLOW_MAP_ELSEWHERE, 1.0).accepted
+    assert run.order(Do.ALLOW_MAP_ELSEWHERE, True).accepted
+    assert run.tick(map_elsewhere=True).flow_allowed
+    assert run.order(Do.STOP).accepted and run.order(Do.READY).accepted and run.order(Do.START).accepted
+    assert run.tick(map_elsewhere=True).why_no_flow == ("map_elsewhere",)
 
 
 def test_without_a_log_work_goes_on_only_if_the_operator_says_so(working):

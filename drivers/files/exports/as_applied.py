@@ -94,7 +94,6 @@ class AsApplied:
     cut: Cut | None                     # None: nothing was, or the limit is not known
     one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
     ground: Covered | None = None       # worked, by where it lies: with what came to lie on it, and with a rate of 0
-
     stopped: tuple[StoppedRelease, ...] = ()        # released while told to stand: counted in totals.stopped_kg
 
     @property

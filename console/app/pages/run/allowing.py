@@ -17,7 +17,8 @@ def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
     found = ((Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
              (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
              (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),
-             (Do.NO_DOUBLE, _("a second dose on done ground"), not no_double))
+             (Do.NO_DOUBLE, _("a second dose on done ground"), not no_double),
+             (Do.ALLOW_MAP_ELSEWHERE, _("the outside rate of a map that lies elsewhere"), allow.map_elsewhere))
     sections = (Choice(SECTIONS, _("sections by hand: close or give back ...")),) if frame and frame.sections else ()
     return (*_orders(found), *sections)
 
