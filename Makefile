@@ -5,14 +5,27 @@ BIN := $(VENV)/bin
 
 .PHONY: run test exam check lock licences release benchmark-diagnosis benchmark-diagnosis-peers clean
 
-# Exactly the packages of the lock file, by their hashes; nothing else is fetched, not even to build.
-$(VENV)/.installed: pyproject.toml requirements/dev.txt
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	touch $@
+# Exactly the packages of the lock files, by their hashes; nothing else is fetched, not even to build. pip tells what it
+# fetches: a first start takes minutes.
+PIP := $(BIN)/python -m pip install --disable-pip-version-check
+LOCKED := $(PIP) --require-hashes --requirement
 
-run: $(VENV)/.installed
+# What the program needs.
+$(VENV)/.program: pyproject.toml requirements/build.txt requirements/run.txt
+	@echo "Setting up $(VENV) for topdress, once: some 210 MB to fetch, 840 MB on the disk"
+	$(PYTHON) -m venv $(VENV)
+	$(LOCKED) requirements/build.txt
+	$(LOCKED) requirements/run.txt
+	$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# And what its tests need.
+$(VENV)/.installed: $(VENV)/.program requirements/dev.txt
+	@echo "Setting up $(VENV) for the tests, once: 360 MB more on the disk"
+	$(LOCKED) requirements/dev.txt
+	@touch $@
+
+run: $(VENV)/.program
 	$(BIN)/topdress
 
 test: $(VENV)/.installed
@@ -40,6 +53,7 @@ LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-
 	--index-strategy unsafe-best-match --custom-compile-command "make lock"
 lock: .venv-tools/.installed
 	$(TOOLS)/$(LOCK) pyproject.toml requirements/build.in --extra dev --output-file requirements/dev.txt
+	$(TOOLS)/$(LOCK) requirements/build.in --output-file requirements/build.txt
 	$(TOOLS)/$(LOCK) pyproject.toml --extra report --extra serve --extra fleet --output-file requirements/run.txt
 
 # Who wrote what the program needs, under which licence (docs/licences.md is made by this).
