@@ -96,6 +96,7 @@ class Terminal:
                                         stderr=slave, env=environment, close_fds=True)
         os.close(slave)
         self._open = True
+        self._bytes = 0
         self._lock = threading.Lock()
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -109,6 +110,14 @@ class Terminal:
     def text(self) -> str:
         with self._lock:
             return self.screen.text()
+
+    def did(self) -> tuple[int, ...]:
+        """What the program has done so far: bytes written, and where the system tells it ticks of the processor."""
+        try:
+            told = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        except OSError:
+            return (self._bytes,)
+        return self._bytes, int(told[11]) + int(told[12])           # utime and stime, man 5 proc
 
     def hang_up(self) -> None:
         """What closing the window does."""
@@ -128,6 +137,7 @@ class Terminal:
             try:
                 if select.select([self._master], [], [], 0.1)[0]:
                     data = os.read(self._master, 65536)
+                    self._bytes += len(data)
                     with self._lock:
                         self.screen.feed(decoder.decode(data))
             except (OSError, ValueError):
@@ -210,12 +220,26 @@ class Console:
                 wait(lambda: not self.run_file.exists(), 10.0, "the worker's end")
 
 
+PATIENCE = 10                   # times what a quiet machine needs: others may use it, and a start is no measurement
+
+
 def wait(true: Callable[[], bool], most_s: float, what: str, terminal: Terminal | None = None) -> float:
-    """Seconds until it is so. Raises TimeoutError, with the screen."""
-    begun_s = time.monotonic()
+    """Seconds until it is so. Raises TimeoutError, with the screen, where it is not so in time.
+
+    most_s: on a machine that has nothing else to do. A program that is still at it, by what it writes and how long it
+    has had the processor, has PATIENCE times as long; one that has ended has no time left.
+    """
+    begun_s = quiet_s = time.monotonic()
+    did = terminal.did() if terminal else ()
     while not true():
-        if time.monotonic() - begun_s > most_s:
-            raise TimeoutError(f"{what}: not after {most_s:g} s" + (f"\n{terminal.text()}" if terminal else ""))
+        now_s = time.monotonic()
+        ended = terminal is not None and terminal.process.poll() is not None and not true()
+        if terminal is not None and terminal.did() != did:
+            quiet_s, did = now_s, terminal.did()
+        idle = terminal is not None and now_s - quiet_s > most_s
+        if ended or idle or now_s - begun_s > PATIENCE * most_s:
+            raise TimeoutError(f"{what}: {'it ended' if ended else f'not after {now_s - begun_s:.0f} s'}"
+                               + (f"\n{terminal.text()}" if terminal else ""))
         time.sleep(0.01)
     return time.monotonic() - begun_s
 

@@ -12,3 +12,13 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     """Which of the two sets runs: a test of the other one, though named by its path, is only counted as deselected."""
     chosen = config.getoption("markexpr")
     return "the quick set; the rest: -m exam (make exam); both: -m ''" if chosen == "not exam" else None
+
+
+LONGEST_ID = 60             # characters of a parameter's id: some are files of a megabyte, and would flood a terminal
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """The beginning of a long text, and how long it is; else pytest's own id."""
+    if not isinstance(val, (str, bytes)) or len(val) <= LONGEST_ID:
+        return None
+    return f"{ascii(val[:LONGEST_ID // 3]).strip(chr(39) + chr(34) + 'b')}...{len(val)}"

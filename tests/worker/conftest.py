@@ -60,7 +60,8 @@ def running(tmp_path: Path) -> Iterator[Callable[..., Where]]:
 
     def start(*args: str, name: str = "worker", **options: Any) -> Where:
         where = start_worker(["--log", str(tmp_path / f"{name}.log"), *args], tmp_path / f"{name}.trouble",
-                             run_file=tmp_path / "run" / f"{name}.json", program=("-P", str(FAKE)), **options)
+                             run_file=tmp_path / "run" / f"{name}.json", program=("-P", str(FAKE)),
+                             **{"timeout_s": 60.0, **options})
         started.append(where)
         return where
 
@@ -79,7 +80,7 @@ async def attach() -> AsyncIterator[Callable[[Where], Any]]:
         link = Link(where)
         link.task = asyncio.create_task(link.run())    # type: ignore[attr-defined]
         tasks.append(link.task)                        # type: ignore[attr-defined]
-        await asyncio.wait_for(link.attached.wait(), 3)
+        await asyncio.wait_for(link.attached.wait(), 30)
         return link
 
     yield to

@@ -27,7 +27,8 @@ from drivers.files.lock import take_lock
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
 
 
-async def until(true, timeout_s=3.0):
+async def until(true, timeout_s=30.0):
+    """Waits for what is no matter of time: on a busy machine it may be long in coming."""
     async with asyncio.timeout(timeout_s):
         while not true():
             await asyncio.sleep(0.01)
@@ -130,7 +131,7 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running
             assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
             watcher = await attach(where.looking_only())
             os.kill(console.pid, getattr(signal, how))
-            await until(lambda: watcher.newest.row.state == "held", 15.0)
+            await until(lambda: watcher.newest.row.state == "held")
             await until(lambda: log_of(where)[-1]["state"] == "held")     # the log's own thread is a little behind
         finally:
             console.kill()
@@ -148,7 +149,7 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running
         await owner.order(Order(Do.START))
         owner.task.cancel()
         left_s = time.monotonic()
-        await until(lambda: watcher.newest.row.state == "held", 15.0)
+        await until(lambda: watcher.newest.row.state == "held")
         assert 1.4 < time.monotonic() - left_s < 6.0                # its last word was up to 0.5 s old
         again = await attach(where)
         await until(lambda: again.newest.row.speed_mps < 1.0)       # the fake shows the console's age there
@@ -226,7 +227,7 @@ async def test_terminate_is_a_clean_stop_and_ctrl_c_is_nothing(running, attach, 
 async def test_nobody_ever_came(running, log_of):
     where = running("--orphan-s", "0.3")
     run_file = Path(where.log_path).parent / "run" / "worker.json"
-    await until(lambda: not run_file.exists(), 2.0)
+    await until(lambda: not run_file.exists())
     assert log_of(where)[-1] == {"end": True} and log_of(where)[-2]["state"] == "off"
 
 
