@@ -102,18 +102,13 @@ def kinds(base=ModalScreen):
         yield from kinds(kind)
 
 
-@pytest.mark.parametrize("text", [*SENT_FOR_X, *SENT_FOR_F12])
-async def test_stop_is_had_with_every_form_of_its_keys(app, text):
+async def test_stop_and_hold_are_had_with_every_form_of_their_keys(app):
     async with app.run_test(size=SIZE) as pilot:
-        await send(app, pilot, text)
-        assert app.source.orders == [STOP]
-
-
-@pytest.mark.parametrize("text", SENT_FOR_SPACE)
-async def test_hold_is_had_with_every_form_of_its_key(app, text):
-    async with app.run_test(size=SIZE) as pilot:
-        await send(app, pilot, text)
-        assert app.source.orders == [HOLD]
+        for order, texts in ((STOP, (*SENT_FOR_X, *SENT_FOR_F12)), (HOLD, SENT_FOR_SPACE)):
+            for text in texts:
+                app.source.orders.clear()
+                await send(app, pilot, text)
+                assert app.source.orders == [order], text
 
 
 async def test_stop_reaches_the_worker_from_every_page(full, source):
@@ -206,6 +201,7 @@ async def done_by(app, pilot, text) -> list[str]:
     return done
 
 
+@pytest.mark.exam
 async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(full):
     tried, keymap = set(), full.services.settings.settings.keymap
     async with full.run_test(size=SIZE) as pilot:
@@ -295,8 +291,9 @@ async def test_stop_is_in_its_place_beside_a_notice(app, source, shown):
         assert source.orders == [Order(Do.START), STOP]
 
 
-@pytest.mark.parametrize("key", ["abcd2345", None])
-@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+@pytest.mark.parametrize(("key", "size"), [
+    (None, (80, 24)), *(pytest.param(key, size, marks=pytest.mark.exam) for key, size in (
+        (None, (120, 40)), ("abcd2345", (120, 40)), ("abcd2345", (80, 24))))])
 async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, shown, key, size):
     async def link_to(operating: bool) -> StillSource:
         return source

@@ -91,10 +91,10 @@ def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> Non
 
 def test_trims_do_not_wind_up_on_the_headland(simulated: Any) -> None:
     """Short passes, many turns with the shaft stopped: nothing is wrong, so nothing is trimmed at any start."""
-    run = simulated(500.0, look_ahead=False, seed=7, sim={"pass_length_m": 40.0, "passes": 16})
+    run = simulated(250.0, look_ahead=False, seed=7, sim={"pass_length_m": 40.0, "passes": 8})
     starts = [k for k in range(1, len(run.steps) - 60) if run.steps[k - 1].tick.command.shaft_rpm == 0.0
               and run.steps[k].tick.command.shaft_rpm > 0.0]
-    assert len(starts) >= 6
+    assert len(starts) >= 3
     for start in starts[1:]:
         rows = [step.tick.row for step in run.steps[start:start + 60]]
         wanted = [pair_for(Machine(), Strategy.OPENING_FIRST, 2.4 * row.target_rate_kg_ha * row.speed_used_mps / 1e4,
