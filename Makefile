@@ -28,12 +28,13 @@ $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
 run: $(VENV)/.program
 	$(BIN)/topdress
 
+# The tests of a file share what they look at: one process has them all.
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # Hidden examinations, long logs, many kills, minutes of odd files: tests marked `exam`.
 exam: $(VENV)/.installed
-	$(BIN)/python -m pytest -n 2 -m exam
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m exam
 
 check: $(VENV)/.installed
 	$(BIN)/ruff check .

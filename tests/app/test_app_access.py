@@ -136,6 +136,7 @@ async def test_every_action_is_in_the_palette_of_its_page(full):
         assert found == set(actions.BY_ID)
 
 
+@pytest.mark.exam
 async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width(full):
     """So that what is not on the bar or the page can be clicked in the palette."""
     async with full.run_test(size=(80, 24)) as pilot:

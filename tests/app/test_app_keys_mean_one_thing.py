@@ -215,7 +215,8 @@ async def test_a_setting_is_taken_back_too(full):
         assert store.settings == before
 
 
-@pytest.mark.parametrize("size", [(120, 40), (80, 24), (60, 20)])
+@pytest.mark.parametrize("size", [
+    (60, 20), *(pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (80, 24)))])
 async def test_every_page_is_reached_without_f_keys_at_every_size(full, size):
     async with full.run_test(size=size) as pilot:
         await pilot.pause()

@@ -38,7 +38,8 @@ def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float,
     return float((columns["flow_kg_s"] * 0.05).sum()) / FIELD_HA, columns, loop.totals
 
 
-@pytest.mark.parametrize(("mean_kg_ha", "seed"), [(250.0, 1), (150.0, 3)])
+@pytest.mark.parametrize(("mean_kg_ha", "seed"), [
+    (250.0, 1), pytest.param(150.0, 3, marks=pytest.mark.exam)])
 def test_the_field_ends_at_its_mean_and_keeps_its_pattern(mean_kg_ha, seed):
     found, columns, totals = worked(mean_kg_ha, seed)
     assert found == pytest.approx(mean_kg_ha, rel=0.02)
@@ -50,6 +51,7 @@ def test_the_field_ends_at_its_mean_and_keeps_its_pattern(mean_kg_ha, seed):
     assert target.std() > 0.1 * mean_kg_ha
 
 
+@pytest.mark.exam
 def test_without_it_the_rule_says_how_much():
     """What it is worth: the same field by the rule alone."""
     found, _, _ = worked(None, 1)

@@ -30,7 +30,8 @@ def test_a_hum_is_said_with_its_period_and_is_no_cause() -> None:
 
 
 @pytest.mark.parametrize(("effect", "planted"), [("speed.wheel_radius", {"wheel_percent": 1.0}),
-                                                 ("speed.gnss_latency", {"late_s": 0.4})])
+                                                 pytest.param("speed.gnss_latency", {"late_s": 0.4},
+                                                              marks=pytest.mark.exam)])
 def test_what_is_slower_than_the_hum_is_found_beside_it(effect: str, planted: dict[str, float]) -> None:
     found = diagnose_run(speeds(0.12, **planted), MACHINE)
     (cause,) = found.causes

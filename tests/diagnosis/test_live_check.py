@@ -63,6 +63,7 @@ def test_a_departure_is_said_with_its_time_and_its_name() -> None:
     assert said[-1][1].cause.startswith("speed.wheel") and said[-1][1].since_s == pytest.approx(500.0, abs=20.0)
 
 
+@pytest.mark.exam
 def test_times_are_those_of_the_log_however_late_it_is() -> None:
     late = wheel_log(2070.0, 1700.0)
     (found,) = begun(late, MACHINE)

@@ -98,6 +98,7 @@ def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> N
     assert told[1].split("landed")[1] != told[2].split("landed")[1]
 
 
+@pytest.mark.exam
 def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: Setup) -> None:
     shifted = (Planted("gate.offset", 1.5),)
     known = with_effect(setup.machine, "gate.offset", 1.5)

@@ -119,6 +119,7 @@ def test_effects_of_natural_size_are_named(name: str, effect_id: str, size: floa
     assert cause.size.value == pytest.approx(size, rel=0.25) and cause.size.low < size < cause.size.high
 
 
+@pytest.mark.exam
 def test_steps_below_the_noise_are_sought_over_this_machines_range() -> None:
     """A step of 25 r/min with noise on top: the readings lie anywhere, and only the saw-tooth tells."""
     machine = of("drive_alone")

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 WORKED_S = 7.0              # longer than a snapshot is old
 
 
+@pytest.mark.exam
 def test_kill_of_both_and_the_next_start_goes_on(benchmark_module, tmp_path):
     deaths = benchmark_module("console_deaths")
     console = deaths.Console(tmp_path)

@@ -64,11 +64,13 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path):
     assert not {a for r in rows for a in (r.alarms or "").split(";") if a}
 
 
+@pytest.mark.exam
 def test_the_console_frozen_the_machine_is_held(benchmark_module, tmp_path):
     found = benchmark_module("console_deaths").console_dies(tmp_path, "SIGSTOP")
     assert found.ok, found
 
 
+@pytest.mark.exam
 def test_the_worker_killed_the_console_says_so(benchmark_module, tmp_path):
     found = benchmark_module("console_deaths").worker_dies(tmp_path)
     assert found.ok, found

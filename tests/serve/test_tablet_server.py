@@ -59,7 +59,7 @@ def served(tmp_path, free_port, monkeypatch):
     yield where, f"http://127.0.0.1:{free_port}"
     server.send_signal(signal.SIGTERM)
     try:
-        server.wait(20)
+        server.wait(60)
     except subprocess.TimeoutExpired:
         server.kill()
     with contextlib.suppress(ProcessLookupError):
@@ -114,7 +114,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
             await tab.until("VIEW ONLY")
         looking = Link(where.looking_only())
         task = asyncio.create_task(looking.run())
-        await asyncio.wait_for(looking.attached.wait(), 10)
+        await asyncio.wait_for(looking.attached.wait(), 60)
         assert looking.newest.row.state == "off"
         for tab in tabs:
             for key in ("r", "s", "x", "+"):
@@ -137,11 +137,11 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
     where, _address = served
     tab = TabLink(where)
     task = asyncio.create_task(tab.run())
-    await asyncio.wait_for(tab.attached.wait(), 10)
+    await asyncio.wait_for(tab.attached.wait(), 60)
     await asyncio.sleep(0.7)
     assert await tab.order(Order(Do.READY), 5.0) == Answer(True)
     heard = time.monotonic()
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(60.0):
         while not any(alarm.id == "console_silent" for alarm in tab.newest.alarms):
             await asyncio.sleep(0.05)
             if tab.newest.row.state == "ready":

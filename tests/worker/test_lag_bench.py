@@ -113,6 +113,7 @@ def test_letting_go_stops_the_shaft_and_the_run_begins_again_when_held_again(ben
     assert len(bench.run(12.0).lag_test.runs) == 1
 
 
+@pytest.mark.exam
 def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_path):
     bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=125.0))
     bench.held = True
@@ -200,6 +201,7 @@ def test_the_command_turns_the_shaft_only_while_the_key_is_down(bench, tmp_path)
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 2
 
 
+@pytest.mark.exam
 def test_without_a_key_it_goes_on_in_runs_of_two_minutes(bench, tmp_path):
     _, attended, go = attend(bench, tmp_path, no_key=True, repeats=25)
     states = []
