@@ -169,12 +169,12 @@ def _truth_text(record: Record, width_m: float) -> str:
 
     import numpy as np
 
-    from control.simulation.errors import landing
+    from control.simulation.errors import true_landing
     columns = record.columns()
-    land = landing(columns, width_m)
+    landed_kg_ha, landed_m = true_landing(columns, width_m)
     table = np.column_stack([
-        columns["time_s"] - DT_S, columns["shaft_rpm"], columns["opening_mm"], columns["flow_kg_s"], land.rate_kg_ha,
-        land.place_m, columns["driven_m"], columns["target_kg_ha"], columns["speed_mps"], columns["east_m"],
+        columns["time_s"] - DT_S, columns["shaft_rpm"], columns["opening_mm"], columns["flow_kg_s"], landed_kg_ha,
+        landed_m, columns["driven_m"], columns["target_kg_ha"], columns["speed_mps"], columns["east_m"],
         columns["north_m"], columns["working"]])
     text = io.StringIO()
     np.savetxt(text, table, delimiter=",", header=",".join(TRUTH_COLUMNS), comments="",

@@ -90,6 +90,24 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
                    columns["ndvi"][np.maximum(0, row - 1)])      # rows tell targets of their step's begin
 
 
+def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Array]:
+    """What landed where the outlet is at the end of each row's step, kg/ha, and where the first of what left in that
+    step came to lie, m along the way; both (n,).
+
+    A row holds the flow of the step that ends with it. `landing` takes it as let go from the row on, a tick late, as it
+    takes the row's target: to compare the two, which it is for, that is the same. A place by itself it is not.
+    """
+    step = _row_s(columns["time_s"])
+    first = {name: column[:1] for name, column in columns.items()} | {
+        "time_s": columns["time_s"][:1] - step[:1],
+        "driven_m": columns["driven_m"][:1] - step[:1] * columns["speed_mps"][:1]}
+    begun = {name: np.concatenate((first[name], column)) for name, column in columns.items()}
+    for name in ("flow_kg_s", "drop_s", "settled_drop_s"):
+        begun[name] = np.append(columns[name], 0.0 if name == "flow_kg_s" else columns[name][-1:])
+    land = landing(begun, width_m)
+    return land.rate_kg_ha[1:], land.place_m[:-1]
+
+
 def needs(rule: Rule, ndvi: Array) -> Needs:
     """What the crop needs at canopies (n,), its rule's cut-offs and limits included."""
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))

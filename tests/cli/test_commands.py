@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
 from control.log_row import COLUMNS
-from control.machine.machine import CATALOGUE
+from control.machine.fall import drop_s as drop_time_s
+from control.machine.machine import CATALOGUE, Machine
 from control.metering.plan import OPENING_BAND_SHARE
 
 runner = CliRunner()
@@ -49,6 +51,13 @@ def test_simulate_writes_log_yaml_and_truth(log: Path) -> None:
     assert len(truth) == 1800
     assert {"shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m"} <= set(truth[0])
     assert float(truth[0]["time_s"]) == pytest.approx(0.05)
+    time, place = ([float(row[name]) for row in truth] for name in ("time_s", "place_m"))
+    steady = [k for k in range(900, 1700) if all(float(truth[k + d]["shaft_rpm"]) == 70.0 for d in (-1, 0, 20))]
+    drop_s = drop_time_s(Machine().fall, 70.0)
+    for k in steady[::50]:      # let go from the step's begin on, not from its end
+        lands = float(np.interp(time[k] - 0.05 + drop_s, time, place))
+        assert float(truth[k]["landed_place_m"]) == pytest.approx(lands, abs=0.003)
+    assert len(steady) > 200
     assert log.with_suffix(".yaml").read_text().startswith("format: topdress-run-log/1")
     assert not list(log.parent.glob(".*"))
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from control.targets.point import PointLag
 
-from .claims import compared
+from .claims import DIGITS, compared
 from .page import Claim, How
 from .published import MICROSTEPS, POINT_DELAYS_S
 
@@ -29,21 +29,23 @@ def points_claims(lag: PointLag) -> list[Claim]:
               remark="an input; the abstract calls it the response, the text the communication"),
         Claim("eq 3", "120 degrees at 99.8 r/min", "0.2 s", f"{TURN_DEG / SHAFT_RPM:.2f} s as printed; "
               f"{lag.turn_s:.3f} s with the factor 6", How.RECOMPUTED, False,
-              "as printed eq 3 lacks the factor 6 (degrees over r/min); section 2.3 used it"),
+              "as printed eq 3 lacks the factor 6 (degrees over r/min); section 2.3 used it", f"0.05 s: {DIGITS}"),
         compared("eq 4", "fall from 1 m", POINT_DELAYS_S["fall"], lag.fall_s, 0.005, "{:.2f} s"),
         compared("eq 5, section 2.3", "whole delay", POINT_DELAYS_S["total"], parts, 0.01, "{:.2f} s",
-                 remark="the sum of two copied and two computed parts"),
+                 remark="the sum of two copied and two computed parts", why="two parts rounded to 0.01 s"),
         Claim("table 1", "shaft speed by microstep mode 1, 2, 4", ", ".join(f"{rpm:g}" for rpm in MICROSTEPS.values())
               + " r/min", ", ".join(f"{rpm:.1f}" for rpm in fits) + f" r/min at {pulses:.0f} pulses/s", How.FITTED,
               max(abs(ours / rpm - 1.0) for ours, rpm in zip(fits, MICROSTEPS.values(), strict=True)) < 0.01,
-              "one pulse rate for three speeds: slower modes are microsteps, not slower pulses"),
+              "one pulse rate for three speeds: slower modes are microsteps, not slower pulses",
+              "1 %: turns timed by a program's clock; no scatter is printed"),
         Claim("table 1", "vibration by mode", "none, slight, marked"),
         Claim("figure 4", "turning time over angle, three modes", "curves without figures",
               ", ".join(f"{TURN_DEG / (6.0 * rpm):.3f}" for rpm in MICROSTEPS.values()) + " s for 120 degrees",
-              How.RECOMPUTED, None, "straight lines of 6 n degrees a second, drawn below"),
+              How.RECOMPUTED, None, "straight lines of 6 n degrees a second; drawn below from table 1, not read off "
+              "the figure"),
         Claim("abstract, conclusion 3", "runs stably between", "50 and 201 r/min",
               f"{min(MICROSTEPS.values()):g} and {max(MICROSTEPS.values()):g} r/min", How.RECOMPUTED, True,
-              "the ends of table 1, whose slowest mode is said to vibrate markedly"),
+              "the ends of table 1, whose slowest mode is said to vibrate markedly", "none: the ends of table 1"),
         Claim("section 1.3.2", "threshold T", "the mean error, without a figure",
               remark="ours is learned from measured doses; its effect is simulated below"),
         Claim("section 1.4.2", "baud rates of slave and host", "2 : 3",

@@ -19,6 +19,9 @@ from control.machine.start import start_lag_s
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 
 REPLICATES = 3
+SPEED_MPS = LAG_SPEED_KMH / 3.6
+PHASES = 400                # of the quadrature between two positions
+LEAST_DENSITY = 1e-300      # 1/m; below it a logarithm is not to be had
 
 
 class Reading(NamedTuple):
@@ -31,6 +34,8 @@ class Reading(NamedTuple):
     shared_phase: bool = False          # the three replicates of a shaft speed meet the boundary alike between updates
 
 
+IN_PHASE = "eq 6, scatter, position at 1 Hz, replicates in phase"
+ONCE_A_SECOND = "eq 6, scatter, position at 1 Hz"
 READINGS = (
     Reading("eq 6 exact"),
     Reading("machine model", "model"),
@@ -38,7 +43,7 @@ READINGS = (
     Reading("field lag of table 1", "field"),
     Reading("field lag, scatter of table 3", "field", True),
     *(Reading(f"eq 6, scatter, position at {hz:g} Hz", "line", True, hz) for hz in (1.0, 5.0, 10.0)),
-    Reading("eq 6, scatter, position at 1 Hz, replicates in phase", "line", True, 1.0, True),
+    Reading(IN_PHASE, "line", True, 1.0, True),
     *(Reading(f"machine model, scatter, position at {hz:g} Hz", "model", True, hz) for hz in (1.0, 5.0, 10.0)),
     *(Reading(f"field lag, scatter, position at {hz:g} Hz", "field", True, hz) for hz in (1.0, 5.0, 10.0)),
 )
@@ -47,17 +52,20 @@ READINGS = (
 def misses_m(machine: Machine, shaft_rpm: int, reading: Reading, corrected: bool, trials: int,
              rng: np.random.Generator) -> Array:
     """Misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed that the paper did not test."""
-    speed = LAG_SPEED_KMH / 3.6
-    lags = {"line": lag_paper_s(shaft_rpm), "model": start_lag_s(machine, shaft_rpm),
-            "field": float(np.mean(LAG_M[shaft_rpm])) / speed}
-    lag = np.full((trials, REPLICATES), lags[reading.lag_from])
+    lag = np.full((trials, REPLICATES), _lag_s(machine, shaft_rpm, reading))
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])
         lag += rng.choice(drops - drops.mean(), lag.shape)
     if reading.update_hz is not None:
         lag += rng.uniform(0.0, 1.0 / reading.update_hz, (trials, 1 if reading.shared_phase else REPLICATES))
-    ahead = speed * lag_paper_s(shaft_rpm) if corrected else 0.0
-    return np.asarray(speed * lag - ahead, dtype=np.float64)
+    ahead = SPEED_MPS * lag_paper_s(shaft_rpm) if corrected else 0.0
+    return np.asarray(SPEED_MPS * lag - ahead, dtype=np.float64)
+
+
+def _lag_s(machine: Machine, shaft_rpm: int, reading: Reading) -> float:
+    if reading.lag_from == "field":
+        return float(np.mean(LAG_M[shaft_rpm])) / SPEED_MPS
+    return start_lag_s(machine, shaft_rpm) if reading.lag_from == "model" else lag_paper_s(shaft_rpm)
 
 
 class Fit(NamedTuple):
@@ -68,7 +76,7 @@ class Fit(NamedTuple):
     between_m: float            # r.m.s. of mean miss by shaft speed, ours minus the paper's
     within_m: float             # standard deviation between the replicates of a shaft speed
     means_m: float              # standard deviation of the replicates' means between shaft speeds
-    log_likelihood: float       # mean over the paper's 21 values, natural logarithm, 1/m
+    log_likelihood: float       # of the paper's 21 values together, natural logarithm, 1/m
     by_rpm: dict[int, float]    # mean miss
 
 
@@ -77,20 +85,20 @@ MEASURED_TO_M = 0.05        # a tape on the ground
 
 def explain(machine: Machine, published_m: dict[int, tuple[float, ...]], readings: tuple[Reading, ...] = READINGS,
             trials: int = 2000, seed: int = 1) -> list[Fit]:
-    """Every reading held against the published misses, the likeliest first.
+    """Every reading held against the published misses, the likeliest first (`joint_log_likelihood`).
 
-    The likelihood of a value is that of our misses at its shaft speed, smoothed by the tape's error.
+    trials, seed: of the misses drawn for the means and spreads beside it.
     """
     rng = np.random.default_rng(seed)
     fits = []
     for reading in readings:
         ours = {rpm: misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m}
-        logs = [_log_density(value, ours[rpm].ravel()) for rpm, values in published_m.items() for value in values]
         apart = [float(ours[rpm].mean()) - sum(values) / len(values) for rpm, values in published_m.items()]
         fits.append(Fit(reading, float(np.mean([o.mean() for o in ours.values()])),
                         float(np.sqrt(np.mean(np.square(apart)))), _within(list(ours.values())),
                         float(np.std([o.mean(axis=1) for o in ours.values()], axis=0, ddof=1).mean()),
-                        float(np.mean(logs)), {rpm: float(o.mean()) for rpm, o in ours.items()}))
+                        joint_log_likelihood(machine, reading, published_m),
+                        {rpm: float(o.mean()) for rpm, o in ours.items()}))
     return sorted(fits, key=lambda fit: -fit.log_likelihood)
 
 
@@ -105,7 +113,49 @@ def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, 
     return float(np.mean(means)), _within(groups), float(np.std(means, ddof=1))
 
 
-def _log_density(value_m: float, sample_m: Array) -> float:
-    z = (value_m - sample_m) / MEASURED_TO_M
-    density = float(np.mean(np.exp(-0.5 * z * z))) / (MEASURED_TO_M * float(np.sqrt(2.0 * np.pi)))
-    return float(np.log(max(density, 1e-12)))
+def joint_log_likelihood(machine: Machine, reading: Reading, published_m: dict[int, tuple[float, ...]]) -> float:
+    """Of all published misses together, natural logarithm, 1/m: by quadrature over the moment between two positions and
+    the scatter of the drop times, smoothed by the tape's error.
+
+    What the replicates of a shaft speed share, they share here: where that is the phase, the three are likely together
+    or not at all. Judged value by value, a shared phase looked as likely as one of each drive's own.
+    """
+    total = 0.0
+    for rpm, values in published_m.items():
+        by_phase = [_densities(machine, rpm, reading, value) for value in values]
+        if reading.shared_phase:
+            total += _log(float(np.mean(np.prod(by_phase, axis=0))))
+        else:
+            total += sum(_log(float(one.mean())) for one in by_phase)
+    return total
+
+
+def _densities(machine: Machine, shaft_rpm: int, reading: Reading, value_m: float) -> Array:
+    """Of one miss at each phase (PHASES,), 1/m."""
+    lag_s = np.full((PHASES, 1), _lag_s(machine, shaft_rpm, reading))
+    if reading.update_hz is not None:
+        lag_s += (np.arange(PHASES)[:, None] + 0.5) / PHASES / reading.update_hz
+    if reading.scatter:
+        drops = np.array(DROP_S[shaft_rpm])
+        lag_s = lag_s + (drops - drops.mean())
+    z = (value_m - SPEED_MPS * (lag_s - lag_paper_s(shaft_rpm))) / MEASURED_TO_M
+    return np.asarray(np.mean(np.exp(-0.5 * z * z), axis=1) / (MEASURED_TO_M * np.sqrt(2.0 * np.pi)))
+
+
+def _log(density: float) -> float:
+    return float(np.log(max(density, LEAST_DENSITY)))
+
+
+def wider_apart(machine: Machine, reading: Reading, published_m: dict[int, tuple[float, ...]], trials: int = 4000,
+                seed: int = 1) -> float:
+    """Share of tables drawn by a reading in which shaft speeds differ from one another by as much more than replicates
+    do as in the published one (ratio of the two standard deviations)."""
+    rng = np.random.default_rng(seed)
+    drawn = np.stack([misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m])
+
+    def ratio(misses: Array) -> Array:
+        between, within = misses.mean(axis=-1).std(axis=0, ddof=1), misses.var(axis=-1, ddof=1).mean(axis=0)
+        return np.asarray(between / np.sqrt(within))
+
+    printed = ratio(np.array(list(published_m.values()))[:, None, :])
+    return float(np.mean(ratio(drawn) >= printed))

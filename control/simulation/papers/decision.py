@@ -18,11 +18,10 @@ from control.simulation.closed_loop import simulated_run
 from .claims import ledger
 from .claims_decision import decision_claims, yields
 from .page import Cell, Line, Picture, Section, Table
-from .published import APPLIED, EXTRA_N_KG_HA, MAIN_SPEED_KMH, PLOTS, SAMPLING, UNIFORM_KG_HA
+from .published import APPLIED, EXTRA_N_KG_HA, MAIN_SPEED_KMH, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA
 
 PLOT_M, WIDTH_M = 250.0, 2.4            # 600 m2 in one pass
 MEAN_NDVI, CV_PERCENT = 0.51, 9.7       # of the paper's plots, about
-NDVI_RANGE = (0.467, 0.546)             # of their means (figure 2)
 CORRELATION_M = 6.0
 RUNS = 4
 CANOPIES = (                            # a plot of 600 m2, or a third of it, in one pass; how far readings are alike
@@ -37,11 +36,11 @@ def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
     """Everything of the paper, published beside obtained."""
     rule = prepare(crop)
     sampled, words = sampling(seed)
-    reading, reading_words = target_readings(crop)
+    forward, forward_words = forward_targets(crop)
     table_2 = amounts(machine, crop, rule, seed)
-    claims = tuple(decision_claims(crop, sampled[0], reading, table_2))
-    return Section("Decision system: NDVI to urea rate", (*words, *reading_words), (
-        ledger("decision paper", claims), *sampled, reading, table_2, nitrogen(), grades(crop), yields()),
+    claims = tuple(decision_claims(crop, sampled[0], forward, table_2))
+    return Section("Decision system: NDVI to urea rate", (*words, *forward_words), (
+        ledger("decision paper", claims), *sampled, forward, table_2, nitrogen(), grades(crop), yields()),
         (rate_picture(crop), sampling_picture(sampled[0])), claims)
 
 
@@ -102,59 +101,43 @@ def _mean_sd(values: list[float]) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(values, ddof=1))
 
 
-def target_readings(crop: Crop) -> tuple[Table, tuple[str, ...]]:
-    """Which mean NDVI gives table 2's targets, if the rate is taken smooth at the mean, or graded over the canopy."""
-    rows = []
-    found: dict[str, list[float]] = {}
-    for plot, (area_m2, target_kg, _, _) in APPLIED.items():
-        rate = rate_from_weighing_kg_ha(target_kg, area_m2)
-        smooth = _solve(crop.model_copy(update={"grades": False}), rate, 0.0)
-        spread = _solve(crop.model_copy(update={"grades": False}), rate, CV_PERCENT)
-        graded = _solve(crop, rate, CV_PERCENT)
-        for name, ndvi in (("smooth", smooth), ("spread", spread), ("graded", graded)):
-            found.setdefault(name, []).append(ndvi)
-        rows.append((plot, rate, smooth, spread, graded))
-    beyond = {name: max(0.0, max(values) - NDVI_RANGE[1], NDVI_RANGE[0] - min(values))
-              for name, values in found.items()}
-    told = {"smooth": "one smooth rate at the plot's mean", "spread": "the smooth rate over the canopy",
-            "graded": "grades at their upper edge over the canopy"}
-    inside = " and ".join(told[name] for name in beyond if beyond[name] == 0.0)
-    outside = ", ".join(f"{told[name]} by {beyond[name]:.3f}" for name in beyond if beyond[name] > 0.0)
-    words = (f"The plots' mean NDVI lay between {NDVI_RANGE[0]} and {NDVI_RANGE[1]} (figure 2). Table 2's targets "
-             f"need a mean within that if they are {inside}; beyond it if they are {outside}.",)
-    return Table("Mean NDVI behind table 2's targets, fitted to them, by reading of section 2.1",
-                 ("plot", "target kg/ha", "smooth, at the mean", "smooth, over the canopy", "graded, over the canopy"),
-                 tuple(rows), (0, 1, 3, 3, 3)), words
+def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
+    """Table 2's target of FC from the mean NDVI that figure 2 prints for it, by four readings of section 2.1."""
+    ndvi = NDVI_OF["FC"]
+    cv_percent = float(np.mean([SAMPLING[2.0][k][0] for k, plot in enumerate(PLOTS) if plot.startswith("FC")]))
+    smooth = crop.model_copy(update={"grades": False})
+    area_m2, target_kg, _, _ = APPLIED["FC"]
+    kg = {"smooth rate at the mean": _mean_rate(smooth, ndvi, 0.0),
+          "smooth rate over the canopy": _mean_rate(smooth, ndvi, cv_percent),
+          "grades over the canopy": _mean_rate(crop, ndvi, cv_percent),
+          "one grade, of the mean": _mean_rate(crop, ndvi, 0.0)}
+    found = {name: rate * area_m2 / 10_000.0 for name, rate in kg.items()}
+    words = (f"Table 2's target can be held against the rule where an NDVI is printed, in FC: {ndvi} (figure 2), CV "
+             f"{cv_percent:.1f} % (table 1). Published are {target_kg:.1f} kg on {area_m2:.0f} m2; "
+             + ", ".join(f"{value:.1f} with {name}" for name, value in found.items())
+             + ". The text's rule, a grade for each reading, is the one that does not come near.",)
+    return Table("Table 2 forward: target of FC, kg, from its printed NDVI, by reading of section 2.1",
+                 ("plot", "published", *found), (("FC", target_kg, *found.values()),),
+                 (0, 1, *(1,) * len(found))), words
 
 
-def _solve(crop: Crop, rate_kg_ha: float, cv_percent: float) -> float:
+def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
+    """Of a canopy with this mean and CV, spread normally, kg/ha."""
     rule = prepare(crop)
     z = np.linspace(-3.0, 3.0, 121) if cv_percent > 0.0 else np.zeros(1)
-    weight = np.exp(-0.5 * z * z)
-
-    def mean_rate(ndvi: float) -> float:
-        values = [rule.decide(float(ndvi * (1.0 + cv_percent / 100.0 * step))).rate_kg_ha for step in z]
-        return float(np.average(values, weights=weight))
-
-    low, high = 0.40, 0.70
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if mean_rate(middle) > rate_kg_ha else (low, middle)
-    return 0.5 * (low + high)
+    values = [rule.decide(float(ndvi * (1.0 + cv_percent / 100.0 * step))).rate_kg_ha for step in z]
+    return float(np.average(values, weights=np.exp(-0.5 * z * z)))
 
 
 def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
-    """Table 2 on the simulated machine: as it is in its file, and with an outflow 7 % above it, unknown to control."""
-    rows = []
-    for plot, (area_m2, target_kg, applied_kg, error_percent) in APPLIED.items():
-        ndvi = _solve(crop, rate_from_weighing_kg_ha(target_kg, area_m2), CV_PERCENT)
-        nominal, planted = (_plot(machine, crop, rule, ndvi, seed, effect) for effect in ((), ("flow.gain=7",)))
-        rows.append((plot, target_kg, applied_kg, error_percent, *nominal, *planted))
-    return Table("Table 2: amounts, kg, and control error, %. Simulated on one pass of 600 m2 whose NDVI was fitted "
-                 "to the "
-                 "published target; only the errors are obtained",
-                 ("plot", "target published", "applied", "error %", "target as fitted", "applied, nominal machine",
-                  "error %", "target as fitted", "applied, outflow +7 %", "error %"), tuple(rows),
+    """Table 2's FC on the simulated machine, a canopy of its printed NDVI: as the machine is in its file, and with an
+    outflow 7 % above it, unknown to control."""
+    _, target_kg, applied_kg, error_percent = APPLIED["FC"]
+    nominal, planted = (_plot(machine, crop, rule, NDVI_OF["FC"], seed, effect) for effect in ((), ("flow.gain=7",)))
+    row = ("FC", target_kg, applied_kg, error_percent, *nominal, *planted)
+    return Table("Table 2: amounts, kg, and control error, %. Simulated on one pass of 600 m2 with FC's printed NDVI",
+                 ("plot", "target published", "applied", "error %", "target simulated", "applied, nominal machine",
+                  "error %", "target simulated", "applied, outflow +7 %", "error %"), (row,),
                  (0, 1, 1, 2, 1, 1, 2, 1, 1, 2))
 
 
@@ -201,8 +184,9 @@ def sampling_picture(table: Table) -> Picture:
 def rate_picture(crop: Crop) -> Picture:
     smooth, graded = prepare(crop.model_copy(update={"grades": False})), prepare(crop)
     ndvi = np.linspace(0.2, 0.8, 601)
-    back = [(0.499, 366.7), (0.530, 336.7), (0.551, 315.0)]
-    return Picture("Figure 4: rate over NDVI", "NDVI", "urea, kg/ha", (
+    at = rate_from_weighing_kg_ha(APPLIED["FC"][1], APPLIED["FC"][0])
+    return Picture("Figure 4: rate over NDVI, drawn from eq 2 to 5 (the paper's own curve was not read off)", "NDVI",
+                   "urea, kg/ha", (
         Line("eq 2 to 4", "other", ndvi.tolist(), [smooth.decide(float(v)).rate_kg_ha for v in ndvi], True),
         Line("grades", "ours", ndvi.tolist(), [graded.decide(float(v)).rate_kg_ha for v in ndvi], True),
-        Line("targets of table 2, their NDVI inferred", "published", [v for v, _ in back], [r for _, r in back])))
+        Line("FC: target of table 2 at the NDVI of figure 2", "published", [NDVI_OF["FC"]], [at])))

@@ -44,7 +44,8 @@ class How(StrEnum):
 
 
 class Claim(NamedTuple):
-    """`where`: equation, table, figure or section; `says`: what it tells. `agrees`: None where nothing is compared."""
+    """`where`: equation, table, figure or section; `says`: what it tells. `agrees`: None where nothing is compared.
+    `within`: how far apart the two may be to agree, and why so far."""
 
     where: str
     says: str
@@ -53,6 +54,7 @@ class Claim(NamedTuple):
     how: How = How.COPIED
     agrees: bool | None = None
     remark: str = ""
+    within: str = ""
 
 
 class Section(NamedTuple):

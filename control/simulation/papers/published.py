@@ -32,6 +32,8 @@ YIELDS: dict[str, tuple[float, float, float]] = {
     "CP": (3.56, 11.3, 7125.1),
 }
 
+NDVI_OF = {"CK": 0.467, "FC": 0.546}     # A, 7 March, figure 2: the least and the largest mean
+
 EXTRA_N_KG_HA = 28.0                    # A, section 3.2: "about"
 UNIFORM_KG_HA = 300.0
 MAIN_SPEED_KMH = 4.5
