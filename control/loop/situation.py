@@ -27,5 +27,6 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
         target_rate_kg_ha=decision.rate_kg_ha, metres_left_m=metered.metres_left_m,
         usable_speed_mps=decision.usable_mps if moment.speed_mps > decision.usable_mps else None,
         console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m,
+        position_walks=sensed.walks,
         cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
         else None, told=told, map_elsewhere=map_elsewhere)

@@ -79,6 +79,10 @@ _KINDS = (
     AlarmKind("position_jumped", _AMBER, N_("GNSS tells a place {off_m} m from where the machine can be; it is not "
                                             "used."),
               N_("Look at the map. A place that GNSS goes on telling is taken after a second."), N_("GNSS")),
+    AlarmKind("position_walks", _AMBER, N_("GNSS walks off: its place lies {off_m} m from where its own speed and "
+                                           "course lead; it is not used."),
+              N_("Look at the map. A place that agrees with speed and course for a minute is taken again; if it comes "
+                 "back, change the receiver."), N_("GNSS")),
     AlarmKind("device_aside", _AMBER, N_("What {devices} said cannot be digested; it is not listened to any more."),
               N_("Connect it again on the Devices page. If it comes back, keep a capture and report it."),
               N_("devices")),

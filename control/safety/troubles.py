@@ -81,7 +81,8 @@ def _sensors(found: dict[str, Details], m: Memory, now_s: float, s: Situation, s
     if not seen.gnss_ok and (s.measurements.gnss is not None or on_s > limits.gnss_period_max_s):
         found["gnss_silent"] = ()
     if s.position_refused_m is not None:
-        found["position_jumped"] = (("off_m", _rounded(s.position_refused_m)),)
+        found["position_walks" if s.position_walks else "position_jumped"] = (
+            ("off_m", _rounded(s.position_refused_m)),)
     if lasted(motion.wheel_doubt_since_s, now_s, limits.wheel_fault_s):
         found["wheel_fault"] = (("speed_mps", round(seen.gnss_speed_mps or 0.0, 1)),)
     if scale_heard and seen.hopper_kg is None:

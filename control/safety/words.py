@@ -51,6 +51,7 @@ class Situation(NamedTuple):
     console_age_s: float | None         # since the operating console was heard; None: none needed (headless)
     log_ok: bool
     position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
+    position_walks: bool = False                # it has walked off, each epoch near the one before
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
     told: Told = Told()
     map_elsewhere: bool = False         # the map does not lie where work was started

@@ -5,6 +5,10 @@ place taken. Its square over its variance, the normalised innovation squared, ha
 degrees of freedom when all is well; an epoch beyond `GATE` is ruled out (Bar-Shalom, Li and Kirubarajan, Estimation
 with Applications to Tracking and Navigation, 2001, section 5.4). Epochs that are ruled out but agree with each other,
 by the same gate, are a new place: the receiver was started anew, the machine was carried, or reckoning was wrong.
+
+A place that walks off, each epoch near the one before, is what `walk_watch` finds. From then on none is believed until
+three agree again with the place before the walk and the way since; or until places have agreed with speed and course
+for a minute, or as long as those before the walk had (after a cold start: some seconds): then they are a new place.
 """
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from math import hypot, isfinite
 from typing import NamedTuple
 
 from control.geodesy import Place
+from control.sensing.walk_watch import WINDOWS_S, Mark, Reckoned, Velocity, Walk, WalkWatch, walk_between
 
 GATE = 27.6                     # chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
 SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}     # 1 s.d. of a place by its fix quality. Wide: the antenna sways, errors persist
@@ -31,6 +36,8 @@ class Judged(NamedTuple):
     taken: bool
     off_m: float
     anew: bool = False          # taken though dead reckoning says otherwise
+    walks: bool = False         # it has walked off, or did and does not agree again yet
+    back: Place | None = None   # the walk is found with this epoch: where the antenna is by the place before it
 
 
 class _Mark(NamedTuple):
@@ -56,6 +63,10 @@ class PositionGate:
         self._east_m = 0.0
         self._north_m = 0.0
         self._lost = 0                          # ticks whose heading was not known
+        self._watch = WalkWatch()
+        self._before_walk: Mark | None = None   # the last place that is believed; None: none has walked off
+        self._back = 0                          # epochs that agree with it again
+        self._again_s = 0.0                     # how long places must agree with speed and course
 
     def moved(self, way_m: float, east_m: float, north_m: float) -> None:
         """The way of a tick as it is reckoned: length, and its two components."""
@@ -72,11 +83,56 @@ class PositionGate:
         """Another plane: on it, the place last taken is here."""
         if self._taken is not None:
             self._taken = self._taken._replace(place=place)
+        self._watch.restart()
+        self._before_walk = None
 
-    def judge(self, place: Place, quality: int, hdop: float | None, speed_mps: float | None, time_s: float) -> Judged:
-        """Whether a new epoch's place (east, north on one plane, m) is taken."""
-        now = _Mark(place, _spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m, self._lost)
+    def judge(self, place: Place, quality: int, hdop: float | None, speed_mps: float | None, time_s: float,
+              velocity: Velocity | None = None) -> Judged:
+        """Whether a new epoch's place (east, north on one plane, m) is taken. velocity: by the receiver's own speed and
+        course; None: it tells none."""
+        if not (isfinite(place[0]) and isfinite(place[1])):
+            return Judged(False, float("inf"))
+        mark = self._watch.epoch(time_s, place, _spread_m(quality, hdop), velocity,
+                                 Reckoned(self._east_m, self._north_m, self._way_m, self._lost))
         timing_m = TIMING_S * (speed_mps or 0.0)
+        if self._before_walk is not None:
+            return self._in_doubt(mark, quality, hdop, timing_m)
+        judged = self._by_epoch(place, quality, hdop, timing_m, time_s)
+        if judged.anew:
+            self._watch.restart(mark)
+        elif judged.taken:
+            walk = self._watch.walked(mark, GATE, timing_m)
+            if walk is not None:
+                return self._begin_doubt(walk, mark)
+            self._watch.taken(mark)
+        return judged
+
+    def _begin_doubt(self, walk: Walk, mark: Mark) -> Judged:
+        self._before_walk, self._back = walk.since, 0
+        self._again_s = min(WINDOWS_S[-1], max(AGREE_S, mark.time_s - self._watch.begun_s))
+        self._watch.restart(mark)
+        return Judged(False, walk.off_m, walks=True, back=walk.place)
+
+    def _in_doubt(self, mark: Mark, quality: int, hdop: float | None, timing_m: float) -> Judged:
+        """After a walk: does the place agree with the one before it, or for long with speed and course?"""
+        assert self._before_walk is not None
+        walk = walk_between(self._before_walk, mark, GATE, timing_m)
+        self._back = self._back + 1 if walk is None else 0
+        long_enough = mark.time_s - self._watch.begun_s >= self._again_s - 1e-6
+        if self._watch.walked(mark, GATE, timing_m) is not None:
+            self._watch.restart(mark)
+        elif self._back >= AGREE_EPOCHS or long_enough:
+            self._before_walk, self._taken = None, None
+            if walk is None:
+                self._watch.restart(mark)
+            self._by_epoch(mark.place, quality, hdop, timing_m, mark.time_s)
+            return Judged(True, 0.0) if walk is None else Judged(True, walk.off_m, anew=True)
+        self._watch.taken(mark)
+        return Judged(False, 0.0 if walk is None else walk.off_m, walks=True)
+
+    def _by_epoch(self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float) -> Judged:
+        """By this epoch and the last one taken alone."""
+        now = _Mark(place, _spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m, self._lost)
         if self._taken is None:
             return self._take(now, 0.0)
         off_m = _off_m(self._taken, now)
@@ -91,8 +147,6 @@ class PositionGate:
         return self._take(now, off_m, anew=True)
 
     def _take(self, mark: _Mark, off_m: float, anew: bool = False) -> Judged:
-        if not (isfinite(mark.place[0]) and isfinite(mark.place[1])):
-            return Judged(False, float("inf"))
         self._taken, self._other, self._agreeing = mark, None, 0
         return Judged(True, off_m, anew)
 

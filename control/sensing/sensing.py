@@ -6,13 +6,14 @@ ratio, drives the filter `speed_used`; either alone serves when the other is sil
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, exp, isfinite, radians, sin
+from math import cos, exp, hypot, isfinite, radians, sin
 from typing import NamedTuple
 
 from control.geodesy import TangentPlane
 from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
 from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
 from control.sensing.speed_filter import Moving
+from control.sensing.walk_watch import Velocity
 
 RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
 WHEEL_HOLDS_S = 0.5             # a wheel speed
@@ -25,6 +26,7 @@ HEADING_TAU_S = 0.5             # filter `heading`: first order
 STOOD_BELOW_MPS = 0.3           # slower than this, the direction of travel may turn round unseen
 COURSE_FROM_MPS = 0.2           # GNSS speed from which its course tells the direction of travel
 BACKWARDS_DEG = 120.0           # a course that differs by more across a standstill is the other direction
+MOVED_M = 1.0                   # a place that GNSS gives up, or takes again, and lies nearer is the same
 FIRST_EPOCHS = 2                # a plane that began with a wrong place is known by having had no more than these
 
 
@@ -45,6 +47,7 @@ class Sensed(NamedTuple):
     backwards: bool
     refused_m: float | None = None      # the newest epoch was ruled out: how far it lies from where it can be
     moved_m: float | None = None        # in this tick a place was taken this far from where it was thought to be
+    walks: bool = False                 # the refused epoch has walked off from the receiver's own speed and course
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class Sensing:
         self._gate = PositionGate()
         self._placed_s: float | None = None         # epoch of the place last taken
         self._refused_m: float | None = None
+        self._walks = False
         self._own_epochs: int | None = None         # taken on a plane that the first of them began
 
     def update(self, m: Measurements) -> Sensed:
@@ -112,7 +116,7 @@ class Sensing:
         east, north = self._outlet()
         return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
                       self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
-                      self._refused_m, moved_m)
+                      self._refused_m, moved_m, self._walks)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
         """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also
@@ -163,17 +167,31 @@ class Sensing:
             east_m, north_m = way * sin(radians(self._heading)), way * cos(radians(self._heading))
             self._gate.moved(abs(way), east_m, north_m)
         if fix_new and fix is not None:
+            before, walked = (self._east, self._north), self._walks
             judged = self._judged(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
-            if judged is not None and judged.taken:
+            self._walks = judged is not None and judged.walks
+            if judged is not None and (judged.taken or judged.walks):       # a course may be right where a place is not
                 if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= (
                         FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS):
                     self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
-                return judged.off_m if judged.anew else None
+                if judged.back is not None:
+                    self._east, self._north = judged.back
+                if judged.back is not None or (walked and judged.taken):
+                    return self._gone_m(before)
+                if judged.taken:
+                    return judged.off_m if judged.anew else None
         if self._east is not None and self._north is not None:
             self._east += east_m
             self._north += north_m
         return None
+
+    def _gone_m(self, before: tuple[float | None, float | None]) -> float | None:
+        """How far the antenna's place has gone from where it was thought to be; None where that is next to nothing."""
+        if self._east is None or self._north is None or before[0] is None or before[1] is None:
+            return None
+        gone_m = hypot(self._east - before[0], self._north - before[1])
+        return gone_m if gone_m >= MOVED_M else None
 
     def _judged(self, fix: GnssFix, speed: float | None) -> Judged | None:
         """A new epoch through the gate; when it is taken, the antenna is there. None: it tells no place."""
@@ -184,7 +202,7 @@ class Sensing:
         if self.plane is None:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
         place = self.plane.to_m(fix.lat_deg, fix.lon_deg)
-        judged = self._gate.judge(place, fix.fix_quality, fix.hdop, speed, fix.time_s)
+        judged = self._gate.judge(place, fix.fix_quality, fix.hdop, speed, fix.time_s, _velocity(fix))
         if not judged.taken:
             return judged
         if judged.anew and self._own_epochs is not None and self._own_epochs <= FIRST_EPOCHS:
@@ -214,6 +232,14 @@ class Sensing:
             return self._east, self._north
         angle = radians(self._heading)
         return self._east - self._antenna_m * sin(angle), self._north - self._antenna_m * cos(angle)
+
+
+def _velocity(fix: GnssFix) -> Velocity | None:
+    """East and north, m/s, as the receiver tells it; standing it may tell no course."""
+    if fix.speed_mps is None or (fix.heading_deg is None and fix.speed_mps >= COURSE_FROM_MPS):
+        return None
+    angle = radians(fix.heading_deg or 0.0)
+    return fix.speed_mps * sin(angle), fix.speed_mps * cos(angle)
 
 
 def _believable(m: Measurements) -> Measurements:

@@ -48,6 +48,7 @@ RAISED = [
     ("gnss_silent", {"fix_quality": 0}, 0.0, 0.05, State.WORKING),
     ("position_jumped", {"position_refused_m": 1000.0}, 0.0, 0.05, State.WORKING),
     ("position_jumped", {"position_refused_m": inf}, 0.0, 0.05, State.WORKING),
+    ("position_walks", {"position_refused_m": 4.0, "position_walks": True}, 0.0, 0.05, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": 2.1}, 0.0, 0.05, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": None}, 1.3, 1.6, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": nan}, 0.0, 0.05, State.WORKING),
