@@ -8,7 +8,7 @@ an interpreter nor a type checker sees.
 from __future__ import annotations
 
 import ast
-import random
+import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -35,10 +35,7 @@ class Fault(NamedTuple):
     end: int
     old: str
     new: str
-
-    @property
-    def id(self) -> str:
-        return f"{self.file}:{self.line}:{self.start}"
+    id: str                     # file and a hash of its line: what stands elsewhere does not change it
 
     def put_into(self, text: str) -> str:
         assert text[self.start:self.end] == self.old, f"{self.file} is another file than the fault was chosen for"
@@ -46,7 +43,10 @@ class Fault(NamedTuple):
 
 
 def chosen(tree: Path, count: int, seed: int) -> list[Fault]:
-    """`count` faults of a tree of sources, as many of each kind and room as can be; the same for the same seed."""
+    """`count` faults of a tree of sources, as many of each kind and room as can be; the same for the same seed.
+
+    A source that changes takes away its own faults and brings others: the choice of the rest stays.
+    """
     pools: dict[tuple[str, str], list[Fault]] = {(kind, room): [] for room in ROOMS for kind in KINDS}
     for room in ROOMS:
         for path in sorted((tree / room).rglob("*.py")):
@@ -54,10 +54,9 @@ def chosen(tree: Path, count: int, seed: int) -> list[Fault]:
             if not any(part in name for part in LEFT_OUT):
                 for fault in possible(name, path.read_text(encoding="utf-8")):
                     pools[fault.kind, room].append(fault)
-    rng = random.Random(seed)
     for pool in pools.values():
-        rng.shuffle(pool)
-    order = [pools[kind, room] for kind in KINDS for room in ROOMS]
+        pool.sort(key=lambda fault: _hash(f"{seed} {fault.id}"), reverse=True)
+    order = [list({fault.id: fault for fault in pools[kind, room]}.values()) for kind in KINDS for room in ROOMS]
     found: list[Fault] = []
     while len(found) < count and any(order):
         found += [pool.pop() for pool in order if pool][:count - len(found)]
@@ -89,7 +88,9 @@ class _Source:
 
     def fault(self, kind: str, start: int, end: int, new: str) -> Fault:
         line = self.text.count("\n", 0, start) + 1
-        return Fault(self.file, line, kind, start, end, self.text[start:end], new)
+        old, code = self.text[start:end], self._lines[line - 1].strip()
+        name = f"{self.file}:{_hash(f'{kind} {code} {old} {new} {start - self._starts[line - 1]}')[:8]}"
+        return Fault(self.file, line, kind, start, end, old, new, name)
 
     def operator(self, kind: str, left: ast.expr, right: ast.expr, old: str, new: str) -> Iterator[Fault]:
         """The operator between two operands, where it stands alone there."""
@@ -143,6 +144,10 @@ def _of_compare(source: _Source, node: ast.Compare) -> Iterator[Fault]:
     elif not (isinstance(limit, ast.Constant) and limit.value == 0.0):
         start, end = source.span(limit)
         yield source.fault("bound", start, end, f"2 * ({source.text[start:end]})")
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _is_text(node: ast.expr) -> bool:

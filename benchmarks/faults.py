@@ -177,12 +177,13 @@ def main() -> int:
     a.add_argument("--seed", type=int, default=31)
     a.add_argument("--sets", nargs="+", choices=list(SETS), default=list(SETS))
     a.add_argument("--jobs", type=int, default=2, help="processes of pytest for what is not near")
+    a.add_argument("--part", type=int, nargs=2, default=(1, 1), metavar=("K", "N"), help="every N-th, from the K-th on")
     a.add_argument("--nearest", type=int, default=1000, help="test files that are asked, at most")
     a.add_argument("--limit-s", type=float, default=1500.0, help="for a set on one fault; beyond it counts as caught")
     a.add_argument("--out", type=Path, default=Path("faults.jsonl"), help="answers, kept as they come")
     args = a.parse_args()
     tree = Path(__file__).resolve().parents[1]
-    faults = chosen(tree, args.count, args.seed)
+    faults = chosen(tree, args.count, args.seed)[args.part[0] - 1::args.part[1]]
     said = {}
     if args.out.exists():
         for line in args.out.read_text().splitlines():
@@ -197,7 +198,7 @@ def main() -> int:
                 with args.out.open("a") as out:
                     out.write(json.dumps([fault.id, *said[fault.id]]) + "\n")
             one = said[fault.id]
-            print(f"{number:3d} {fault.kind:6s} {fault.id}: {one.by or 'let through'} {one.test} "
+            print(f"{number:3d} {fault.kind:6s} {fault.file}:{fault.line}: {one.by or 'let through'} {one.test} "
                   f"({one.cpu_s:.0f} s of processor)", file=sys.stderr, flush=True)
     print(table(faults, said))
     caught = [fault for fault in faults if said[fault.id].by]
