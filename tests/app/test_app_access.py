@@ -124,6 +124,7 @@ def test_every_action_has_a_page_where_it_is_or_is_everywhere(full):
     assert {f"{where}_screen" for where in full.pages} <= set(actions.BY_ID)
 
 
+@pytest.mark.exam
 async def test_every_action_is_in_the_palette_of_its_page(full):
     async with full.run_test(size=(120, 40)) as pilot:
         found = {"palette"}
@@ -169,6 +170,7 @@ async def test_an_action_is_run_by_two_clicks(full, source):
         assert not isinstance(full.screen, CommandPalette), first.prompt
 
 
+@pytest.mark.exam
 async def test_no_colour_tells_states_and_alarms_in_symbol_and_word_on_every_page(monkeypatch, frames, clock, shown):
     from dataclasses import replace
 

@@ -413,6 +413,7 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
         assert "circumference 2.4868 m (90 %: 2.4849 to 2.4887)" in " ".join("\n".join(shown(app)).split())
 
 
+@pytest.mark.exam
 async def test_every_chip_stands_whole_on_the_screen(app, opened):
     async with app.run_test(size=(120, 40)) as pilot:
         page = await opened(pilot)

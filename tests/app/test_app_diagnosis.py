@@ -86,6 +86,7 @@ async def test_the_verdict_the_size_and_the_cost_are_seen_at_every_size(desk, sh
         assert "Test next: Shaft staircase" in text and "(10 min)." in text.replace("\n", " ")
 
 
+@pytest.mark.exam
 async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_beside(desk):
     async with desk.run_test(size=(80, 24)) as pilot:
         page = await found_shown(desk, pilot)
@@ -140,6 +141,7 @@ async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown
         assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in "\n".join(shown(desk))
 
 
+@pytest.mark.exam
 async def test_what_is_sure_alone_can_be_adopted_and_one_sure_cause_asks_only_once(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
@@ -170,6 +172,7 @@ async def test_tied_causes_are_equals_and_the_next_test_leads(desk, shown):
         assert [row.split("%")[0].split()[-1] for row in marked] == ["58", "27", "15"]
 
 
+@pytest.mark.exam
 async def test_the_list_is_read_anew_when_another_job_is_at_work(desk, source):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
@@ -204,6 +207,7 @@ async def test_both_sides_of_the_file_stand_in_the_question(desk, service, shown
         assert "Machine file, before -> after:" in text and "flow.fill_falloff: 0 -> 11.8 %" in text
 
 
+@pytest.mark.exam
 async def test_the_last_change_is_taken_back_after_a_question(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
@@ -505,6 +509,7 @@ def test_the_plans_of_all_manoeuvres_are_known():
     assert plans == diagnosis_words.RUNS
 
 
+@pytest.mark.exam
 async def test_a_chinese_page_has_no_english_sentence(source, clock, service, shown):
     app = TopdressApp(source, clock, live=False, language="zh", services=Services(diagnosis=service))
     async with app.run_test(size=(120, 40)) as pilot:

@@ -90,6 +90,7 @@ async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown):
         assert ("map", "/media/STICK/zones.shp", "RATE_N", "lb/ac") in desk.asked
 
 
+@pytest.mark.exam
 async def test_a_map_that_cannot_be_read_is_one_line(full, desk):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
@@ -121,6 +122,7 @@ async def test_whose_job_it_is(full, desk, shown):
         assert ("who", "Li Ming", "", "division 2", "", "Ann", "") in desk.asked
 
 
+@pytest.mark.exam
 async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
     """With its file, from which flow and N share come; a typed name has none."""
     desk.known = replace(FACTS, products=(File("products/mine.yaml", "mine"), File("products/can_27.yaml", "can_27")))

@@ -58,6 +58,7 @@ def test_no_label_begins_another():
         assert len(set(made)) == count and len({len(one) for one in made}) == 1
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("where", PAGES)
 async def test_every_page_has_letters_and_stop_stays_stop(full, source, where):
     async with full.run_test(size=SIZE) as pilot:

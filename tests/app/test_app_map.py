@@ -109,6 +109,7 @@ async def test_arrows_move_the_map_and_mark_a_place(still):
         assert states(still) == ("standing",)
 
 
+@pytest.mark.exam
 async def test_drag_and_wheel(still):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
@@ -179,6 +180,7 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
         assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
 
 
+@pytest.mark.exam
 async def test_escape_leaves_the_map_as_it_is(still):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
@@ -214,6 +216,7 @@ async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(still):
         assert (seen[~done] >= LAID).sum() > 100 and ((seen[~done] >= PLAN) & (seen[~done] < LAID)).any()
 
 
+@pytest.mark.exam
 async def test_the_plan_can_be_hidden_and_its_legend_goes_with_it(still, shown):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
@@ -239,6 +242,7 @@ async def test_area_and_product_done_and_left(still):
         assert " ac" in items["left"]
 
 
+@pytest.mark.exam
 async def test_only_rows_that_changed_are_drawn_again(clock):
     frames = run_frames(seconds=40.0)
     source = StillSource(frames[0])
@@ -296,6 +300,7 @@ async def test_locked_nothing_moves(still):
         assert [order.do.value for order in still.source.orders] == ["hold", "stop"]
 
 
+@pytest.mark.exam
 async def test_every_action_has_its_own_key_and_can_be_found_in_the_palette(still):
     from console.app import actions
     async with still.run_test(size=SIZE) as pilot:
@@ -328,6 +333,7 @@ async def test_a_field_that_cannot_be_read_is_said_in_one_line(clock, shown):
         assert "map_demo.geojson: no features" in shown(app)[-1]
 
 
+@pytest.mark.exam
 async def test_a_field_is_loaded_once_for_each_job(clock):
     asked = []
 
@@ -376,6 +382,7 @@ async def test_without_colours_levels_are_characters_with_a_legend(still, shown)
         assert "Ll.hH" in "\n".join(shown(still))
 
 
+@pytest.mark.exam
 async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
     log = ReplaySource(frames, clock)
     log.seek(20.0)
@@ -431,6 +438,7 @@ async def test_at_every_size_the_map_its_legend_and_its_reading_are_there(shown,
             assert region.height >= 1 and region.right <= size[0] and region.bottom <= size[1] - 1
 
 
+@pytest.mark.exam
 async def test_the_small_map_opens_the_page_by_a_click_on_its_title(picture):
     app = picture(size=SIZE)
     async with app.run_test(size=SIZE) as pilot:

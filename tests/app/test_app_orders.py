@@ -29,6 +29,7 @@ async def test_one_key_one_order(app):
     assert await press(app, *wanted) == list(wanted.values())
 
 
+@pytest.mark.exam
 @pytest.mark.parametrize("dialog_key", ["plus", "m", "f1"])
 async def test_space_holds_and_stop_stops_under_any_dialog(app, dialog_key):
     async with app.run_test(size=SIZE) as pilot:
@@ -40,6 +41,7 @@ async def test_space_holds_and_stop_stops_under_any_dialog(app, dialog_key):
         assert len(app.screen_stack) == 2, "the dialog stays"
 
 
+@pytest.mark.exam
 async def test_x_stops_under_a_dialog(app):
     assert await press(app, "m", "x") == [Order(Do.STOP)]
 

@@ -255,6 +255,7 @@ async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, sh
         assert ("80 x 24 shows the whole page" in text) is not body
 
 
+@pytest.mark.exam
 async def test_the_theme_key_goes_round_day_night_contrast(app):
     async with app.run_test(size=(80, 24)) as pilot:
         seen = []

@@ -104,6 +104,7 @@ async def test_a_slower_look_at_maps(settings_app):
         assert {page.maps.every_s for page in app.pages.values()} == {2.0}
 
 
+@pytest.mark.exam
 async def test_a_key_of_ones_own_works_and_is_shown(settings_app, kept, source):
     app = settings_app
     async with app.run_test(size=SIZE) as pilot:
@@ -119,6 +120,7 @@ async def test_a_key_of_ones_own_works_and_is_shown(settings_app, kept, source):
         assert "start" in {a.id for a in actions.at("run") if a.shown == "J"}
 
 
+@pytest.mark.exam
 async def test_hold_on_another_key(settings_app, source):
     app = settings_app
     async with app.run_test(size=SIZE) as pilot:

@@ -129,7 +129,12 @@ def test_every_kind_of_dialog_is_tried_below():
     assert set(kinds()) <= set(DIALOGS), "a new kind of dialog belongs into DIALOGS"
 
 
-@pytest.mark.parametrize("kind", DIALOGS, ids=lambda kind: f"{kind.__module__.rpartition('.')[2]}.{kind.__name__}")
+QUICK = (Confirm, NumberDialog, NameDialog, GoneScreen, CommandPalette)
+
+
+@pytest.mark.parametrize("kind", [
+    pytest.param(kind, id=f"{kind.__module__.rpartition('.')[2]}.{kind.__name__}",
+                 marks=() if kind in QUICK else pytest.mark.exam) for kind in DIALOGS])
 async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, kind):
     async with full.run_test(size=SIZE) as pilot:
         await pilot.pause()

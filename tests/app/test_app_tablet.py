@@ -31,6 +31,7 @@ def tab(source, clock):
     return make
 
 
+@pytest.mark.exam
 async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, source, shown):
     app = tab(None)
     async with app.run_test(size=(120, 40)) as pilot:

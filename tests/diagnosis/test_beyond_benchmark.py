@@ -42,6 +42,7 @@ def other(bench: Any, case: Any) -> Any:
     return bench.another_run.another_run(case.redriven, case.truth, 1, True)
 
 
+@pytest.mark.exam
 def test_another_run_is_the_same_machine_on_another_drive(case: Any, other: Any) -> None:
     assert other.truth["programme"] != case.truth["programme"]
     assert other.truth["outside"] == case.truth["outside"]

@@ -16,6 +16,7 @@ from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
 
+@pytest.mark.exam
 def test_nothing_is_told_to_begin_at_either_end_of_a_log(work):
     """A shaft that turns ever faster from the first row on."""
     columns = {**work, "shaft_rpm": work["shaft_rpm"] * (1.0 + 0.04 * work["time_s"] / 600.0)}

@@ -72,6 +72,7 @@ def test_a_shaft_that_is_slow_for_a_while_is_named_with_both_times(work, machine
     assert cause.onset_s == pytest.approx(from_s, abs=15.0) and cause.until_s == pytest.approx(to_s, abs=15.0)
 
 
+@pytest.mark.exam
 def test_an_offset_of_the_gate_that_is_gone_again_may_be_something_unknown(work, machine):
     """A constant for a while has no mark of its own: the name is suspected, and where to look is said."""
     there = (work["time_s"] >= 150.0) & (work["time_s"] < 260.0)

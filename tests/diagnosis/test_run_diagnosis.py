@@ -131,6 +131,7 @@ def test_late_gnss_speed_is_named():
     assert found.causes[0].size.value == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.exam
 def test_a_wrong_read_back_is_seen_in_gate_and_flow_at_once():
     found = diagnose_run(a_run(with_effect(Machine(), "gate.offset", 0.5), seed=6), Machine())
     assert ids(found) == ["gate.offset"] and not found.causes[0].rivals
@@ -198,6 +199,7 @@ def test_what_comes_and_goes_at_one_frequency_is_not_noise():
     assert found.unexplained[0].period_s == pytest.approx(7.0, rel=0.01)
 
 
+@pytest.mark.exam
 def test_a_further_column_may_be_the_cause():
     columns = a_run(Machine(), seed=33)
     torque = 300.0 + 10.0 * levels(np.random.default_rng(3), columns["time_s"], 0.0, 8.0, 15.0)
@@ -376,6 +378,7 @@ def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s):
     assert found.model.offsets["gate.dead_time_s"] == pytest.approx(off_s, abs=0.004)
 
 
+@pytest.mark.exam
 def test_one_stretch_alone_is_no_evidence():
     """A GNSS receiver that holds its reading through one restart of the tractor is not late."""
     columns = a_run(Machine(), seed=20, seconds=400.0)
@@ -492,6 +495,7 @@ def test_an_encoder_in_whole_steps_is_read_off_and_hides_nothing_of_the_flow():
     assert "flow.gain" in {flow.id, *(r.id for r in flow.rivals)} and abs(flow.size.value) > 3.0
 
 
+@pytest.mark.exam
 def test_where_a_reading_is_empty_for_long_its_command_stands_in():
     """The shaft stops and starts in stretches whose speeds are empty: a line over them would meter another mass."""
     columns = a_run(Machine(), seed=41)

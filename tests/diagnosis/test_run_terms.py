@@ -128,6 +128,7 @@ def test_a_term_about_another_place_is_no_gain_beside_it() -> None:
     assert found.terms[0].term["coefficients"]["slope"] == pytest.approx(-0.5, abs=0.03)
 
 
+@pytest.mark.exam
 def test_terms_that_are_alike_are_told_with_the_sizes_that_they_have_together() -> None:
     """The first is fitted before the second is known, and takes a part of it upon itself."""
     texts = ("shaft_percent slope roll_deg slope=0.6",
@@ -251,7 +252,8 @@ def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:
     assert np.mean(one - other) == pytest.approx(by, rel=0.2)
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.exam)])
+@pytest.mark.exam
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_term_is_told_without_the_name_that_is_only_suspected_beside_it(seed: int) -> None:
     """No machine file takes up what is suspected: the term's sizes must be right without it."""
     text = "shaft_rpm saturation shaft_rpm slope=0.02 low_end=40 high_end=70 level=-0.4"

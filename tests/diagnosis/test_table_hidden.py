@@ -141,6 +141,7 @@ def test_one_hidden_effect_is_named_with_its_size(case: str) -> None:
     assert right >= 4
 
 
+@pytest.mark.exam
 def test_intervals_cover_the_hidden_size() -> None:
     inside = 0
     for seed in range(80):

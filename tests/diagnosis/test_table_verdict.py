@@ -58,6 +58,7 @@ def test_what_follows_no_smooth_curve_is_not_called_none(make: Callable[[Rng], T
         assert found.channels[0].structure_p < 0.005
 
 
+@pytest.mark.exam
 def test_smooth_times_without_replicates_are_called_none() -> None:
     """The order of settings is judged with no more false alarms than its level allows."""
     rpm = np.linspace(10.0, 70.0, 40)

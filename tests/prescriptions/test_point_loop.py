@@ -151,6 +151,7 @@ def test_a_picture_is_placed_where_the_outlet_was_when_it_was_taken(bench: Setup
     assert source.row.places_m == pytest.approx([6.525])
 
 
+@pytest.mark.exam
 def test_too_fast_for_the_spacing_plants_are_missed_and_said(bench: Setup) -> None:
     slow, _ = driven(bench, job_of(bench, {"speed_kmh": 2.4, "plants": Plants(spacing_m=0.25)}), 60.0)
     fast, ticks = driven(bench, job_of(bench, {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25),
@@ -197,6 +198,7 @@ def test_the_speed_limit_is_shown_when_it_is_exceeded(bench: Setup) -> None:
     assert ticks[-1].usable_speed_mps is None
 
 
+@pytest.mark.exam
 def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays(bench: Setup, tmp_path: Path) -> None:
     plane = TangentPlane(34.28, 119.88)
     (tmp_path / "plants.csv").write_text("lat_deg,lon_deg\n" + "".join(

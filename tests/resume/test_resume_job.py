@@ -274,6 +274,7 @@ def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
     assert keeper.tally.after_cut_scale_kg == pytest.approx(0.2)
 
 
+@pytest.mark.exam
 def test_a_clean_quit_is_no_cut(tmp_path):
     """It is not offered as one; by name it can be gone on with."""
     frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Ask.QUIT})

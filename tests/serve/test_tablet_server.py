@@ -131,6 +131,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
             await tab.web.close()
 
 
+@pytest.mark.exam
 @posix
 async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp_path):
     """The order is taken, but two seconds later the worker holds: no console on the machine says that it lives."""
