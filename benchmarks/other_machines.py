@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ from control.simulation.errors import landing, place_errors
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, Prescription
 from control.targets.rate_map import GridMap, frame_m
+from drivers.files.setup import Setup
 
 IN_THE_TUBE = ("carried_along", "singly", "between", "field_lag")      # nothing else: driven once
 STEADY, ZONES = "steady 4.5 km/h, third minute", "map, abrupt zones"
@@ -48,6 +50,7 @@ DRIVEN = (Manoeuvre(STEADY, 150, 210, ()),
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
 PROMISED_FROM = 3               # seeds
+TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
 HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
         f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
 
@@ -61,6 +64,7 @@ class Drive(NamedTuple):
     seed: int
     machine: dict[str, Any]
     drives: str                 # name of what differs in drives and flow
+    known: dict[str, Any]       # the tube as control's machine file has it, and how sure that is; none: as shipped
 
 
 class Found(NamedTuple):
@@ -91,7 +95,7 @@ class Found(NamedTuple):
 
 def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
     """Columns of `Record` and the changes made; works with trees that know nothing of this benchmark."""
-    setup, manoeuvre = the_setup(), next(m for m in DRIVEN if m.name == what.manoeuvre)
+    setup, manoeuvre = _knowing(what.known), next(m for m in DRIVEN if m.name == what.manoeuvre)
     sim = setup.job.simulated.model_dump() | sim_of(manoeuvre)
     if what.told != "none":
         sim["speed_told"] = what.told
@@ -114,6 +118,17 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
     for step in simulated_run(plant, loop, manoeuvre.end_s + 4.0, orders):
         record.add(step)
     return record.columns(), record.fired
+
+
+def _knowing(known: dict[str, Any]) -> Setup:
+    """The shipped set-up, with what a lag test between two rates found in its machine file."""
+    setup = the_setup()
+    if not known:
+        return setup
+    machine = setup.machine.model_copy(update={
+        "fall": setup.machine.fall._replace(**known["fall"]),
+        "tolerance": setup.machine.tolerance.model_copy(update={"carried_share": known["sd"]})})
+    return replace(setup, machine=machine)
 
 
 def relanded(columns: dict[str, Any], machine: Machine) -> dict[str, Any]:
@@ -178,15 +193,15 @@ def driven_by(tree: Path | None, drives: Sequence[Drive]) -> list[tuple[dict[str
 
 
 def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], told: str, machines: Sequence[str], seeds: int,
-             tree: Path | None) -> Iterator[Found]:
+             tree: Path | None, lag_tested: bool = False) -> Iterator[Found]:
     from control.machine.plausible import plausible
     setup = the_setup()
     width_m = setup.machine.geometry.working_width_m
     true = {name: plausible(setup.machine, name) for name in machines}
     for what in manoeuvres:
         for strategy in strategies:
-            kinds = {name: "file" if name in IN_THE_TUBE else name for name in machines}
-            drives = [Drive(what.name, strategy, told, seed, _known_to_all(machine), kind)
+            kinds = {name: "file" if name in IN_THE_TUBE and not lag_tested else name for name in machines}
+            drives = [Drive(what.name, strategy, told, seed, _known_to_all(machine), kind, _tested(machine, lag_tested))
                       for kind, machine in {kinds[name]: true[name] for name in machines}.items()
                       for seed in range(1, seeds + 1)]
             runs: dict[str, list[tuple[dict[str, Any], list[Any]]]] = {}
@@ -195,7 +210,13 @@ def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], told: s
             for name in machines:
                 each = [judge(relanded(columns, true[name]), fired, what, width_m)
                         for columns, fired in runs[kinds[name]]]
-                yield found("new" if tree is None else "old", what.name, strategy, told, name, each)
+                yield found("new" if tree is None else "old", what.name, strategy,
+                            "tested" if lag_tested else told, name, each)
+
+
+def _tested(machine: Machine, lag_tested: bool) -> dict[str, Any]:
+    """What control's file says of the tube after a lag test between two rates on this machine."""
+    return {"fall": machine.fall._asdict(), "sd": TESTED_SD} if lag_tested else {}
 
 
 def _known_to_all(machine: Machine) -> dict[str, Any]:
@@ -248,16 +269,20 @@ def run() -> int:
     parser.add_argument("--machines", default=",".join(PLAUSIBLE))
     parser.add_argument("--told", default="none", help="none, set, plan, drive; comma separated")
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run, nothing told")
+    parser.add_argument("--tested", action="store_true", help="also with a machine file that a lag test between two "
+                                                              "rates has put right")
     parser.add_argument("--out", type=Path, help="write the lines there too")
     given = parser.parse_args()
     chosen = [m for m in DRIVEN if any(word in m.name for word in given.only.split(","))]
     strategies, machines = given.strategies.split(","), given.machines.split(",")
     trees = [(given.against, "none")] if given.against is not None else []
     trees += [(None, told) for told in given.told.split(",")]
+    trees += [(None, "tested")] if given.tested else []
     lines, all_found = [HEAD], list[Found]()
     print(HEAD)
     for tree, told in trees:
-        for one in measured(chosen, strategies, told, machines, given.seeds, tree):
+        for one in measured(chosen, strategies, "none" if told == "tested" else told, machines, given.seeds, tree,
+                            told == "tested"):
             all_found.append(one)
             lines.append(one.line())
             print(lines[-1], flush=True)

@@ -29,11 +29,12 @@ from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
+from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, flow_kg_s
 from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
-from control.metering.trims import DriveTrim, FlowTrim, TrimLimits
+from control.metering.trims import DriveTrim, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible, told_text
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
@@ -82,7 +83,7 @@ class ControlLoop:
         self._planner = Planner(machine, self._setting)
         self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
-        self._flow_trim = FlowTrim(TrimLimits())
+        self._flow_trim = FlowTrim(machine.noise.scale_kg, machine.noise.scale_correlation_s)
         self._expected = ExpectedDrives(machine)
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
@@ -143,7 +144,7 @@ class ControlLoop:
         """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread.
         after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
-        self._flow_trim.value = flow_trim
+        self._flow_trim.go_on(flow_trim)
         if self._ahead.hold is not None and sums.area_ha > 0.0:
             self._ahead.hold.go_on(sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
                                    sums.kg / sums.area_ha)
@@ -255,6 +256,9 @@ class ControlLoop:
             self._queue.restart(Target(0.0, choices.source), sensed.track_m)
         profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
         fired = () if sensed.backwards else tuple(self._queue.advance(profile, now, sensed.track_m, reach))
+        self._setting.rests(moment.dt_s)
+        for made in fired:
+            self._setting.changed(made.before.rate_kg_ha, made.after.rate_kg_ha)
         by_point = self._doses is not None and choices.source is TargetSource.POINT
         holding = self._queue.holding
         if by_point and self._doses is not None:
@@ -379,8 +383,11 @@ class ControlLoop:
         if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             expected = self._expected.pair
             self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
-        if metered.flow_kg_s is not None and self._operator.choices.flow_trim_on:
-            self._flow_trim.update(now, dt_s, metered.flow_kg_s, self._terms.weighed(m.hopper_kg))
+        if calibrating:
+            self._flow_trim.restart()               # what is caught may be put back
+        elif metered.flow_kg_s is not None and self._operator.choices.flow_trim_on:
+            self._flow_trim.update(now, dt_s, metered.flow_kg_s, 0.0 if m.shaft_rpm is None else m.shaft_rpm.value,
+                                   moment.conditions.pitch_deg, self._terms.weighed(m.hopper_kg))
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
         self._planner.made(now, decision.pair if turns else Pair(0.0, decision.pair.opening_mm))

@@ -10,8 +10,8 @@ from control.agronomy.crop import Crop
 from control.agronomy.strips import StripValue, read_strip
 from control.field.job import Job
 from control.loop.moment import Choices
+from control.metering.flow_trim import FlowTrim
 from control.metering.setting import Setting
-from control.metering.trims import FlowTrim
 from control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
 from control.safety import BenchSetting, Safety, after_setting, refusal
 from control.targets.point_source import PointSource
@@ -146,7 +146,7 @@ class Operator:
             return answer
         if order.do is Do.REFILL:
             self.refilled = True
-            self._flow_trim.restart()
+            self._flow_trim.restart(another_lot=True)
         elif order.do is Do.CALIBRATE and before is not State.CALIBRATING:
             self.bench = BenchSetting()
         elif order.do is Do.START and not held_down:

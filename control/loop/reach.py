@@ -31,13 +31,17 @@ class Reach:
 
     def lag(self, before: Target, change: Change) -> Lag:
         """Between two rates the plan's own: the shaft may be turning otherwise than it is going to, and where it makes
-        the change alone, what lands is planned from its command to its landing. A start and a stop are played through
-        the model."""
+        the change alone, what lands is planned from its command to its landing. A start, a stop and a shaft that goes
+        straight to its new speed are played through the model."""
         one, other = self._settled(before.rate_kg_ha), self._settled(change.target.rate_kg_ha)
         if one.shaft_rpm <= 0.0 or other.shaft_rpm <= 0.0:
             return self._lags.lag(one, other)
-        fall, shaft = self._setting.machine.fall, self._setting.machine.shaft
-        if self._setting.by_shaft and one.opening_mm == other.opening_mm:
+        machine, by_gate = self._setting.machine, self._setting.by_gate(before.rate_kg_ha, change.target.rate_kg_ha)
+        fall, shaft = machine.fall, machine.shaft
+        if by_gate is not None:
+            other = Settled(one.shaft_rpm, by_gate)
+        elif self._setting.by_shaft and one.opening_mm == other.opening_mm and (
+                machine.stream_carries or machine.falls_singly):
             return Lag(shaft.dead_time_s + shaft.extra_dead_time_s, shaft.time_constant_s + shaft.slow_s,
                        self._falls_s + fall.latency_s)
         lag = self._lags.lag(one, other)

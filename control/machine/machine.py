@@ -92,6 +92,7 @@ class Tolerance(Part):
     gate_slew_percent: Share = 3.0
     opening_mm: Annotated[float, Field(ge=1e-6, le=100)] = 0.01
     head_percent: Share = 0.1
+    carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5    # not measured, see `tube_is_settled`
 
 
 class Adopted(Part):
@@ -183,11 +184,28 @@ class Machine(Part):
         return strips(self.sections, self.geometry.working_width_m)
 
     @property
+    def tube_is_settled(self) -> bool:
+        """Whether somebody measured how far the stream in the tube sets the pace of what falls in it."""
+        return self.tolerance.carried_share <= SETTLED_SHARE
+
+    @property
+    def stream_carries(self) -> bool:
+        """Whether the shaft surely changes how fast all that is in the tube comes down."""
+        return self.tube_is_settled and self.fall.carried_share >= 1.0 - NEARLY
+
+    @property
+    def falls_singly(self) -> bool:
+        """Whether each granule surely keeps the pace of its release."""
+        return self.tube_is_settled and self.fall.carried_share <= NEARLY
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What is said of the file though it is right."""
         return tuple(f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE)
 
 
+SETTLED_SHARE = 0.15     # tolerance of the carried share up to which the tube counts as measured ...
+NEARLY = 0.2            # ... and so near to 0 or 1 a share counts as that
 NOMINAL = Machine.model_construct()      # as its parts' defaults say; not validated, for that asks for it
 
 

@@ -11,7 +11,13 @@ balanced        the same, and the shaft puts right what lands now: where the gro
                 what is landing was metered for, the tube comes down quicker or slower. Then it returns by itself to
                 its set-point, because what was released meanwhile was metered for the new speed.
 speed first     the shaft alone, over three falls ahead: what lands now and what will land of it pull at the same speed,
-                least squares over both decide (`_shaft_alone`).
+                least squares over both decide (`_shaft_alone`). Abrupt changes are the gate's (`Setting.by_gate`).
+
+That is so where the stream in the tube carries what falls, and no test of starts tells whether it does. Where it is not
+known (`Machine.tube_is_settled`) no plan counts on it: balanced keeps its shaft still, speed first goes straight to the
+settled speed of what is released. Where granules are known to fall singly, the shaft changes nothing of what has left
+it: balanced keeps it still, and speed first's changes are drawn out so that nothing overtakes (`_stretched`). Why:
+docs/decisions/0007.
 
 Limits are kept by clamping: what is released is noted as it was commanded, so that what a limit or a dead band took
 away is made good by the shaft where it may. Why this and no solver: docs/decisions/0006.
@@ -31,7 +37,8 @@ from .strategies import Pair
 from .tube import Tube
 
 SHAFT_BAND_RPM = 0.6            # smaller moves are not made: the noise of the speed alone would make ten a second
-SHAFT_BAND_SHARE = 0.008        # of the shaft speed
+SHAFT_BAND_SHARE = 0.008        # of the shaft speed: not less than this ...
+SHAFT_BAND_MOST = 0.0136        # ... nor more: 0.6 of a slow shaft's 20 r/min would be 3 % of the flow
 OPENING_BAND_MM = 0.15
 OPENING_BAND_SHARE = 0.012      # of the opening; the gate's moves are what wears ...
 OPENING_BAND_BOTH_SHARE = 0.025     # ... and where the shaft makes good what it leaves out
@@ -39,6 +46,7 @@ SHAFT_LOW_SHARE = 0.65          # of its set-point, to which the shaft may fall 
                                 # cannot open as fast as it would have to for a slower shaft
 FALLS_AHEAD = 3                 # of speed first's plan
 STATIC_WEIGHT = 0.03            # against the plan's wish to leave the settled shaft speed
+UNSETTLED_SHARE = 0.5           # of the drawing out that granules which fall singly need, while nobody knows
 LEAST_ELASTICITY = 0.05         # of drop time over shaft speed: below, the shaft changes nothing of what falls
 TURNING_SHARE = 0.8             # of the shaft speed meant: slower, it is still running up
 
@@ -72,6 +80,7 @@ class Planner:
         self._last: Pair | None = None          # as commanded; None: the shaft stands
         self._noted: tuple[float, float] | None = None
         self._by_shaft = False
+        self._stretched_rpm: float | None = None
         self._running_drop_s = drop_s(machine.fall, machine.set_points.shaft_rpm)
 
     def falls_s(self, now_s: float) -> float:
@@ -84,6 +93,7 @@ class Planner:
         if by_shaft is not self._by_shaft:
             self._by_shaft = by_shaft
             self._tube.empty()              # the notes of the one mean nothing to the other
+            self._stretched_rpm = None
         gate, half_s = self._machine.gate, 0.5 * wanted.dt_s
         turns_s = wanted.time_s + self._shaft_answers_s + half_s
         released_s = turns_s if by_shaft else wanted.time_s + gate.dead_time_s + half_s
@@ -96,9 +106,9 @@ class Planner:
         if goal.shaft_rpm <= 0.0:
             return goal
         self._running_drop_s = drop_s(self._machine.fall, goal.shaft_rpm)
-        if by_shaft and goal.opening_mm == self._machine.set_points.opening_mm and not goal.limited:
-            planned = self._quiet(Pair(self._shaft_alone(wanted, turns_s, goal, c), goal.opening_mm))
-            self._noted = turns_s, planned.shaft_rpm
+        if by_shaft and goal.opening_mm == self._setting.at_mm and not goal.limited:
+            planned = self._quiet(self._by_the_shaft(wanted, turns_s, goal, c))
+            self._noted = turns_s, planned.shaft_rpm * planned.opening_mm / self._machine.set_points.opening_mm
             return planned
         shaft = goal.shaft_rpm
         if self._setting.by_both and self._last is not None:
@@ -118,7 +128,7 @@ class Planner:
         """What was commanded in this tick; a shaft of 0: flow was stopped."""
         self._tube.command(now_s, pair.shaft_rpm)
         if pair.shaft_rpm <= 0.0:
-            self._last = None
+            self._last = self._stretched_rpm = None
             self._tube.empty()
             return
         self._last = pair
@@ -146,6 +156,30 @@ class Planner:
         low = max(self._machine.limits.shaft_low_rpm, SHAFT_LOW_SHARE * goal_rpm)
         return _rpm_for_drop(self._machine.fall, suits / mps, goal_rpm, low, self._machine.limits.shaft_high_rpm)
 
+    def _by_the_shaft(self, wanted: Wanted, turns_s: float, goal: Pair, c: Conditions) -> Pair:
+        """Speed first's pair: the shaft goes with the flow, the opening is where it is, or on its way back."""
+        if self._machine.stream_carries and goal.opening_mm == self._machine.set_points.opening_mm:
+            return Pair(self._shaft_alone(wanted, turns_s, goal, c), goal.opening_mm)
+        opening = self._quiet(goal).opening_mm
+        shaft = goal.shaft_rpm * goal.opening_mm / opening
+        if not self._machine.stream_carries:
+            shaft = self._stretched(shaft, wanted.dt_s)
+        return Pair(min(self._machine.limits.shaft_high_rpm, max(self._machine.limits.shaft_low_rpm, shaft)), opening)
+
+    def _stretched(self, settled_rpm: float, dt_s: float) -> float:
+        """The shaft speed of the next tick where granules fall singly, for what is to land when this tick's does.
+
+        What is released at n lands with 1 / (1 + drop'(n) dn/dt) of its flow: later granules come down sooner. That is
+        the flow of `settled_rpm` where dn/dt = (1 - n / settled) / -drop'(n). While nobody knows, half of that: the
+        least that the worst of the two is then off (2.5 % in steady work, benchmarks/other_machines.py).
+        """
+        n, fall = self._stretched_rpm or settled_rpm, self._machine.fall
+        drawn_out = 1.0 if self._machine.falls_singly else UNSETTLED_SHARE
+        sooner = drawn_out * 0.5 * (drop_s(fall, n - 1.0) - drop_s(fall, n + 1.0))
+        share = dt_s / max(dt_s, sooner * settled_rpm)          # never past it
+        self._stretched_rpm = n + share * (settled_rpm - n)
+        return self._stretched_rpm
+
     def _shaft_alone(self, wanted: Wanted, turns_s: float, goal: Pair, c: Conditions) -> float:
         """The shaft speed to command where the opening stays.
 
@@ -162,6 +196,7 @@ class Planner:
         mps = [wanted.ahead.mps(in_s + j * falls_s) for j in range(FALLS_AHEAD + 1)]
         rates = [wanted.rate_at(wanted.ahead.way_m(in_s + j * falls_s)) for j in range(FALLS_AHEAD + 1)]
         rates[1] = wanted.rate_kg_ha
+        rates = [rate if self._setting.by_gate(rates[1], rate) is None else rates[1] for rate in rates]
         settled = [min(limits.shaft_high_rpm, max(limits.shaft_low_rpm, self._setting.settled(
             self._flow(rate, v), goal.opening_mm, c).shaft_rpm)) for rate, v in zip(rates, mps, strict=True)]
         before = self._tube.landing(turns_s)
@@ -175,10 +210,12 @@ class Planner:
         shaft = _stepped(planned.shaft_rpm, limits.shaft_resolution_rpm)
         opening = _stepped(planned.opening_mm, limits.opening_resolution_mm)
         if last is not None:
-            if abs(planned.shaft_rpm - last.shaft_rpm) < max(SHAFT_BAND_RPM, SHAFT_BAND_SHARE * last.shaft_rpm):
+            band = max(SHAFT_BAND_SHARE * last.shaft_rpm, min(SHAFT_BAND_RPM, SHAFT_BAND_MOST * last.shaft_rpm))
+            if abs(planned.shaft_rpm - last.shaft_rpm) < band:
                 shaft = last.shaft_rpm
             share = OPENING_BAND_BOTH_SHARE if self._setting.by_both else OPENING_BAND_SHARE
-            if abs(planned.opening_mm - last.opening_mm) < max(OPENING_BAND_MM, share * last.opening_mm):
+            rests = self._setting.by_shaft and planned.opening_mm == self._machine.set_points.opening_mm
+            if not rests and abs(planned.opening_mm - last.opening_mm) < max(OPENING_BAND_MM, share * last.opening_mm):
                 opening = last.opening_mm
         return Pair(shaft, opening, planned.limited)
 

@@ -19,11 +19,13 @@ class Pair(NamedTuple):
 
 
 def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_now_mm: float,
-             c: Conditions = Conditions(), shaft_rpm: float | None = None) -> Pair:
+             c: Conditions = Conditions(), shaft_rpm: float | None = None, at_mm: float | None = None) -> Pair:
     """The pair that gives `wanted_kg_s`, kg/s, within the limits of the drives.
 
     `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `shaft_rpm`: opening first at this
-    shaft speed instead of the set-point. Below half the smallest flow: zero; between that and it: the smallest.
+    shaft speed instead of the set-point; `at_mm`: speed first at this opening. Balanced is opening first where it is
+    not known what a change of the shaft does to what falls. Below half the smallest flow: zero; between that and it:
+    the smallest.
     """
     limits = machine.limits
     lowest = lowest_flow_kg_s(machine, c)
@@ -32,8 +34,8 @@ def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_n
     if wanted_kg_s < lowest:
         return Pair(limits.shaft_low_rpm, limits.opening_low_mm, "lowest")
     if strategy is Strategy.SPEED_FIRST:
-        return _speed_first(machine, wanted_kg_s, machine.set_points.opening_mm, c)
-    if strategy is Strategy.BALANCED:
+        return _speed_first(machine, wanted_kg_s, at_mm or machine.set_points.opening_mm, c)
+    if strategy is Strategy.BALANCED and machine.stream_carries:
         return _balanced(machine, wanted_kg_s, c)
     return _opening_first(machine, wanted_kg_s, shaft_rpm or machine.set_points.shaft_rpm, c)
 
