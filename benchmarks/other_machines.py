@@ -40,18 +40,18 @@ from control.targets.rate_map import GridMap, frame_m
 from drivers.files.setup import Setup
 
 IN_THE_TUBE = ("carried_along", "singly", "between", "field_lag")      # nothing else: driven once
-STEADY, ZONES = "steady 4.5 km/h, third minute", "map, abrupt zones"
+STEADY, ZONES = "steady 4.5 km/h, from the second minute on", "map, abrupt zones"
 ZONE_M = 15.0
 ZONES_KG_HA = (300.0, 450.0, 150.0, 400.0, 200.0, 330.0, 120.0, 450.0)
 OF_OLD = {m.name: m for m in MANOEUVRES}
-DRIVEN = (Manoeuvre(STEADY, 150, 210, ()),
+DRIVEN = (Manoeuvre(STEADY, 120, 170, ()),
           OF_OLD["accelerating 3 to 7 km/h, 0.5 m/s2"], OF_OLD["decelerating 7 to 3 km/h, 0.5 m/s2"],
-          Manoeuvre(ZONES, 20, 230, ()), OF_OLD["stop and go, 6 s standing"])
+          Manoeuvre(ZONES, 20, 110, ()), OF_OLD["stop and go, 6 s standing"])
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
 PROMISED_FROM = 3               # seeds
 TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
-HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
+HEAD = (f"{'manoeuvre':43}{'strategy':14}{'told':7}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
         f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
 
 
@@ -88,7 +88,7 @@ class Found(NamedTuple):
 
     def line(self) -> str:
         told = self.told if self.tree == "new" else self.tree
-        return (f"{self.manoeuvre:36}{self.strategy:14}{told:6}{self.machine:15}{self.held_percent:8.2f}"
+        return (f"{self.manoeuvre:43}{self.strategy:14}{told:7}{self.machine:15}{self.held_percent:8.2f}"
                 f"{self.shifted_percent:9.2f}{self.shift_m:+9.2f}{self.place_m:9.3f}{self.shifted_place_m:9.3f}"
                 f"{self.place_p95_m:7.3f}{self.steps:6d}{self.lost:5d}{self.worst_kg_ha:11.0f}{self.bare_m:8.2f}")
 
@@ -227,14 +227,14 @@ def _known_to_all(machine: Machine) -> dict[str, Any]:
 
 def summary(all_found: Sequence[Found]) -> Iterator[str]:
     """By manoeuvre and strategy: mean and worst of the machines."""
-    yield (f"\n{'manoeuvre':36}{'strategy':14}{'told':6}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}"
+    yield (f"\n{'manoeuvre':43}{'strategy':14}{'told':7}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}"
            f"{'worst':>8}  {'of':15}{'place mean':>11}{'worst':>8}{'shifted mean':>14}{'worst':>8}")
     groups: dict[tuple[str, str, str, str], list[Found]] = {}
     for f in all_found:
         groups.setdefault((f.manoeuvre, f.strategy, f.tree, f.told), []).append(f)
     for (manoeuvre, strategy, tree, told), of in groups.items():
         worst = max(of, key=lambda f: f.shifted_percent)
-        yield (f"{manoeuvre:36}{strategy:14}{told if tree == 'new' else tree:6}"
+        yield (f"{manoeuvre:43}{strategy:14}{told if tree == 'new' else tree:7}"
                f"{statistics.fmean(f.held_percent for f in of):12.2f}{max(f.held_percent for f in of):8.2f}"
                f"{statistics.fmean(f.shifted_percent for f in of):14.2f}{worst.shifted_percent:8.2f}  "
                f"{worst.machine:15}{statistics.fmean(f.place_m for f in of):11.3f}{max(f.place_m for f in of):8.3f}"

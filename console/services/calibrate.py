@@ -152,8 +152,13 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
     from scipy.stats import t as student
 
     from control.calibration import lag_fit
+    from control.calibration.tube_fit import settle_tube
     from drivers.files.bench_table import read_bench_table
     table = read_bench_table(Path(path), "lag")
+    if table.running().all():
+        tube = settle_tube(table, machine)[1]
+        return Fitted("lag", (_estimate("carried_share", tube.carried_share, "", 2),),
+                      scatter=f"{tube.scatter_s:.3f} s", source=(path, label))
     _machine, line = lag_fit.fit_lag(table, machine, label=label)
     chosen = np.ones(table.rows, bool) if table.label is None else table.label == label
     lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
@@ -214,6 +219,7 @@ def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: f
     """
     from control.calibration.flow_fit import fit_flow
     from control.calibration.lag_fit import fit_lag as fit_line
+    from control.calibration.tube_fit import settle_tube
     from drivers.files import config
     from drivers.files.atomic import write_atomically
     from drivers.files.bench_table import read_bench_table
@@ -229,7 +235,10 @@ def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: f
         new, _fit = _wheel(machine, counted_m, fitted.source, today)
     elif fitted.kind == "lag":
         table, label = fitted.source
-        new, _line = fit_line(read_bench_table(Path(table), "lag"), machine, label=label, date=today)
+        read = read_bench_table(Path(table), "lag")
+        new = machine if read.running().all() else fit_line(read, machine, label=label, date=today)[0]
+        if read.running().any():
+            new, _tube = settle_tube(read, new, date=today)
     else:
         write_atomically(table_path, catch_csv(fitted.source))
         new, _flow = fit_flow(read_bench_table(table_path, "catch"), machine, date=today)

@@ -216,7 +216,8 @@ class ControlLoop:
         if self._doses is not None:
             self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
-        ahead = self._forecaster.update(m.time_s, sensed.speed_mps, sensed.acceleration_mps2, dt_s,
+        mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
+        ahead = self._forecaster.update(m.time_s, mps, sensed.quick.acceleration_mps2, dt_s,
                                         m.speed_told or self._planned_speed(m.time_s, sensed))
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from control.geodesy import TangentPlane
 from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
 from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
-from control.sensing.speed_filter import Moving
+from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.sensing.walk_watch import Velocity
 
 RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
@@ -48,6 +48,7 @@ class Sensed(NamedTuple):
     refused_m: float | None = None      # the newest epoch was ruled out: how far it lies from where it can be
     moved_m: float | None = None        # in this tick a place was taken this far from where it was thought to be
     walks: bool = False                 # the refused epoch has walked off from the receiver's own speed and course
+    quick: Moving = Moving()            # filter `quick`; as `speed_used` where only GNSS speaks
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Sensing:
         self._limits = limits or SensingLimits()
         self._time_s: float | None = None
         self._moving = Moving()                     # filter `speed_used`
+        self._quick = Moving()                      # filter `quick`
         self._filtered_s: float | None = None       # time of the sample last taken in
         self._ratio = 1.0
         self._track_m = 0.0
@@ -116,7 +118,7 @@ class Sensing:
         east, north = self._outlet()
         return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
                       self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
-                      self._refused_m, moved_m, self._walks)
+                      self._refused_m, moved_m, self._walks, self._quick)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
         """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also
@@ -146,13 +148,14 @@ class Sensing:
         if source == "none":
             if self._heard_s is not None and now - self._heard_s <= HELD_SPEED_S:
                 return "held"
-            self._moving = self._moving._replace(acceleration_mps2=0.0)
+            self._moving = self._quick = self._moving._replace(acceleration_mps2=0.0)
             return "none"
         self._heard_s = now
-        self._moving = self._moving.on(dt)
+        self._moving, self._quick = self._moving.on(dt), self._quick.on(dt)
         if sample is not None:
             gap = 0.0 if self._filtered_s is None else now - self._filtered_s
             self._moving, self._filtered_s = self._moving.taking(sample, gap), now
+            self._quick = self._quick.taking(sample, gap, QUICK_TAU_S) if source != "gnss" else self._moving
         return source
 
     def _take_place(self, m: Measurements, speed: float | None, dt: float, fix_new: bool) -> float | None:

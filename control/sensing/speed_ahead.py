@@ -15,12 +15,18 @@ from math import exp
 from typing import NamedTuple
 
 from control.readings import SpeedTold, is_fresh
-from control.sensing.speed_filter import STANDS_MPS, Moving
+from control.sensing.speed_filter import QUICK_TAU_S, STANDS_MPS, Moving
 
-DIES_OUT_S = 0.7                # an acceleration is expected to die out this fast: drivers change from one speed to
+DIES_OUT_S = 0.8                # an acceleration is expected to die out this fast: drivers change from one speed to
                                 # another, and a forecast that goes on for the whole lag overshoots at the end of it
-STEADY_TAU_S = 0.22             # filter `steady`, first order, behind `speed_used`
-STEADY_MPS = 0.02               # apart by less: noise; by twice as much: a change of speed
+STOPS_BELOW_MPS = 0.75          # slower than this and slowing down, a machine stops: nobody works so slowly ...
+STOPS_WITHIN_MPS = 0.15         # ... the less surely the nearer to it
+UNDER_WAY = 0.8                 # of its working speed: slower and speeding up, a machine goes back to that
+MOST_MORE = 2.0                 # times the present speed, that it is expected to have then
+CRUISE_TAU_S = 20.0             # filter `cruise`, first order: the speed while it is steady, of at least ...
+CRUISE_FROM_MPS = 0.6           # ... this
+STEADY_TAU_S = 0.35             # filter `steady`, first order, behind `quick`
+STEADY_MPS = 0.03               # apart by less: noise; by twice as much: a change of speed
 
 
 TOLD_HOLDS_S = 2.0              # a told speed
@@ -43,10 +49,11 @@ class SpeedAhead(NamedTuple):
     beside_mps: float = 0.0                 # faster than the reference, now
     beside_mps2: float = 0.0
     believed: float = 0.0                   # 0 to 1
+    cruise_mps: float = 0.0                 # at which it works, as far as is known; 0: not yet
 
     def mps(self, in_s: float) -> float:
         """Speed so many seconds ahead, m/s; never below 0."""
-        own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s)
+        own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
         if not self.told_mps:
             return own
         known = _at(self.told_mps, in_s) + self.beside_mps + _more_mps(self.beside_mps2, in_s)
@@ -54,7 +61,7 @@ class SpeedAhead(NamedTuple):
 
     def way_m(self, in_s: float) -> float:
         """Distance covered until then, m."""
-        own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s)
+        own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
         if not self.told_mps:
             return own
         known = _at(self.told_way_m, in_s) + self.beside_mps * in_s + _more_m(self.beside_mps2, in_s)
@@ -83,9 +90,10 @@ class Forecaster:
         self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]      # squared, of the reference and of the own forecast
 
     def _forget(self) -> None:
+        self._cruise_mps = 0.0
         self._own, self._beside = _Quieted(), _Quieted()
         self._reference_mps: float | None = None
-        self._reference = Moving()              # as the filter `speed_used` would see it
+        self._reference = Moving()              # as the filter `quick` would see it
         self._waiting: deque[tuple[float, float, float]] = deque()      # time, reference's forecast, own forecast
 
     @property
@@ -95,21 +103,24 @@ class Forecaster:
 
     def update(self, now_s: float, speed_mps: float | None, acceleration_mps2: float, dt_s: float,
                told: SpeedTold | None = None) -> SpeedAhead:
-        """speed_mps: the filtered one that control uses; None: not known, which counts as standing."""
+        """speed_mps, acceleration_mps2: of the filter `quick`; None: not known, which counts as standing."""
         if speed_mps is None:
             self._forget()
             return SpeedAhead(0.0, 0.0)
         own = self._own.update(Moving(speed_mps, acceleration_mps2), dt_s)
+        if own.acceleration_mps2 == 0.0 and own.speed_mps > CRUISE_FROM_MPS:
+            share = 1.0 if self._cruise_mps == 0.0 else 1.0 - exp(-dt_s / CRUISE_TAU_S)
+            self._cruise_mps += share * (own.speed_mps - self._cruise_mps)
         if told is None or not is_fresh(told.time_s, now_s, TOLD_HOLDS_S):
             self._reference_mps = None
             self._waiting.clear()
-            return SpeedAhead(*own)
+            return SpeedAhead(*own, cruise_mps=self._cruise_mps)
         self._judge(now_s, speed_mps)
         self._drive_reference(told, now_s, speed_mps, dt_s)
         beside = self._beside.update(Moving(speed_mps - self._reference.speed_mps,
                                             acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
         table, way = _driven(told, now_s - told.time_s, self._reference_mps or 0.0)
-        ahead = SpeedAhead(*own, table, way, *beside, self.believed)
+        ahead = SpeedAhead(*own, table, way, *beside, self.believed, self._cruise_mps)
         if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
             self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
                                   ahead._replace(believed=0.0).mps(JUDGED_S)))
@@ -123,7 +134,7 @@ class Forecaster:
         aim = _aimed(told, max(0.0, now_s - told.time_s))
         self._reference_mps = _towards(self._reference_mps, aim, told.acceleration_mps2 * dt_s)
         if dt_s > 0.0:
-            self._reference = self._reference.on(dt_s).taking(self._reference_mps, dt_s)
+            self._reference = self._reference.on(dt_s).taking(self._reference_mps, dt_s, QUICK_TAU_S)
 
     def _judge(self, now_s: float, speed_mps: float) -> None:
         while self._waiting and self._waiting[0][0] <= now_s:
@@ -171,15 +182,35 @@ def _more_m(acceleration_mps2: float, in_s: float) -> float:
     return min(1.0, max(-1.0, acceleration_mps2)) * DIES_OUT_S * (in_s - DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S)))
 
 
-def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
+def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float, cruise_mps: float = 0.0) -> float:
     """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
-    it, at least half of what the present speed would give."""
+    it, at least half of what the present speed would give where it does not stop."""
     more_m = _more_m(acceleration_mps2, time_s)
-    return speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
+    usual = speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
+    share, ends_mps = _goes_on(speed_mps, acceleration_mps2, cruise_mps)
+    if share <= 0.0:
+        return usual
+    until_s = min(time_s, (ends_mps - speed_mps) / acceleration_mps2)
+    way_m = speed_mps * until_s + 0.5 * acceleration_mps2 * until_s ** 2 + ends_mps * (time_s - until_s)
+    return usual + share * (way_m - usual)
 
 
-def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
+def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float, cruise_mps: float = 0.0) -> float:
     """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
-    stays within 50-150 % of the present speed."""
+    stays within 50-150 % of the present speed. A machine that is stopping or setting off goes on with it."""
     more = _more_mps(acceleration_mps2, time_s)
-    return min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
+    usual = min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
+    share, ends_mps = _goes_on(speed_mps, acceleration_mps2, cruise_mps)
+    if share <= 0.0:
+        return usual
+    until_s = min(time_s, (ends_mps - speed_mps) / acceleration_mps2)
+    return usual + share * (speed_mps + acceleration_mps2 * until_s - usual)
+
+
+def _goes_on(speed_mps: float, acceleration_mps2: float, cruise_mps: float) -> tuple[float, float]:
+    """How surely the acceleration goes on until the speed is another one, 0 to 1, and which that is, m/s."""
+    if acceleration_mps2 < 0.0:
+        return min(1.0, max(0.0, (STOPS_BELOW_MPS - speed_mps) / STOPS_WITHIN_MPS)), 0.0
+    if 0.0 < speed_mps < UNDER_WAY * cruise_mps and acceleration_mps2 > 0.0:
+        return 1.0, min(cruise_mps, MOST_MORE * speed_mps)
+    return 0.0, speed_mps

@@ -29,7 +29,7 @@ def test_a_change_is_made_on_the_tick_nearest_to_its_moment(simulated: Any) -> N
 
 def test_what_the_next_change_does_to_the_stream_in_the_tube_is_made_up_for(simulated: Any) -> None:
     """A faster shaft carries down faster what was released before: 9 kg/ha where nobody reckons with it."""
-    found = simulated(240.0, "speed_first").errors
+    found = simulated(240.0, "speed_first", settled=True).errors
     assert found.rate_error_kg_ha < 7.5
     assert abs(found.place_bias_m) < 0.03       # each change is spread over three falls: a single step scatters
     assert abs(found.bias_kg_ha) < 3.0
@@ -121,3 +121,14 @@ def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: An
     assert (here["opening_mm"] == there["opening_mm"]).all() and (here["shaft_rpm_cmd"] == there["shaft_rpm_cmd"]).all()
     assert abs(own.errors.place_bias_m) < 0.05
     assert other.errors.place_bias_m == pytest.approx(-1.25 * (1.175 - 0.859), abs=0.06), "0.32 s early at 4.5 km/h"
+
+
+@pytest.mark.parametrize("strategy", ["balanced", "speed_first"])
+def test_while_nobody_has_measured_the_tube_no_strategy_counts_on_it(simulated: Any, strategy: str) -> None:
+    """Of the same runs landed singly, balanced was 6.3 % off and speed first 9.8 %: they moved the shaft for a stream
+    that carries what falls."""
+    found = simulated(90.0, strategy, plant="singly")
+    assert found.errors.rate_error_percent < {"balanced": 4.0, "speed_first": 5.0}[strategy]
+    if strategy == "balanced":
+        at_work = [s.tick.command.shaft_rpm for s in found.steps if s.tick.command.shaft_rpm > 0.0]
+        assert len(set(at_work)) < 40, "the trim's own steps, no plan's"

@@ -9,7 +9,7 @@ from control.machine.machine import Machine
 
 from .evidence import held_out_gain, not_shown
 from .problem import problem_of
-from .report import causes_of, channels_of, findings_of, next_run_of
+from .report import causes_of, channels_of, findings_of, next_run_of, two_rates_of
 from .retold import told_once
 from .rows import pieces_of
 from .selection import select
@@ -103,7 +103,8 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
                   sum(table.rows for table in tables), None, machine.id),
         channels=channels_of(problem, judgement.structure_p), verdict=verdict, causes=causes,
         not_shown=not_shown(problem, judgement.selection, told), unexplained=judgement.unexplained,
-        next_run=next_run_of(problem, judgement), gain=held_out_gain(problem, judgement.selection.effects, seed),
+        next_run=next_run_of(problem, judgement) or two_rates_of(tables, machine),
+        gain=held_out_gain(problem, judgement.selection.effects, seed),
         extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))
 
 

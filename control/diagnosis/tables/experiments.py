@@ -20,6 +20,11 @@ MIN_APART_SD = 4.0      # between two hypotheses, from which on a test separates
 MAX_TESTS = 3
 
 
+TWO_RATES = ("a step from 40 to 80 r/min at the rig, ten times: time from the shaft's change until the plate stands "
+             "half-way between its two readings; as a table with before_rpm 40, shaft_rpm 80 and drop_s it is for "
+             "topdress calibrate lag")
+
+
 class Experiment(NamedTuple):
     """`reads`: what the test would measure, (k,), in units of its own noise."""
 

@@ -15,7 +15,7 @@ from .across import across
 from .clock import Clock
 from .cost import field_cost
 from .evidence import label_contrasts
-from .experiments import Pair, Plan, separating
+from .experiments import TWO_RATES, Pair, Plan, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
@@ -115,6 +115,15 @@ def next_run_of(problem: Problem, judgement: Judgement) -> NextRun | None:
         return None
     return NextRun(f"this data cannot tell {', '.join(doubtful)} from something else",
                    "repeat this test with three or more settings at which the effect would show")
+
+
+def two_rates_of(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
+    """Starts tell nothing of the tube: where only they were measured, a change between two rates is next."""
+    lags = [table for table in tables if table.kind == "lag"]
+    if machine.tube_is_settled or not lags or any(table.running().any() for table in lags):
+        return None
+    return NextRun("starts cannot tell whether the stream in the tube carries what falls or each granule falls singly, "
+                   "and until that is known no strategy moves the shaft for what is landing", f"{TWO_RATES} (10 min)")
 
 
 def _next_run(plan: Plan) -> NextRun:

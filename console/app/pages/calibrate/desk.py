@@ -21,6 +21,7 @@ from control.orders import Do, Order
 ESTIMATES = {
     "grams_per_rev_mm": N_("flow"), "zero_offset": N_("at zero opening"), "fill_falloff": N_("lost at 100 r/min"),
     "slope": N_("slope"), "intercept": N_("at 0 r/min"), "circumference": N_("circumference"),
+    "carried_share": N_("carried along"),
 }
 UNIT_WORDS = {"g/rev/mm": N_("g per turn and mm"), "g/rev": N_("g per turn"), "s per r/min": N_("s per r/min")}
 AXES = {"opening mm": N_("opening, mm"), "shaft r/min": N_("shaft, r/min"), "g per turn": N_("g per turn"),

@@ -8,7 +8,8 @@ from typing import Any, Literal, NamedTuple
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.wheel import WheelSample
 
-Number = Literal["grams_per_rev_mm", "zero_offset", "fill_falloff", "slope", "intercept", "circumference"]
+Number = Literal["grams_per_rev_mm", "zero_offset", "fill_falloff", "slope", "intercept", "circumference",
+                 "carried_share"]
 
 
 class Estimate(NamedTuple):

@@ -74,7 +74,9 @@ class LagDesk(Desk):
             (_("make ready"), _("Rig under an outlet, tractor standing. Y makes the machine ready.")),
             (_("measure"), _("Hold R: the rig starts and stops the shaft by itself. Let go at any time; it goes on "
                              "when R is held again.")),
-            (_("fit and save"), _("F fits the line; N saves it as a new machine file.")))
+            (_("fit and save"), _("F fits the line; N saves it as a new machine file.")),
+            (_("two rates"), _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, ten "
+                               "times, does: its table by T.")))
         return GuideView(_("Lag test: from the command to the ground"),
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
                          self.why_not(seen, said) if self.measuring or said else "", self.found())
