@@ -13,7 +13,8 @@ from .strategies import Pair, pair_for
 from .trims import DriveTrim
 
 SWITCH_S = 4.0              # a change of strategy is spread over this long
-ABRUPT = 0.2                # |log| of rate after over rate before, from which on speed first's gate makes the change
+ABRUPT = 0.35               # |log| of rate after over rate before, from which on speed first's gate makes the change:
+                            # no two grades of a canopy in one second, but the edges of a map's zones
 BACK_PER_S = 0.02           # share of the opening by which it then returns: the shaft makes up for it, so slowly that
                             # no tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly)
 SHAFT_BAND_RPM = 0.3        # smaller moves are not sent: the plan leaves out what it need not do, this is for the trims
