@@ -31,7 +31,7 @@ class FlowTrimLimits:
     offset_g_rev: float = 4.0           # an offset near 8 g per revolution is published
     slope_percent_per_deg: float = 0.5  # 0.3-1 % per degree are published
     wanders_percent: float = 1.0        # the gain, in the square root of an hour: head 1-3 % an hopper, moisture
-    another_lot_percent: float = 3.0    # the gain, at a refill
+    another_lot_percent: float = 1.5    # the gain, at a refill: with 3 every refill was a minute of noise trimmed
     changed_percent: float = 10.0       # the gain, where the scale runs away from it: an outlet of six is 17 %
     level_kg: float = 100.0             # the mass in the hopper, before the first weighing
 
