@@ -16,7 +16,7 @@ from console.frame import DeviceDo, Frame, from_json
 from console.running import HOST, LINE_BYTES, Where
 from control.orders import Answer, Order
 
-KEEP_ALIVE_S = 0.5            # the worker holds after 2 s of silence: three may be lost
+KEEP_ALIVE_S = 0.1            # the worker holds after 2 s of silence: the console may draw for nearly all of them
 ANSWER_S = 0.5                # the loop answers with its next tick
 
 
@@ -27,6 +27,8 @@ class WorkerGone(ConnectionError):
 class Link:
     """One console's connection. `run` it in a task; read `newest`; give orders."""
 
+    keeps_alive = True            # says that a console with STOP in sight lives; False: gives orders only
+
     def __init__(self, where: Where) -> None:
         self.where = where
         self.newest: Frame | None = None
@@ -36,6 +38,7 @@ class Link:
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._numbers = itertools.count(1)
         self._gone = asyncio.Event()
+        self._next_word: asyncio.TimerHandle | None = None
 
     async def run(self) -> NoReturn:
         """Take frames and answers, keep the worker assured; raises WorkerGone the moment its end is closed."""
@@ -45,16 +48,17 @@ class Link:
             self._gone.set()
             raise WorkerGone(f"the control worker (process {self.where.pid}) is gone") from error
         self._send(next(self._numbers), {"ask": "look"})
-        alive = asyncio.create_task(self._keep_alive())
+        self._keep_alive()
         try:
             while (line := await reader.readline()).endswith(b"\n"):      # a worker may be killed in the middle of one
                 self._take(json.loads(line))
         except (OSError, ValueError):                                       # a line that is none: not our worker
             pass
         finally:
-            alive.cancel()
             self.attached.clear()
             self._gone.set()
+            if self._next_word is not None:
+                self._next_word.cancel()
             self._writer.close()
             for future in self._waiting.values():
                 if not future.done():
@@ -129,11 +133,13 @@ class Link:
             if future and not future.done():
                 future.set_result(message)
 
-    async def _keep_alive(self) -> None:
-        """Say that this console lives; it says so from the event loop, so a frozen console falls silent by itself."""
-        while self.where.token is not None:
-            self._send(next(self._numbers), {"ask": "alive"})
-            await asyncio.sleep(KEEP_ALIVE_S)
+    def _keep_alive(self) -> None:
+        """Say that this console lives. The event loop that takes keys and draws says it, with its next turn, and nobody
+        else: a frozen console falls silent by itself, one that draws for long is as silent as its screen."""
+        if self.where.token is None or not self.keeps_alive or self._gone.is_set():
+            return
+        self._send(next(self._numbers), {"ask": "alive"})
+        self._next_word = asyncio.get_running_loop().call_later(KEEP_ALIVE_S, self._keep_alive)
 
 
 class ComingLink(Link):

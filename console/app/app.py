@@ -45,6 +45,7 @@ from console.frame import Frame
 from console.link import WorkerGone
 from console.locale import _, use
 from console.running import WorkerFailed
+from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order
 
@@ -95,6 +96,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.services = services or Services()
         self.fields = FieldPictures(self, self.services.field)
         self.tour = Tour() if tour else None
+        self.sweeps = Sweeps()
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
         self.gone = ""
@@ -225,6 +227,8 @@ class TopdressApp(App[None], inherit_bindings=False):
                 self.notice(_("That was the tour. Ctrl+T shows it again."))
         if self.page.is_mounted:            # not between its being turned to and its being composed
             self.page.tick(now_s)
+        if self.live:
+            self.sweeps.tick()
 
     def _first(self) -> None:
         """The first frame is shown when it comes, not with the next of the ticks."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 import ipaddress
 import os
 import secrets
-import shlex
-import subprocess
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -49,8 +47,7 @@ def serve(
     typer.echo(f"console      http://{'[' + host + ']' if ':' in host else host}:{port}  (Ctrl-C ends)")
     if not _loopback(host):
         typer.echo("note         everybody in this network can look; what is typed, the key too, goes over it as it is")
-    line = subprocess.list2cmdline(command) if os.name == "nt" else shlex.join(command)
-    TabletServer(line, host, port).serve()
+    TabletServer(command, host, port).serve()
 
 
 def prepare_token(path: Path) -> bool:

@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import json
 import os
+import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,19 +18,20 @@ from console.app.tablet import NONE_RUNS, Key, TabletApp
 from console.link import Link
 from console.locale import _
 from console.running import Where, WorkerFailed, default_run_file, find_running
+from console.serve import SERVER
 from console.worker.system import private_folder, write_private
 from drivers.files.lock import take_lock
 
 TAB_BYTES = 4 << 30         # of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
 TAB_NICE = 10
+PARENT_S = 0.5              # how often a tab looks whether its server still runs
 
 
 class TabLink(Link):
     """A tab never keeps the machine working: that is the part of the console on the machine. When that is gone, the
     worker holds, whatever a tablet that may have fallen asleep still has open."""
 
-    async def _keep_alive(self) -> None:
-        """Says nothing."""
+    keeps_alive = False
 
 
 async def link_to(operating: bool) -> Link:
@@ -104,6 +107,15 @@ def bounded() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (TAB_BYTES, TAB_BYTES))
 
 
+def end_with(server: int) -> None:
+    """When the server that started this tab is gone, however it ended, the tab and what it started end too."""
+    while os.getppid() == server:
+        time.sleep(PARENT_S)
+    if os.getpgid(0) == os.getpid():        # a group of its own, as the server makes it
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
+
+
 def tab_app(where: Where | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
     from console.services.diagnosis import DiagnosisFiles
@@ -119,6 +131,8 @@ def main() -> None:
     parser.add_argument("--token-file", type=Path)
     given = parser.parse_args()
     bounded()
+    if os.name == "posix" and SERVER in os.environ:             # elsewhere the next drawing finds nobody who reads it
+        threading.Thread(target=end_with, args=(int(os.environ[SERVER]),), daemon=True).start()
     try:
         where = find_running()
     except WorkerFailed:

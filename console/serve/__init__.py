@@ -1,1 +1,3 @@
 """The console in a browser: a small web server that starts one app process for each tab."""
+
+SERVER = "TOPDRESS_SERVER"      # in a tab's environment: the server's process, whose end is the tab's own

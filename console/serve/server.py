@@ -3,37 +3,60 @@ and nobody but the page's own origin on the socket."""
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import ipaddress
 import json
 import logging
+import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, web
+from aiohttp.web_runner import GracefulExit
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
-TABS = 6                    # app processes at once
+from console.serve.tab import TabConsole
+
+TABS = 6                    # consoles at once, counted until their processes have ended
 HEARTBEAT_S = 3.0           # a tablet that went away is noticed in one and a half of them
 LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
 MOST_COLUMNS, MOST_ROWS = 400, 200
 MESSAGE_BYTES = 16_384      # of a tab's message: a paste
 MESSAGES_S = 100.0          # a second, each tab
 PING_CHARACTERS = 100
-ENDS_WITHIN_S = 5.0         # a tab's console that was told to end; then it is killed: its place is wanted
+CLOSES_WITHIN_S = 0.5       # a browser answers that its socket closes, or is not waited for
 _PAGE = Path(__file__).with_name("page.html")
 
 
 class TabletServer(Server):
-    """command: started once for each tab, in a shell. host, port: where it listens."""
+    """command: program and arguments, started once for each tab. host, port: where it listens."""
 
-    def __init__(self, command: str, host: str, port: int) -> None:
-        super().__init__(command, host=host, port=port, title="topdress")
+    def __init__(self, command: Sequence[str], host: str, port: int) -> None:
+        super().__init__(" ".join(command), host=host, port=port, title="topdress")
+        self._arguments = tuple(command)
         self._page = _PAGE.read_text(encoding="utf-8")
+        self._consoles: set[TabConsole] = set()
         self.tabs = 0
+
+    def serve(self, debug: bool = False) -> None:
+        """Until Ctrl-C, or until told to end: all consoles of tabs have ended then, 2 s later at most."""
+        self.initialize_logging()
+        loop = asyncio.new_event_loop()
+        asyncio.set_event_loop(loop)
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            with contextlib.suppress(NotImplementedError, AttributeError):      # Windows
+                loop.add_signal_handler(getattr(signal, name), self.request_exit)
+        with contextlib.suppress(GracefulExit):
+            web.run_app(self._make_app(), host=self.host, port=self.port, handle_signals=False, loop=loop,
+                        print=None, shutdown_timeout=CLOSES_WITHIN_S)
+
+    async def on_shutdown(self, app: web.Application) -> None:
+        """All consoles at once."""
+        await asyncio.gather(*(console.end() for console in self._consoles))
 
     def initialize_logging(self) -> None:
         logging.basicConfig(level="WARNING", format="%(message)s")
@@ -57,7 +80,7 @@ class TabletServer(Server):
             raise web.HTTPForbidden(text="another page may not open this console")
         if self.tabs >= TABS:
             raise web.HTTPServiceUnavailable(text=f"{TABS} tabs are open already")
-        tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES)
+        tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSES_WITHIN_S)
         self.tabs += 1
         try:
             await tab.prepare(request)
@@ -71,15 +94,17 @@ class TabletServer(Server):
         async def close() -> None:
             await tab.close()
 
-        service = AppService(self.command, write_bytes=tab.send_bytes, write_str=tab.send_str, close=close,
+        service = TabConsole(self._arguments, write_bytes=tab.send_bytes, write_str=tab.send_str, close=close,
                              download_manager=self.download_manager)
+        self._consoles.add(service)
         try:
             await service.start(width, height)
             await self._process_messages(tab, service)
         except (ValueError, KeyError, IndexError, TypeError, AssertionError, RecursionError):
             await tab.close(code=WSCloseCode.POLICY_VIOLATION, message=b"not a message of the page")
         finally:
-            await _ended(service)
+            await service.end()
+            self._consoles.discard(service)
 
     async def _process_messages(self, tab: web.WebSocketResponse, service: AppService) -> None:
         """As the page sends them, one after the other and no faster than anybody types, every number in its range.
@@ -101,16 +126,6 @@ class TabletServer(Server):
                 await tab.send_json(["pong", str(rest[0])[:PING_CHARACTERS]])
             elif kind in ("blur", "focus"):
                 await getattr(service, kind)()
-
-
-async def _ended(service: AppService) -> None:
-    """Tell a tab's console to end, and end it where it does not: it may hang, or not read any more."""
-    process = service._process
-    try:
-        await asyncio.wait_for(service.stop(), ENDS_WITHIN_S)
-    except TimeoutError:
-        if process is not None and process.returncode is None:
-            process.kill()
 
 
 class Pace:

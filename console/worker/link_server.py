@@ -212,11 +212,11 @@ class LinkServer(threading.Thread):
             self.counts["clients_refused"] += 1
             client.gone = True
             return
-        if request.what is Ask.LOOK:
+        if request.what is Ask.ALIVE:
+            self._host.console_heard()
+        if request.what in (Ask.ALIVE, Ask.LOOK):
             client.send(wire.answered(request.id, Answer(True), {}))
-            return
-        self._host.console_heard()
-        if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
+        elif not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
             self.counts["busy"] += 1
             client.send(wire.answered(request.id, Answer(False, "busy"), {}))
 

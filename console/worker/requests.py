@@ -22,7 +22,7 @@ from control.orders import Do, Order
 
 
 class Ask(StrEnum):
-    ALIVE = "alive"      # keeps the machine working; answered by the loop, so it also says that the loop runs
+    ALIVE = "alive"      # a console that can show STOP lives: nothing else keeps the machine working
     STATS = "stats"      # how punctual the loop is, what the link refused
     QUIT = "quit"        # off, close the log, exit
     LAG_TEST = "lag_test"            # begin the lag test: it measures while the state is calibrating

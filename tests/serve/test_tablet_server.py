@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -25,7 +26,7 @@ from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
-from console.serve import server as tablet_server  # noqa: E402
+from console.serve import tab as tab_module  # noqa: E402
 from console.serve.server import (  # noqa: E402
     MESSAGE_BYTES,
     MOST_COLUMNS,
@@ -224,7 +225,7 @@ class Said:
     ("1e400", "NaN", (80, 24)), ("9" * 300, "40", (MOST_COLUMNS, 40))])
 async def test_a_window_stays_bounded_after_the_first_message_too(width, height, told):
     tab = Said(f'["resize", {{"width": {width}, "height": {height}}}]')
-    await TabletServer("x", "127.0.0.1", 0)._process_messages(tab, tab)
+    await TabletServer(["x"], "127.0.0.1", 0)._process_messages(tab, tab)
     assert tab.sizes == [told]
 
 
@@ -244,11 +245,34 @@ async def socket_of(server):
         await runner.cleanup()
 
 
+STUBBORN = ["sh", "-c", "trap '' TERM; sleep 60 & sleep 60; sleep 60"]       # with a child of its own
+
+
+def group(server):
+    """The processes of all its consoles, and what those started, that still run. Linux."""
+    leaders = {console._process.pid for console in server._consoles if console._process}
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = stat.read_text().rpartition(")")[2].split()
+            if int(fields[2]) in leaders and fields[0] != "Z":
+                found.add(int(stat.parent.name))
+    return found
+
+
+def running(pids):
+    return {pid for pid in pids if Path(f"/proc/{pid}").exists()
+            and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"}
+
+
+linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts processes in /proc")
+
+
 @posix
 async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
     """Also where its console hangs: it is killed, and its place is free again."""
-    monkeypatch.setattr(tablet_server, "ENDS_WITHIN_S", 0.3)
-    server = TabletServer("sleep 60", "127.0.0.1", 0)
+    monkeypatch.setattr(tab_module, "QUIT_S", 0.1)
+    server = TabletServer(["sleep", "60"], "127.0.0.1", 0)
     wrong = {"[": 1008, "{}": 1008, "7": 1008, "[]": 1008, "[" * 5000: 1008, '["resize", 7]': 1008, '["stdin"]': 1008,
              '["resize", {}]': 1008, f'["stdin", "{"x" * MESSAGE_BYTES}"]': 1009}
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
@@ -267,20 +291,63 @@ async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
             await asyncio.sleep(0.02)
 
 
-@posix
-async def test_no_more_tabs_than_the_computer_carries(monkeypatch):
-    monkeypatch.setattr(tablet_server, "ENDS_WITHIN_S", 0.3)
-    async with socket_of(TabletServer("sleep 60", "127.0.0.1", 0)) as (session, address), asyncio.timeout(120.0):
+@linux
+async def test_no_more_tabs_than_the_computer_carries_counted_until_they_have_ended():
+    """20 tabs opened and closed left 20 programs of 75 MB, for what was killed was the shell before them."""
+    server = TabletServer(STUBBORN, "127.0.0.1", 0)
+    async with socket_of(server) as (session, address), asyncio.timeout(120.0):
         tabs = [await session.ws_connect(address) for _ in range(TABS)]
         with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
             await session.ws_connect(address)
+        while len(pids := group(server)) < 3 * TABS:            # shell and two sleeps each
+            await asyncio.sleep(0.02)
+        closed_s = time.monotonic()
         for tab in tabs:
             await tab.close()
+        while server.tabs:
+            assert server.tabs >= len(running(pids)) / 3        # a place is free only once its console has ended
+            await asyncio.sleep(0.02)
+        assert time.monotonic() - closed_s < 4.0                # 2 s, and room for a busy machine
+        assert not running(pids)
+
+
+@linux
+async def test_ctrl_c_ends_all_consoles_within_two_seconds():
+    """Told one after the other, and each waited for, it took 12 s."""
+    server = TabletServer(STUBBORN, "127.0.0.1", 0)
+    async with socket_of(server) as (session, address), asyncio.timeout(120.0):
+        for _ in range(TABS):
+            await session.ws_connect(address)
+        while len(pids := group(server)) < 3 * TABS:
+            await asyncio.sleep(0.02)
+        began_s = time.monotonic()
+        await server.on_shutdown(None)
+        assert time.monotonic() - began_s < 2.0
+        assert not running(pids)
+
+
+@posix
+def test_a_tab_ends_with_its_server_however_that_ended():
+    program = ("import os, threading, time; from console.cli.tablet import end_with; os.setsid();"
+               "threading.Thread(target=end_with, args=(int(os.environ['SERVER']),), daemon=True).start();"
+               "print(os.getpid(), flush=True); time.sleep(60)")
+    server = subprocess.Popen(
+        [sys.executable, "-c", "import os, subprocess, sys; os.environ['SERVER'] = str(os.getpid());"
+         f"subprocess.run([sys.executable, '-c', {program!r}])"], stdout=subprocess.PIPE, text=True)
+    tab = int(server.stdout.readline())
+    server.kill()
+    server.wait()
+    until_s = time.monotonic() + 5.0
+    with pytest.raises(ProcessLookupError):
+        while time.monotonic() < until_s:
+            os.kill(tab, 0)
+            time.sleep(0.05)
+    server.stdout.close()
 
 
 async def test_text_and_pings_are_taken_as_they_are():
     tab = Said('["stdin", "\\ud800x"]', '["stdin", 7]', f'["ping", "{"p" * 900}"]', '["other", 1]')
-    await TabletServer("x", "127.0.0.1", 0)._process_messages(tab, tab)
+    await TabletServer(["x"], "127.0.0.1", 0)._process_messages(tab, tab)
     assert tab.bytes == [b"?x", b"7"] and tab.pongs == [["pong", "p" * 100]]
 
 

@@ -81,7 +81,7 @@ async def test_frames_come_at_twenty_hertz_and_the_worker_hears_of_us(running, a
         seen.add(link.newest.seq)
         await asyncio.sleep(0.005)
     assert 15 <= len(seen) <= 23
-    assert 0.3 < max(row["age_s"] for row in log_of(where)) < 0.8      # a word every 0.5 s, four times the need
+    assert sum(row["age_s"] < 0.3 for row in log_of(where)) > 40       # a word every 0.1 s, twenty times the need
     stats = await link.stats()
     assert stats["hz"] == pytest.approx(100.0) and stats["ticks"] > 50 and stats["clients"] == 1
     assert 0.0 < stats["p50_ms"] <= stats["p99_ms"] <= stats["p999_ms"] <= stats["max_ms"]
@@ -150,7 +150,7 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running
         owner.task.cancel()
         left_s = time.monotonic()
         await until(lambda: watcher.newest.row.state == "held")
-        assert 1.4 < time.monotonic() - left_s < 6.0                # its last word was up to 0.5 s old
+        assert 1.8 < time.monotonic() - left_s < 6.0                # its last word was up to 0.1 s old
         again = await attach(where)
         await until(lambda: again.newest.row.speed_mps < 1.0)       # the fake shows the console's age there
 
@@ -397,6 +397,36 @@ async def test_who_only_looks_never_takes_the_place_of_a_console(running, attach
     assert (await attach(where.looking_only())).newest is not None
     for client in crowd:
         client.close()
+
+
+async def test_orders_do_not_keep_the_machine_working(running, attach, log_of):
+    """A tablet with the key that orders without end, beside a console that froze: the machine worked for 9.7 s."""
+    where = running()
+    watcher = await attach(where.looking_only())
+    client = raw(where)
+    began_s = time.monotonic()
+    for number in range(40):
+        do = "start" if number == 0 else "strategy"
+        client.sendall(json.dumps({"id": number, "token": where.token, "do": do, "value": None}).encode() + b"\n")
+        await asyncio.sleep(0.1)
+        if watcher.newest.row.state == "held":
+            break
+    assert watcher.newest.row.state == "held" and time.monotonic() - began_s < 3.5
+    client.close()
+
+
+async def test_the_console_lives_as_its_event_loop_turns(running, attach):
+    """A loop that stands for 1.65 s is heard in time, for its word before was fresh, and not half a second old; one
+    that stands longer is not."""
+    where = running()
+    link, watcher = await attach(where), await attach(where.looking_only())
+    await link.order(Order(Do.START))
+    for _ in range(3):
+        time.sleep(1.65)
+        await asyncio.sleep(0.45)
+        assert watcher.newest.row.state == "working"
+    time.sleep(2.6)
+    await until(lambda: watcher.newest.row.state == "held", 5.0)
 
 
 async def test_looking_with_the_key_does_not_keep_the_machine_working(running, attach, log_of):

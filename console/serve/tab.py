@@ -1,0 +1,81 @@
+"""One tab's console: a process, with all that it starts a group of its own, which ends as a whole and soon."""
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Sequence
+from typing import Any
+
+from textual_serve.app_service import AppService
+
+from console.serve import SERVER
+
+QUIT_S = 0.7                # a console that was told to end does so within this, or is told by the system ...
+TERMINATE_S = 0.4           # ... and within this, or is killed: together well below 2 s
+
+
+class TabConsole(AppService):
+    """command: program and arguments; no shell stands between, which would end in the console's place."""
+
+    def __init__(self, command: Sequence[str], **options: Any) -> None:
+        super().__init__(" ".join(command), **options)
+        self._arguments = tuple(command)
+        self._ending: asyncio.Task[None] | None = None
+
+    async def _open_app_process(self, width: int = 80, height: int = 24) -> asyncio.subprocess.Process:
+        apart: dict[str, Any] = {"start_new_session": True} if os.name == "posix" else {}
+        process = await asyncio.create_subprocess_exec(
+            *self._arguments, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE, env=self._build_environment(width=width, height=height), **apart)
+        assert process.stdin is not None
+        self._process, self._stdin = process, process.stdin
+        return process
+
+    def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
+        return super()._build_environment(width, height) | {SERVER: str(os.getpid())}
+
+    async def run(self) -> None:
+        """As of any console; one that ends by itself closes its tab."""
+        try:
+            await super().run()
+        finally:
+            if self._ending is None:
+                await self.remote_close()
+
+    async def end(self) -> None:
+        """Returns once the console and all that it started have ended: told, then made to. Takes 2 s at most."""
+        if self._ending is None:
+            self._ending = asyncio.create_task(self._end())
+        await asyncio.shield(self._ending)
+
+    async def _end(self) -> None:
+        process = self._process
+        if process is None:
+            return
+        await self._told_to_quit(process)
+        if self._task is not None:              # else it would say that a console that is ended failed to start
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        _signal_group(process, "SIGTERM")
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(process.wait(), TERMINATE_S)
+        _signal_group(process, "SIGKILL")
+        await process.wait()
+
+    async def _told_to_quit(self, process: asyncio.subprocess.Process) -> None:
+        with contextlib.suppress(TimeoutError, OSError, RuntimeError):
+            async with asyncio.timeout(QUIT_S):
+                await self._download_manager.cancel_app_downloads(app_service_id=self.app_service_id)
+                await self.send_meta({"type": "quit"})
+                await process.wait()
+
+
+def _signal_group(process: asyncio.subprocess.Process, name: str) -> None:
+    """To the console and what it started; on Windows to the console alone. No such group: all have ended."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        if os.name == "posix":
+            os.killpg(process.pid, getattr(signal, name))
+        elif process.returncode is None:
+            process.kill()

@@ -1,0 +1,51 @@
+"""What lives is set apart from sweeps, a bounded number of times."""
+from __future__ import annotations
+
+import gc
+
+import pytest
+
+from console import sweeps
+from console.sweeps import Sweeps
+
+
+class Living:
+    def __init__(self):
+        self.me = [self]
+
+
+@pytest.fixture
+def thawed():
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+def test_what_lives_is_not_swept_again(thawed):
+    one = Sweeps()
+    lives = [Living() for _ in range(sweeps.LIVES)]
+    one.tick()
+    assert one.left == sweeps.TIMES, "before a sweep nobody knows what lives"
+    gc.collect()
+    assert len(gc.get_objects(generation=2)) > sweeps.LIVES
+    one.tick()
+    assert len(gc.get_objects(generation=2)) < sweeps.LIVES and len(lives) == sweeps.LIVES
+
+
+def test_once_after_a_sweep_and_not_for_ever(thawed):
+    one = Sweeps()
+    kept = []
+    for look in range(2 * sweeps.TIMES):
+        kept.append([Living() for _ in range(sweeps.LIVES)])
+        gc.collect()
+        one.tick()
+        one.tick()
+        assert one.left == max(0, sweeps.TIMES - 1 - look)
+
+
+def test_little_is_left_to_the_sweeps_of_python(thawed):
+    one = Sweeps()
+    gc.collect()
+    one.tick()
+    assert one.left == sweeps.TIMES
