@@ -13,7 +13,8 @@ from concurrent.futures import Future
 from typing import Any, NoReturn
 
 from console.frame import DeviceDo, Frame, from_json
-from console.running import HOST, LINE_BYTES, Where
+from console.knock import HOST, LINE_BYTES
+from console.running import Where
 from control.orders import Answer, Order
 
 KEEP_ALIVE_S = 0.1            # the worker holds after 2 s of silence: the console may draw for nearly all of them

@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -15,16 +14,12 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+from console.knock import GREETING, KNOCK_S, LINE_BYTES, knock, still_runs
 from drivers.files.lock import take_lock
 
-HOST = "127.0.0.1"
-GREETING = "topdress-worker/1"
-KNOCK_S = 0.5                 # a worker greets at once, and mends its run file within half of that
 AGAIN_S = 0.02                # a run file that is not there yet is looked for this often
 START_S = 20.0                # opening devices may take its time
-LINE_BYTES = 1 << 20          # longest frame accepted
 WORKER = ("-P", "-m", "console.worker")
 
 
@@ -83,7 +78,7 @@ def find_running(run_file: Path | None = None) -> Where | None:
 
 def _greeted(where: Where, until_s: float) -> Where:
     """The same, once it has greeted. Raises WorkerFailed."""
-    greeting = _knock(where.port, until_s)
+    greeting = knock(where.port, until_s)
     if greeting is None:
         raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it")
     if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
@@ -105,6 +100,8 @@ def _nobody_holds(path: Path) -> bool:
     if lock is None:
         return False
     with lock:
+        if still_runs(path):                    # the lock's file was removed under it: it locks this one next
+            return False
         path.unlink(missing_ok=True)
     return True
 
@@ -151,28 +148,6 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
         time.sleep(AGAIN_S)
     child.terminate()
     raise WorkerFailed(f"the control worker said nothing for {timeout_s:g} s; see {trouble_path}")
-
-
-def _knock(port: int, until_s: float) -> dict[str, Any] | None:
-    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None: accepted, and no whole
-    line by `until_s` (time.monotonic), however often a byte of it came."""
-    heard = b""
-    try:
-        with socket.create_connection((HOST, port), timeout=KNOCK_S) as connection:
-            while b"\n" not in heard and len(heard) < LINE_BYTES:
-                connection.settimeout(max(0.001, until_s - time.monotonic()))
-                got = connection.recv(4096)
-                if not got:
-                    break
-                heard += got
-                if time.monotonic() > until_s:
-                    return None
-        said = json.loads(heard.split(b"\n")[0])
-    except TimeoutError:
-        return None
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return said if isinstance(said, dict) else {}
 
 
 def _last_line(path: Path, start: int) -> str:

@@ -70,7 +70,7 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
 
     with contextlib.ExitStack() as until_the_end:
         try:
-            until_the_end.enter_context(run_file.held(options.run_file))      # before any device is opened
+            right = until_the_end.enter_context(run_file.held(options.run_file))      # before any device is opened
             assembly = assemble(options, clock)
         except (OSError, ValueError) as error:
             return _refused(error)
@@ -79,7 +79,8 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
         token = secrets.token_hex(16)
         try:
             link = LinkServer(host, token)
-            said = run_file.RunFile(options.run_file, link.port, token, assembly.names.log_path)
+            right.confirm()
+            said = run_file.RunFile(right, link.port, token, assembly.names.log_path)
             said.write()
         except OSError as error:
             host.close("failed")

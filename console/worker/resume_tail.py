@@ -15,8 +15,9 @@ from control.geodesy import TangentPlane, offset
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves
 from control.orders import State
+from drivers.files.limits import LINE
 
-TAIL_BYTES = 200_000        # more than half a minute at 20 Hz
+TAIL_BYTES = 2_000_000      # minutes at 20 Hz; more than 20 s of rows as full of events as they can be
 MOST_STEP_S = 1.0           # a longer step between rows is a gap
 SCALE_S = 5.0               # of the scale's readings: five of its correlation times
 
@@ -138,7 +139,7 @@ def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
         size = file.seek(0, 2)
         file.seek(max(0, size - TAIL_BYTES))
         lines = file.read().decode(errors="replace").split("\n")[1:-1]       # the first and the last may be in parts
-    for cells in csv.reader(lines):
+    for cells in csv.reader(line for line in lines if len(line) <= LINE.most):
         if len(cells) == len(header):
             row = _row(dict(zip(header, cells, strict=True)))
             if row is not None and row.time_s > time_s:

@@ -1,7 +1,8 @@
 """The run file says where a worker listens and what opens it, for its own user only; `console.link` reads it.
 
 It is information. That one worker runs at a time is kept by the lock beside it (`NAME.lock`), which the system gives
-back when the process ends, however it ends.
+back when the process ends, however it ends. Somebody may remove the lock's file: then the worker that runs makes and
+locks it anew, and one that starts asks the port of the run file before it believes the lock.
 """
 from __future__ import annotations
 
@@ -15,40 +16,84 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
+from console.knock import still_runs
 from console.worker.limits import LOCK_S
 from console.worker.system import private_folder, write_private
-from drivers.files.lock import take_lock
+from drivers.files.lock import stands, take_lock
 
 AGAIN_S = 0.02
 MENDED_S = 0.2
 
 
+class Right:
+    """The right to be the worker of a run file: its lock, on whatever file has the lock's name."""
+
+    def __init__(self, path: Path, lock: io.FileIO, new: bool) -> None:
+        self.path = path
+        self._lock, self._new = lock, new
+        self._taken_s = time.monotonic()
+
+    def keep(self) -> None:
+        """Lock the file anew where it was removed; the lock on the old one is kept until then. Raises OSError."""
+        if stands(self._lock, self.path.with_suffix(".lock")):
+            return
+        private_folder(self.path.parent)
+        lock = take_lock(self.path.with_suffix(".lock"))
+        if lock is not None:                # else somebody looks just now whether a worker runs: tried again
+            self._lock.close()
+            self._lock = lock
+
+    def confirm(self) -> None:
+        """Before this worker says where it listens: no other says so of itself. Where the lock's file was not there it
+        may have been removed under a worker, which says again within `MENDED_S` where it listens: it is waited for.
+
+        Raises BlockingIOError in one line, OSError.
+        """
+        if self._new:
+            time.sleep(max(0.0, self._taken_s + 2.0 * MENDED_S - time.monotonic()))
+        _refuse_second(self.path)
+
+    def give_back(self) -> None:
+        _remove(self.path)
+        self.let_go()
+
+    def let_go(self) -> None:
+        """The lock alone: the run file is another worker's."""
+        self._lock.close()
+
+
 @contextlib.contextmanager
-def held(path: Path) -> Iterator[None]:
+def held(path: Path) -> Iterator[Right]:
     """The right to be the worker of this run file, until the end of the block; a file left by one that died is removed.
 
     Raises BlockingIOError in one line where another worker has that right, OSError.
     """
     private_folder(path.parent)
-    lock = _lock(path)
+    new = not path.with_suffix(".lock").exists()
+    right = Right(path, _lock(path), new)
+    try:
+        _refuse_second(path)
+    except BlockingIOError:
+        right.let_go()
+        raise
     try:
         path.unlink(missing_ok=True)
-        yield
+        yield right
     finally:
-        _remove(path)
-        lock.close()
+        right.give_back()
 
 
 class RunFile(threading.Thread):
     """Says where this process listens, while the lock is `held`, and goes on saying it: a file that somebody removed or
-    damaged is written again within `MENDED_S`, by a thread of its own."""
+    damaged is written again within `MENDED_S`, by a thread of its own, and the lock's file is looked after."""
 
-    def __init__(self, path: Path, port: int, token: str, log_path: str) -> None:
+    def __init__(self, right: Right, port: int, token: str, log_path: str) -> None:
         super().__init__(name="run file", daemon=True)
         started = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         say = {"port": port, "token": token, "pid": os.getpid(), "parent": os.getppid(), "started": started,
                "log_path": log_path}
-        self._path, self._said = path, json.dumps(say).encode() + b"\n"
+        self._right = right
+        self._path, self._said = right.path, json.dumps(say).encode() + b"\n"
         self._closing = threading.Event()
 
     def write(self) -> None:
@@ -58,7 +103,10 @@ class RunFile(threading.Thread):
     def run(self) -> None:
         while not self._closing.wait(MENDED_S):
             with contextlib.suppress(OSError):
+                self._right.keep()
+            with contextlib.suppress(OSError):
                 if not self._stands():
+                    private_folder(self._path.parent)
                     self.write()
 
     def close(self) -> None:
@@ -82,6 +130,12 @@ def _lock(path: Path) -> io.FileIO:
             raise BlockingIOError(f"a control worker runs already{_holder(path)}")
         time.sleep(AGAIN_S)
     return lock
+
+
+def _refuse_second(path: Path) -> None:
+    """Raises BlockingIOError where the worker that the run file names still listens, whatever became of its lock."""
+    if still_runs(path):
+        raise BlockingIOError(f"a control worker runs already{_holder(path)}")
 
 
 def _holder(path: Path) -> str:

@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from console.frame import Frame, to_json
+from console.knock import GREETING
 from control.orders import Answer
-
-GREETING = "topdress-worker/1"
 
 
 def greeting(pid: int) -> bytes:

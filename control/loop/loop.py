@@ -16,6 +16,7 @@ from control.loop.ahead import Ahead
 from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses
+from control.loop.events import Events
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
 from control.loop.map_near import MapNear
@@ -91,7 +92,7 @@ class ControlLoop:
                                   len(machine.switched), machine.flow.full_kg, self._why_no_start)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
-        self._events: list[str] = []                    # of the next row
+        self._events = Events()                         # of the next rows
         self._refused_s: float | None = None            # epoch of the last GNSS place that was refused
         self._time_s: float | None = None               # of the tick before
         self._standing = 0                              # ticks since the clock last went on
@@ -152,7 +153,7 @@ class ControlLoop:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
         if after_cut_kg > 0.0:
-            self._events.append(f"released_after_cut {after_cut_kg:.3f}")
+            self._events.add(f"released_after_cut {after_cut_kg:.3f}")
 
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
@@ -160,18 +161,20 @@ class ControlLoop:
 
     def order(self, order: Order) -> Answer:
         """Obey or refuse; `Answer.why` says why."""
+        if order.do is Do.MARK and self._events.full:       # nothing but a word in the log: it can wait
+            return Answer(False, "busy")
         answer, event = self._operator.order(order, self._time_s or 0.0)
         if answer.accepted and order.do is Do.SOURCE:
             self._near.started()
         if event:
-            self._events.append(event)
+            self._events.add(event)
         return answer
 
     def _started(self) -> None:
         """The operator wants flow from here on, also where some lies already. A crop beyond the stages of its rule is
         said, and stops nothing."""
         if self._growth is not None and self._growth.is_outside:
-            self._events.append(f"growth_stage_outside {self._growth.text}")
+            self._events.add(f"growth_stage_outside {self._growth.text}")
             self._growth_told_s = self._time_s or 0.0
         self._backing.forget()
         self._near.started()
@@ -242,9 +245,9 @@ class ControlLoop:
         """Epochs that were refused become events; where a new place was taken, what was seen ahead lay elsewhere."""
         if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
             self._refused_s = m.gnss.time_s
-            self._events.append(f"position_refused {sensed.refused_m:.0f}")
+            self._events.add(f"position_refused {sensed.refused_m:.0f}")
         if sensed.moved_m is not None:
-            self._events.append(f"position_moved {sensed.moved_m:.0f}")
+            self._events.add(f"position_moved {sensed.moved_m:.0f}")
             self._ahead.jumped()
             self._queue.restart(Target(0.0, self._operator.choices.source), sensed.track_m)
 
@@ -355,7 +358,7 @@ class ControlLoop:
             command = command._replace(valves=self._valves(moment, decision, verdict, command))
         if decision.by_point and self._doses is not None:
             dose, events = self._doses.due(moment, self._operator.choices, verdict)
-            self._events += events
+            self._events.add(*events)
             command = command._replace(dose=dose)
         return command
 
@@ -414,7 +417,7 @@ class ControlLoop:
         stopped_kg, event = self._stopped.update(m, moment.dt_s, flow_kg_s, verdict, worked)
         self._totals.add_stopped(stopped_kg)
         if event is not None:
-            self._events.append(event)
+            self._events.add(event)
         self._stopped.command(now, command, verdict, self._expected.pair.shaft_rpm)
 
     def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
@@ -431,7 +434,7 @@ class ControlLoop:
         """The row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
         ndvi = head_ndvi(moment.m)
-        events, self._events = self._events, []
+        events = self._events.of_one_row()
         threshold = self.threshold if decision.by_point else None
         return Tick(
             row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,

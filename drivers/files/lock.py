@@ -21,9 +21,28 @@ else:
 def take_lock(path: Path) -> io.FileIO | None:
     """The open file that holds the lock until it is closed; None where somebody else holds it.
 
-    The file is made where needed and never removed: another process may be about to lock it. Raises OSError where the
+    The file is made where needed and never removed: another process may be about to lock it. Where somebody else
+    removes it, what is locked then is not the file of that name any more: `stands` says so. Raises OSError where the
     folder is not there or its disk knows no locks.
     """
+    while True:
+        lock = _taken(path)
+        if lock is None or stands(lock, path):
+            return lock
+        lock.close()                # removed between its opening and its locking
+
+
+def stands(lock: io.FileIO, path: Path) -> bool:
+    """Whether the lock is on the file that has this name now."""
+    ours = os.fstat(lock.fileno())
+    try:
+        there = os.stat(path)
+    except FileNotFoundError:
+        return False
+    return (ours.st_dev, ours.st_ino) == (there.st_dev, there.st_ino)
+
+
+def _taken(path: Path) -> io.FileIO | None:
     file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
     try:
         _take(file.fileno())

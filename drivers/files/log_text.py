@@ -20,6 +20,10 @@ DECIMALS = {
     "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
 }
 
+LONGEST_ROW = 32_768         # bytes of a line as written: half of what is looked through for the last line's beginning
+LONGEST_CELL = 1_000         # characters that the texts of a longer line keep: all of them together fit then
+MOST_BYTES = 4               # of a character
+CUT = "..."                  # ends a text that was cut
 _CLOSE_TIME_DECIMALS = 6     # of time_s where two rows fall into the same millisecond
 _EMPTY = "%.0s"              # takes its value and prints nothing
 
@@ -54,11 +58,21 @@ class RowText:
         self._last_time = ""
 
     def line(self, row: LogRow) -> str:
-        """One line with its line end. Numbers that are not finite are unknown; line breaks in texts become spaces.
+        """One line with its line end. Numbers that are not finite are unknown; line breaks in texts become spaces. A
+        line that no reader would take is made of texts cut to `LONGEST_CELL`.
 
         Raises TypeError where a number's column holds a text.
         """
-        cells = row[:len(self._forms)]
+        line = self._line(row[:len(self._forms)])
+        if len(line) > LONGEST_ROW // MOST_BYTES and len(line.encode(errors="replace")) > LONGEST_ROW:
+            line = self._line(tuple([_short(value) for value in row[:len(self._forms)]]))
+        time, comma, rest = line.partition(",")
+        if time == self._last_time:
+            return f"{row.time_s:.{_CLOSE_TIME_DECIMALS}f}{comma}{rest}"
+        self._last_time = time
+        return line
+
+    def _line(self, cells: tuple[float | str | None, ...]) -> str:
         unknown = tuple([value is None for value in cells])
         template = self._templates.get(unknown)
         if template is None:
@@ -67,11 +81,13 @@ class RowText:
         line = template % cells
         if not _is_plain(line, len(self._forms)):
             line = ",".join([_cell(value, form) for value, form in zip(cells, self._forms, strict=True)]) + "\n"
-        time, comma, rest = line.partition(",")
-        if time == self._last_time:
-            return f"{row.time_s:.{_CLOSE_TIME_DECIMALS}f}{comma}{rest}"
-        self._last_time = time
         return line
+
+
+def _short(value: float | str | None) -> float | str | None:
+    if isinstance(value, str) and len(value) > LONGEST_CELL:
+        return value[:LONGEST_CELL - len(CUT)] + CUT
+    return value
 
 
 def _is_plain(line: str, columns: int) -> bool:

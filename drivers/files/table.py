@@ -19,6 +19,7 @@ from drivers.files.findings import Finding, many
 from drivers.files.header_names import Renamed
 from drivers.files.imports.header import is_unit_row, is_value
 from drivers.files.limits import BeyondLimits, check_file, check_text
+from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
 from drivers.files.sheet_text import SUFFIXES, SheetError, sheet_text
 from drivers.files.unknown import NOTHING
@@ -106,16 +107,18 @@ def header_of(path: Path) -> tuple[str, ...]:
     return _layout(path, data, findings).names
 
 
-def _bytes(path: Path, most: int) -> bytes:
+def _bytes(path: Path, most: int) -> tuple[bytes, list[Finding]]:
     """most : bytes of a text, cut at a line's end; -1: all. Raises TableError."""
+    findings: list[Finding] = []
     try:
         check_file(path)
         if path.suffix.lower() in SUFFIXES:
-            return sheet_text(path)
+            return sheet_text(path), findings
         with path.open("rb") as file:
             data = file.read(most)
         if len(data) == most:
             data = data[:data.rfind(b"\n") + 1] or data
+        data, findings = without_long_lines(data)
         check_text(data.replace(b"\0", b""), str(path))
     except BeyondLimits as error:
         raise TableError(str(error)) from None
@@ -125,12 +128,11 @@ def _bytes(path: Path, most: int) -> bytes:
         raise TableError(f"{path}: no such file") from None
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return data
+    return data, findings
 
 
 def _utf8(path: Path, most: int = -1) -> tuple[bytes, list[Finding]]:
-    data = _bytes(path, most)
-    findings: list[Finding] = []
+    data, findings = _bytes(path, most)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         data = data.decode("utf-16", errors="ignore").encode()
         findings.append(Finding("utf16", "the file is UTF-16 text, read as such"))
@@ -323,7 +325,7 @@ def _carefully(path: Path, data: bytes, layout: _Layout, wanted: list[str], numb
     parts: dict[str, list[Any]] = {name: [] for name in wanted}
     wrong = _WrongRows()
     bad: dict[str, _BadCells] = {name: _BadCells() for name in wanted}
-    for chunk in _chunks(path, data, layout, wrong):
+    for chunk in _chunks(data, layout, wrong):
         by_place = list(zip(*chunk, strict=True))
         for name, place in places.items():
             cells = by_place[place]
@@ -342,52 +344,60 @@ def _carefully(path: Path, data: bytes, layout: _Layout, wanted: list[str], numb
     return columns
 
 
-def _chunks(path: Path, data: bytes, layout: _Layout, wrong: _WrongRows) -> Iterator[list[list[str]]]:
+def _chunks(data: bytes, layout: _Layout, wrong: _WrongRows) -> Iterator[list[list[str]]]:
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(memoryview(data)[layout.body:]), "utf-8", "replace", newline=""),
                         delimiter=layout.separator)
     fields = len(layout.names)
     chunk: list[list[str]] = []
-    try:
-        for cells in reader:
-            if len(cells) > fields and not any(cells[fields:]):
-                del cells[fields:]
-            if len(cells) == fields:
-                chunk.append(cells)
-            elif any(cell.strip() for cell in cells):
-                wrong.add(layout.skip_lines + reader.line_num, len(cells))
-            if len(chunk) == _CHUNK_ROWS:
-                yield chunk
-                chunk = []
-    except csv.Error as error:
-        raise TableError(f"{path}: line {layout.skip_lines + reader.line_num}: {error}") from None
+    while (cells := _next_row(reader, layout, wrong)) is not None:
+        if len(cells) > fields and not any(cells[fields:]):
+            del cells[fields:]
+        if len(cells) == fields:
+            chunk.append(cells)
+        elif any(cell.strip() for cell in cells):
+            wrong.add(layout.skip_lines + reader.line_num, f"{len(cells)} fields where the header has {fields}")
+        if len(chunk) == _CHUNK_ROWS:
+            yield chunk
+            chunk = []
     if chunk:
         yield chunk
 
 
+def _next_row(reader: Any, layout: _Layout, wrong: _WrongRows) -> list[str] | None:
+    """The next one that can be taken apart; None: there is none."""
+    while True:
+        try:
+            cells: list[str] | None = next(reader, None)
+            return cells
+        except csv.Error as error:
+            wrong.add(layout.skip_lines + reader.line_num, str(error))
+
+
 class _WrongRows:
-    """Rows whose number of fields is not the header's: counted, left out."""
+    """Rows whose number of fields is not the header's, or that cannot be taken apart: counted, left out."""
 
     def __init__(self) -> None:
         self.count = 0
         self.first_line = 0
-        self.first_fields = 0
+        self.first_what = ""
 
-    def add(self, line: int, fields: int) -> None:
+    def add(self, line: int, what: str) -> None:
         if self.count == 0:
-            self.first_line, self.first_fields = line, fields
+            self.first_line, self.first_what = line, what
         self.count += 1
 
     def tell(self, path: Path, layout: _Layout, wanted: list[str], parts: dict[str, list[Any]],
              findings: list[Finding]) -> None:
         if self.count == 0:
             return
-        what = f"{self.first_fields} fields where the header has {len(layout.names)}"
         if wanted and not parts[wanted[0]]:
+            fields = self.first_what.partition(" ")[0]
             comma = "; is the decimal sign a comma? write points, or separate by semicolons"
-            hint = comma if layout.separator == "," and self.first_fields > len(layout.names) else ""
-            raise TableError(f"{path}: line {self.first_line}: {what}{hint}")
+            more = fields.isdigit() and int(fields) > len(layout.names)
+            raise TableError(f"{path}: line {self.first_line}: {self.first_what}"
+                             f"{comma if layout.separator == ',' and more else ''}")
         findings.append(Finding("wrong_fields", f"{many(self.count)} left out, the first in line {self.first_line} "
-                                f"with {what}", rows=self.count))
+                                f"with {self.first_what}", rows=self.count))
 
 
 class _BadCells:

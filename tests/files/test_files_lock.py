@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.files.lock import take_lock
+from drivers.files import lock as lock_module
+from drivers.files.lock import stands, take_lock
 
 HOLDER = """
 import sys, pathlib
@@ -42,3 +43,31 @@ def test_the_system_gives_it_back_when_its_process_is_killed(tmp_path: Path) -> 
 def test_where_no_file_can_be_made_it_says_so(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="nowhere"):
         take_lock(tmp_path / "nowhere" / "a.lock")
+
+
+def test_a_lock_whose_file_was_removed_does_not_stand(tmp_path: Path) -> None:
+    path = tmp_path / "a.lock"
+    first = take_lock(path)
+    assert first is not None and stands(first, path)
+    path.unlink()
+    assert not stands(first, path)
+    second = take_lock(path)
+    assert second is not None and stands(second, path) and not stands(first, path)
+    first.close()
+    second.close()
+
+
+def test_what_is_locked_is_the_file_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Removed between its opening and its locking: locked anew, or two would hold it."""
+    path, removed = tmp_path / "a.lock", []
+    take = lock_module._take
+
+    def later(handle: int) -> None:
+        if not removed:
+            removed.append(path.unlink())
+        take(handle)
+
+    monkeypatch.setattr(lock_module, "_take", later)
+    lock = take_lock(path)
+    assert lock is not None and stands(lock, path) and removed
+    lock.close()

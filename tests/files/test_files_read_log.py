@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.loop.events import Events
 from drivers.files.log_text import DECIMALS, EXACT_COLUMNS, HEADER, RowText
 from drivers.files.read_log import LogError, read_log
 from drivers.files.run_log import write_log
@@ -203,3 +204,70 @@ def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path)
     for other in (None, {}, {"sections": []}, {"sections": [{"outlets": 6, "valve": None}]}, {"sections": 3}):
         plain = write_log(tmp_path / "plain.csv", RunMeta(machine=other), rows, overwrite=True)
         assert plain.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n")
+
+
+def with_long_row(tmp_path: Path, at: int, size: int, rows: int = 40, quoted: bool = False) -> Path:
+    """A log of which one row has that many bytes of events, as 232 marks in one tick left it."""
+    path = write_log(tmp_path / "run.csv", RunMeta(software="t"),
+                     [LogRow(0.05 * k, state="working", speed_mps=1.0, events="mark here") for k in range(rows)])
+    lines = path.read_bytes().split(b"\n")
+    marks = b";".join([b"mark " + b"x" * 990] * (size // 996 + 1))[:size]
+    lines[1 + at] = lines[1 + at].replace(b"mark here", b'"a,' + marks + b'"' if quoted else marks)
+    path.write_bytes(b"\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize(("at", "size"), [(0, 131_072), (1, 132_000), (20, 200_000), (39, 262_144), (20, 1_000_000)])
+@pytest.mark.parametrize("quoted", [False, True])
+def test_a_row_that_is_too_long_is_left_out_and_said(tmp_path: Path, at: int, size: int, quoted: bool) -> None:
+    log = read_log(with_long_row(tmp_path, at, size, quoted=quoted))
+    assert log.time_s.tolist() == pytest.approx([0.05 * k for k in range(40) if k != at])
+    found = next(one for one in log.findings if one.id == "long_row")
+    assert found.rows == 1 and f"line {2 + at} with " in found.text and "allowed up to 131,072" in found.text
+
+
+def test_the_same_far_behind_in_a_large_log_and_several_of_them(tmp_path: Path) -> None:
+    path = with_long_row(tmp_path, 15_000, 232_000, rows=20_000)
+    lines = path.read_bytes().split(b"\n")
+    lines[3], lines[19_000] = lines[15_001], lines[15_001]
+    path.write_bytes(b"\n".join(lines))
+    log = read_log(path)
+    assert len(log) == 20_000 - 3
+    assert next(one for one in log.findings if one.id == "long_row").rows == 3
+
+
+def test_rows_just_below_the_limit_and_zero_bytes_are_no_long_rows(tmp_path: Path) -> None:
+    path = with_long_row(tmp_path, 5, 130_000)
+    assert len(read_log(path)) == 40
+    path.write_bytes(path.read_bytes() + b"\0" * 400_000)
+    log = read_log(path)
+    assert len(log) == 40 and "long_row" not in {one.id for one in log.findings}
+
+
+def test_a_cell_over_many_lines_that_is_too_long_costs_its_row_only(tmp_path: Path) -> None:
+    path = with_long_row(tmp_path, 5, 10)
+    path.write_bytes(path.read_bytes().replace(b"mark xxxxx", b"x" * 10))
+    lines = path.read_bytes().split(b"\n")
+    lines[6] = lines[6].replace(b"x" * 10, b'"' + b"\n".join([b"y" * 60_000] * 3) + b'"')
+    lines[20] += b",7"                          # such a table is read row by row
+    path.write_bytes(b"\n".join(lines))
+    log = read_log(path)
+    assert len(log) == 38 and next(one for one in log.findings if one.id == "wrong_fields").rows == 2
+
+
+def test_a_file_of_nothing_but_one_long_line_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"x" * 400_000)
+    with pytest.raises(LogError, match="allowed up to"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("sign", [",", "|", "\t", '"', ";"])
+def test_events_full_of_signs_that_part_columns_are_no_columns(tmp_path: Path, sign: str) -> None:
+    """2,000 commas in an operator's marks made a log of 2,001 columns, which nobody may have."""
+    events = Events()
+    events.add(*(["mark " + sign * 990] * 8))
+    rows = [LogRow(0.05 * k, state="working", speed_mps=1.0, events=";".join(events.of_one_row()) or None)
+            for k in range(20)]
+    log = read_log(write_log(tmp_path / "run.csv", RunMeta(software="t"), rows))
+    assert len(log) == 20 and log.columns["events"][7] == rows[7].events.strip()

@@ -12,9 +12,10 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from control.log_row import COLUMNS, LogRow
+from control.log_row import COLUMNS, TEXT_COLUMNS, LogRow
 from drivers.files.atomic import LogFile, NewFile, create
-from drivers.files.log_text import HEADER, RowText
+from drivers.files.log_text import HEADER, LONGEST_CELL, LONGEST_ROW, RowText
+from drivers.files.read_log import read_log
 from drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
 from drivers.files.run_meta import RunMeta, meta_from_yaml, run_meta
 
@@ -335,3 +336,21 @@ def test_a_slow_disk_delays_no_start(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert log.close()
     assert all(begun), "the names are taken at once"
     assert set(kept_by) == {"run-log"} and len(kept_by) >= 3, "header, sidecar and folder are kept"
+
+
+@pytest.mark.parametrize("letter", ["x", "\u00e4", "\U0001f33e", '"', ","], ids=["1", "2", "4", "quote", "comma"])
+def test_no_row_is_longer_than_a_reader_takes(tmp_path: Path, letter: str) -> None:
+    """Texts of any length in every column of texts: cut, and read back with all other rows."""
+    texts = dict.fromkeys(TEXT_COLUMNS & set(COLUMNS) - {"utc"}, letter * 300_000)
+    rows = [LogRow(0.05 * k, state="working", speed_mps=1.0, events=f"mark {k}") for k in range(20)]
+    rows[7] = rows[7]._replace(**texts)
+    path = write_log(tmp_path / "run.csv", META, rows)
+    assert max(map(len, path.read_bytes().split(b"\n"))) <= LONGEST_ROW
+    read = read_log(path)
+    assert len(read) == 20 and read.columns["events"][8] == "mark 8"
+    assert read.columns["events"][7] == letter * (LONGEST_CELL - 3) + "..."
+
+
+def test_a_row_of_many_bytes_that_fits_is_left_as_it_is() -> None:
+    text = "\u00e4" * 10_000
+    assert text in RowText().line(LogRow(0.0, events=text))

@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from console import running
 from console.frame import DeviceTest, DeviceView, Frame, LagTestView, from_json
 from console.worker import wire
 from control.agronomy.strips import Strips
@@ -48,8 +47,3 @@ def test_every_message_is_one_line():
     for line in (wire.greeting(7), wire.answered(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
                  wire.framed(Frame(1, 0.0, LogRow(0.0, events="mark a\nb")))):
         assert line.endswith(b"\n") and line.count(b"\n") == 1
-
-
-def test_both_ends_greet_alike():
-    """The console may not import the worker: what both must say alike is held equal here."""
-    assert running.GREETING == wire.GREETING

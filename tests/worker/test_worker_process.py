@@ -469,6 +469,34 @@ def test_without_its_run_file_a_worker_still_is_the_only_one(tmp_path, running):
 
 
 @posix
+@pytest.mark.parametrize("removed", [["worker.lock"], ["worker.lock", "worker.json"]], ids=["lock", "both"])
+def test_a_worker_whose_lock_was_removed_still_is_the_only_one(running, tmp_path, removed):
+    """The second one locked a file of the same name, and two workers drove one machine."""
+    where = running()
+    run_file = tmp_path / "run" / "worker.json"
+    for _time in range(2):
+        for name in removed:
+            (run_file.parent / name).unlink()
+        with pytest.raises(WorkerFailed, match=f"a control worker runs already .process {where.pid}"):
+            running()
+        assert find_running(run_file) == where
+    until_s = time.monotonic() + 5.0
+    while (lock := take_lock(run_file.with_suffix(".lock"))) is not None:       # it locks the new file
+        lock.close()
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
+@posix
+def test_a_console_that_looks_removes_no_run_file_of_a_worker_whose_lock_was_removed(running, tmp_path):
+    where = running()
+    run_file = tmp_path / "run" / "worker.json"
+    for _time in range(5):
+        (run_file.parent / "worker.lock").unlink(missing_ok=True)
+        assert find_running(run_file) == where
+
+
+@posix
 def test_the_run_file_is_private_and_found(running, tmp_path):
     where = running()
     run_file = tmp_path / "run" / "worker.json"

@@ -15,6 +15,7 @@ from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.limits import BeyondLimits, check_text
+from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
 
 _QUOTED = re.compile(rb'"[^"]*"')
@@ -26,7 +27,7 @@ def read_text(path: Path, said: Source) -> RawTable:
     if not data.strip(b"\0 \r\n\t"):
         raise ImportTrouble(f"{path}: the file is empty")
     encoding = said.encoding or encoding_of(data)
-    data = _utf8(path, data, encoding)
+    data, findings = without_long_lines(_utf8(path, data, encoding))
     try:
         check_text(data, str(path))
     except BeyondLimits as error:
@@ -42,7 +43,6 @@ def read_text(path: Path, said: Source) -> RawTable:
     except csv.Error as error:
         raise ImportTrouble(f"{path}: not readable as a table: {error}") from None
     names, units = _header(dialect, said)
-    findings: list[Finding] = []
     frame = _frame(path, data, dialect, names, findings)
     found = said.model_copy(update={
         "kind": "text", "encoding": dialect.encoding, "delimiter": dialect.delimiter,
