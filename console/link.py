@@ -9,6 +9,7 @@ import contextlib
 import itertools
 import json
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NoReturn
 
@@ -35,6 +36,7 @@ class Link:
         self.newest: Frame | None = None
         self.newest_at_s: float | None = None        # time.monotonic() when it came
         self.attached = asyncio.Event()
+        self.shows: Callable[[], bool] = lambda: True      # whether what this console draws is seen
         self._writer: asyncio.StreamWriter | None = None
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._numbers = itertools.count(1)
@@ -136,10 +138,12 @@ class Link:
 
     def _keep_alive(self) -> None:
         """Say that this console lives. The event loop that takes keys and draws says it, with its next turn, and nobody
-        else: a frozen console falls silent by itself, one that draws for long is as silent as its screen."""
+        else: a frozen console falls silent by itself, one that draws for long is as silent as its screen, and one that
+        is not seen says nothing."""
         if self.where.token is None or not self.keeps_alive or self._gone.is_set():
             return
-        self._send(next(self._numbers), {"ask": "alive"})
+        if self.shows():
+            self._send(next(self._numbers), {"ask": "alive"})
         self._next_word = asyncio.get_running_loop().call_later(KEEP_ALIVE_S, self._keep_alive)
 
 

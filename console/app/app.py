@@ -36,13 +36,14 @@ from console.app.services import Services
 from console.app.settings import apply, theme_of
 from console.app.source import FrameSource
 from console.app.stray import HeldEnter, StrayTyping
+from console.app.terminal import Takes, drawn_on
 from console.app.tour import Tour
 from console.app.undo import Undo
 from console.app.units import METRIC, Units
 from console.app.view import wall_clock
 from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
-from console.link import WorkerGone
+from console.link import Link, WorkerGone
 from console.locale import _, use
 from console.running import WorkerFailed
 from console.sweeps import Sweeps
@@ -305,6 +306,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._supervisor = self.run_worker(self._run_source(self.source), group="source", exit_on_error=False)
 
     async def _run_source(self, source: FrameSource) -> None:
+        if isinstance(source, Link) and not self.is_headless:
+            source.shows = Takes(drawn_on())
         try:
             await source.run()
         except WorkerFailed as error:
