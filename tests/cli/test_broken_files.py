@@ -108,7 +108,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS))
+QUICK = {"simulate job", "replay headless", "diagnose", "import", "import mapping", "map", "check"}      # readers apart
+
+
+@pytest.mark.parametrize("command", [
+    pytest.param(name, marks=() if name in QUICK else pytest.mark.exam) for name in sorted(COMMANDS)])
 def test_a_broken_file_is_one_plain_line(folder: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())

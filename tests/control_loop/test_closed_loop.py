@@ -66,6 +66,7 @@ def test_the_scale_takes_most_of_the_gain_back(simulated: Any) -> None:
     assert trims[-1] == pytest.approx(1.08, abs=0.025)
 
 
+@pytest.mark.exam
 def test_a_dead_band_cuts_low_shaft_speeds(simulated: Any) -> None:
     low = {"manual_rate_kg_ha": 90.0, "source": "manual"}
     plain = simulated(90.0, "speed_first", target=_wanted(low))

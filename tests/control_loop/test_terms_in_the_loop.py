@@ -49,8 +49,9 @@ def _column(values: list[Any]) -> Any:
     return np.array([np.nan if value is None else float(value) for value in values])
 
 
-@pytest.mark.parametrize("text", ["flow_percent slope roll_deg slope=4", pytest.param(
-    "flow_percent product speed_mps,roll_deg slope=12 at=1.2", marks=pytest.mark.exam)])
+@pytest.mark.exam
+@pytest.mark.parametrize("text", ["flow_percent slope roll_deg slope=4",
+                                  "flow_percent product speed_mps,roll_deg slope=12 at=1.2"])
 def test_what_the_machine_file_knows_is_compensated_and_no_longer_found(text: str) -> None:
     term = made(text)
     columns, before = run(SETUP.machine, [term])

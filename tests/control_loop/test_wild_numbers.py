@@ -104,6 +104,7 @@ def test_a_first_tick_of_no_time_is_the_beginning() -> None:
         assert loop.tick(Measurements(1.0)).row.time_s == 1.0
 
 
+@pytest.mark.exam
 def test_random_steps_break_no_interlock() -> None:
     ran = subprocess.run([sys.executable, str(ROOT / "benchmarks" / "random_steps.py"), "--steps", "6000"], cwd=ROOT,
                          capture_output=True, text=True, check=False)
