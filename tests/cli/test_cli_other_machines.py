@@ -54,6 +54,7 @@ def test_a_size_out_of_bounds_is_refused_with_the_machines_range() -> None:
     assert "where limits.opening_high_mm is 200" in result.output
 
 
+@pytest.mark.exam
 def test_a_spreader_meters_and_places_what_is_wanted() -> None:
     result = runner.invoke(app, ["simulate", "--machine", "spreader", "--job", "spreader_demo", "--seconds", "240",
                                  "--summary", "--json"])
@@ -63,6 +64,7 @@ def test_a_spreader_meters_and_places_what_is_wanted() -> None:
     assert told["area_ha"] > 1.0
 
 
+@pytest.mark.exam
 def test_a_log_of_a_shaft_alone_is_diagnosed(tmp_path: Path) -> None:
     drive = load("drive_alone", MACHINE).model
     rng, time = np.random.default_rng(4), np.arange(0.0, 240.0, 0.05)
