@@ -46,7 +46,7 @@ def test_strategies_in_the_same_units(benchmark_module):
         found[strategy] = moves(record.columns(), record.fired, setup.machine.geometry.working_width_m)
     opening, shaft = found[Strategy.OPENING_FIRST], found[Strategy.SPEED_FIRST]
     assert 0.15 < opening.reach_p50_s < 0.4, "gate: dead time 0.1 s and its travel"
-    assert 0.4 < shaft.reach_p50_s < 1.0, "shaft: dead time 0.37 s, its run-up, and a plan that spreads over a fall"
+    assert 0.4 < shaft.reach_p50_s < 1.2, "shaft: dead time 0.37 s, its run-up, and a plan that is drawn out"
     assert shaft.gate_moves_per_h == 0.0 < shaft.shaft_moves_per_h < 20_000.0
     assert opening.shaft_moves_per_h < 400.0
     assert 1_000.0 < opening.gate_moves_per_h < 8_000.0, "the noise of the speed does not move the gate at every tick"
