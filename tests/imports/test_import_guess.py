@@ -9,12 +9,14 @@ import pytest
 from click.testing import Result
 
 from drivers.files.config import load
+from drivers.files.foreign import our_names
 from drivers.files.imports.guess import guess
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import IMPORT
 from drivers.files.imports.physics import answer
 from drivers.files.imports.read import read_raw
-from drivers.files.imports.words import folded, subject_of
+from drivers.files.imports.units import unit_named
+from drivers.files.imports.words import folded, subject_of, wanted_or_done
 
 ROWS = range(80)
 COMMAND = [30 + 10 * (k // 9 % 3) + k // 20 for k in ROWS]
@@ -79,7 +81,6 @@ def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path])
     ("Öffnung [mm]", "gate"), ("Radgeschwindigkeit", "wheel speed"), ("GPS Quality", "fix"), ("Gewicht t", "hopper"),
 ])
 def test_what_a_header_is_about(header: str, subject: str | None, written: Callable[..., Path]) -> None:
-    from drivers.files.imports.units import unit_named
     name, word = named(header)
     unit = unit_named(word) if word else None
     found = subject_of(folded(name), unit.quantity if unit else None)
@@ -94,6 +95,52 @@ def test_what_a_header_is_about(header: str, subject: str | None, written: Calla
 ])
 def test_a_name_and_its_unit(cell: str, name: str, unit: str | None) -> None:
     assert named(cell) == (name, unit)
+
+
+TARGET_AND_APPLIED = [
+    ("Tgt_Rate", "App_Rate"), ("Tgt_Rate", "Rate"), ("TARGETRATE", "APPLIEDRAT"), ("ControlRate", "AppliedRate"),
+    ("Rt_Tgt_Ms", "Rt_Apd_Ms"), ("Tgt_Rate_l", "Apd_Rate_l"), ("Soll kg/ha", "Ist kg/ha"), ("Sollmenge", "Istmenge"),
+    ("Dose_cible", "Dose_reel"), ("Dosis_obj", "Dosis_aplic"), ("taxa_alvo", "taxa_aplic"), ("dosaggio rate prevista",
+    "rate erogata"), ("dawka zadana", "dawka wykonana"), ("Норма заданная", "Норма факт"), ("目标施肥量", "实际施肥量"),
+    ("施用量设定", "施用量实际"), ("AppliedRate", "Rx Rate")]
+
+
+@pytest.mark.parametrize(("first", "second"), TARGET_AND_APPLIED)
+def test_target_and_applied_are_told_by_name(first: str, second: str, written: Callable[..., Path]) -> None:
+    """Both numbers alike, in either order: only the names tell; and a map with both columns takes the wanted one."""
+    target, applied = (second, first) if "Applied" in first else (first, second)
+    for names in ((first, second), (second, first)):
+        found = guess(read_raw(written(table("time_s," + ",".join(names), [150] * 80, [150] * 80)))).mapping
+        assert found.columns["target_rate_kg_ha"].source == target
+        assert found.columns["applied_rate_kg_ha"].source == applied
+    assert (wanted_or_done(target), wanted_or_done(applied)) in {("wanted", "done"), ("wanted", "")}
+
+
+@pytest.mark.parametrize("name", ["Rate", "Ausbringmenge kg/ha", "施肥量", "dose"])
+def test_a_rate_of_which_no_word_tells_the_kind_is_asked(name: str, written: Callable[..., Path]) -> None:
+    found = guess(read_raw(written(table(f"time_s,{name}", [150] * 80))))
+    assert "no word says whether" in found.doubts[0].text
+    wanted = guess(read_raw(written(table("time_s,Tgt_Rate", [150] * 80)))).mapping
+    assert set(wanted.columns) == {"target_rate_kg_ha"}
+
+
+@pytest.mark.parametrize(("cell", "factor"), [
+    ("Speed_mph_", 0.44704), ("Speed_km_h_", 1 / 3.6), ("SpeedMPH", 0.44704), ("speedkmh", 1 / 3.6),
+    ("Speed km per h", 1 / 3.6), ("VEHSPDKPH", 1 / 3.6), ("Speed_MPH", 0.44704), ("Speed(mph)", 0.44704)])
+def test_a_unit_at_the_end_of_a_name_is_taken(cell: str, factor: float, written: Callable[..., Path]) -> None:
+    """By the import and by the reader of run logs alike; numbers that would as well be another unit's."""
+    found = guess(read_raw(written(table(f"time_s,{cell}", [12 + k % 3 for k in ROWS]))))
+    assert not found.doubts and set(found.mapping.columns) == {"speed_mps"}
+    unit = unit_named(found.mapping.columns["speed_mps"].unit or "")
+    assert unit is not None and unit.factor == pytest.approx(factor)
+    plain = our_names(("time_s", "x", cell.replace("VEHSPD", "SPEED")))
+    assert ("speed_mps" in plain.names and plain.factors["speed_mps"] == pytest.approx(factor)) or (
+        "speed_kmh" in plain.names and factor == 1 / 3.6)
+
+
+@pytest.mark.parametrize("name", ["lamps", "temps", "Triumph"])
+def test_a_word_that_ends_like_a_unit_is_a_word(name: str) -> None:
+    assert named(name) == (name, None) or name == "Triumph"
 
 
 def test_a_written_guess_reads_back_as_it_was(written: Callable[..., Path], topdress: Callable[..., Result],

@@ -14,7 +14,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import NOT_MAPPED, Column
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.units import quantity_of, unit_named
+from drivers.files.imports.units import Unit, quantity_of, unit_named
 from drivers.files.imports.words import (
     COMMAND,
     PLAINLY_READING,
@@ -22,6 +22,7 @@ from drivers.files.imports.words import (
     READING,
     Subject,
     folded,
+    goes_with,
     says,
     subject_of,
 )
@@ -30,6 +31,7 @@ from drivers.files.log_values import PLAUSIBLE
 MOVING_MPS = 0.3
 TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation
 FAST_MPS = 8.0                  # no spreader works at more than 29 km/h: such a number is km/h, or no ground speed
+SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
 _LOG_UNITS = {"speed": "m/s", "rotation": "r/min", "length": "mm", "mass": "kg", "rate": "kg/ha", "angle": "deg",
@@ -51,6 +53,8 @@ def _candidate(raw: RawTable, name: str) -> Candidate | None:
     if name in COLUMNS and name not in NOT_MAPPED:
         return Candidate(name, name, None, implied=True, exact=True, values=_values(raw, name))
     subject = subject_of(plain, unit.quantity if unit else None)
+    if unit is not None and _no_unit(name, subject, unit, plain):
+        subject, unit = subject_of(plain, None), None
     if subject is None or not subject.reading or subject.id == "work":
         return None
     role = "command" if says(plain, COMMAND) else "reading" if says(plain, READING) else ""
@@ -67,6 +71,15 @@ def _candidate(raw: RawTable, name: str) -> Candidate | None:
     elif subject.id == "speed" and role == "command":
         return None                     # a wanted ground speed is no reading
     return Candidate(name, target, unit, implied and unit is None, role, values=values)
+
+
+def _no_unit(name: str, subject: Subject | None, unit: Unit, plain: str) -> bool:
+    """Whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a shapefile leaves `Tgt_Rate_l`, and
+    the Ms of `Rt_Apd_Ms`, which is a mass."""
+    worded = subject_of(plain, None)
+    if worded is None or worded is subject or not worded.reading or goes_with(worded.reading, unit.quantity):
+        return False
+    return len(name) == SHAPEFILE_NAME or (worded.id == "rate" and unit.quantity == "time")
 
 
 def _target(subject: Subject, plain: str, role: str) -> str:
@@ -111,10 +124,19 @@ def chosen_of(candidates: list[Candidate], out: Guess) -> dict[str, Candidate]:
                   or one.source.startswith(f"{best.source} (")]         # of the same name
         if rivals:
             out.doubts.append(Doubt(("columns", target), f"{' and '.join(rivals)} would fit as well as {best.source}"))
+        if _either_rate(best) and "target_rate_kg_ha" not in by_target:
+            out.doubts.append(Doubt(("columns", target), f"no word says whether {best.source} is what was wanted or "
+                                    "what was applied: taken for applied"))
         if best.role == "by physics":
             out.doubts.append(Doubt(("columns", target), f"no word says that {best.source} is the command: the other "
                                     "column follows it"))
     return chosen
+
+
+def _either_rate(one: Candidate) -> bool:
+    """Whether a rate may be the wanted one or the applied one, for all that its name says; a flow is measured."""
+    flow = one.unit is not None and one.unit.quantity == "flow"
+    return one.target == "applied_rate_kg_ha" and not (one.role or one.exact or flow)
 
 
 def column_of(one: Candidate, out: Guess) -> Column | None:

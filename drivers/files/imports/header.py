@@ -14,6 +14,8 @@ _TIME = re.compile(r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d
                    r"|^\d{8}T?\d{0,6}$")
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
 _LAST = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
+_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")        # `leftRpm`, `SpeedMPH`
+_ENDING = re.compile(r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I)       # no word does
 _FEW = 0.5                  # of the cells of a header or a row of data that are filled
 
 
@@ -34,11 +36,12 @@ def named(text: str) -> tuple[str, str | None]:
     found = _BRACKETS.match(plain)
     if found and unit_named(found["unit"]) is not None and found["name"]:
         return found["name"].strip(), found["unit"]
-    words = re.sub(r"(?<=[a-z])(?=[A-Z][a-z]+$)", " ", plain) if plain.isascii() and "_" not in plain else plain
-    for candidate in (_last_two(words), _LAST.match(words)):
+    words = _GLUED.sub(" ", plain) if plain.isascii() and "_" not in plain else plain
+    words = words.rstrip(" _")              # a shapefile writes `Speed(mph)` as `Speed_mph_`
+    for candidate in (_last_two(words), _LAST.match(words), _ENDING.match(words)):
         if candidate is None:
             continue
-        unit = unit_named(candidate["unit"].replace("_", "/")) or unit_named(candidate["unit"])
+        unit = unit_named(candidate["unit"]) or unit_named(candidate["unit"].replace("_", "/"))
         told = candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
         if unit is not None and told:
             return re.sub(r"\s+in$", "", candidate["name"]).strip(" _,"), candidate["unit"]
@@ -46,8 +49,8 @@ def named(text: str) -> tuple[str, str | None]:
 
 
 def _last_two(words: str) -> re.Match[str] | None:
-    """A unit of two parts written as one name: `rate_kg_ha`."""
-    return re.match(r"^(?P<name>.*?)[_ ]+(?P<unit>[A-Za-z]{1,4}[_/][A-Za-z0-9]{1,4})$", words)
+    """A unit of two parts written as one name: `rate_kg_ha`, `speed_km_per_h`, `drehzahl_1_min`."""
+    return re.match(r"^(?P<name>.*?)[_ ]+(?P<unit>([A-Za-z]{1,6}|1)([_/]|[_ ]per[_ ])[A-Za-z0-9]{1,4})$", words)
 
 
 def is_value(cell: str) -> bool:

@@ -29,8 +29,9 @@ _MILE_M, _FOOT_M, _INCH_MM = 1609.344, 0.3048, 25.4
 
 UNITS = (
     Unit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
-    Unit("km/h", "speed", 1.0 / 3.6, ("kmh", "kph", "km/hr", "km h-1", "km_h", "公里/小时", "千米/小时", "公里/时")),
-    Unit("mph", "speed", _MILE_M / 3600.0, ("mi/h", "miles/h")),
+    Unit("km/h", "speed", 1.0 / 3.6, ("kmh", "kph", "kmph", "km/hr", "km/hour", "km h-1", "km_h",
+                                   "公里/小时", "千米/小时", "公里/时")),
+    Unit("mph", "speed", _MILE_M / 3600.0, ("mi/h", "miles/h", "mile/h", "miles/hour")),
     Unit("kn", "speed", 1852.0 / 3600.0, ("knots", "knot", "kt", "kts")),
     Unit("ft/s", "speed", _FOOT_M, ("fps", "ft/sec")),
     Unit("cm/s", "speed", 0.01),
@@ -51,7 +52,8 @@ UNITS = (
     Unit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
     *(Unit(name, "rate", factor, {
         "kg/ha": ("kg_ha", "kgha", "kg ha-1", "kg/hm2", "kg·ha-1", "公斤/公顷"), "t/ha": ("t_ha",),
-        "g/m2": ("g_m2", "克/平方米"), "mg/m2": (), "lb/ac": ("lbs/ac", "lb/acre", "lbs/acre", "lb_ac"),
+        "g/m2": ("g_m2", "克/平方米"), "mg/m2": (), 
+        "lb/ac": ("lbs/ac", "lb/acre", "lbs/acre", "lb_ac", "lbac", "pounds/acre"),
         "kg/mu": ("kg_mu", "公斤/亩", "千克/亩", "kg/亩")}[name])
       for name, factor in MASS_UNITS.items()),
     Unit("kg/s", "flow", 1.0, ("kg_s",)),
@@ -135,4 +137,5 @@ def slug(text: str) -> str:
 def _plain(text: str) -> str:
     """One spelling: superscripts as digits, no blanks about a slash."""
     folded = unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")
-    return re.sub(r"\s*/\s*", "/", re.sub(r"\s+", " ", folded.strip(" .[](){}<>")))
+    spaced = re.sub(r"\s+", " ", folded.strip(" .[](){}<>"))
+    return re.sub(r"(?<=[^\W\d])[ _]per[ _](?=[^\W\d])|\s*/\s*", "/", spaced, flags=re.IGNORECASE)

@@ -57,11 +57,13 @@ SUBJECTS = (
             quantities=("voltage",)),
     Subject("hopper", (_words("hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 waage fullstand poids "
                               "tremie"),), "hopper_kg", never=_words(
-        "temp pressure druck applied target yield ertrag crop total =n"), quantities=("mass",)),
+        "temp pressure druck applied target yield ertrag crop total =n =rate ^rate apprate"), quantities=("mass",)),
     Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
             "opening_mm", "opening_mm_cmd", never=_words("time zeit")),
-    Subject("rate", (_words("=rate ^rate ausbring =dose dosis aufwand 施肥量 施用量 亩用量 =dosage ^istmenge "
-                            "^sollmenge applied =appl 目标量 =debit"),), "applied_rate_kg_ha", "target_rate_kg_ha",
+    Subject("rate", (_words("=rate ^rate targetrat tgtrat controlrat appliedrat applrat =apprate =rt ausbring =dose "
+                            "dosis =dosi =dosagem aufwand =menge ^istmenge sollmenge zielmenge streumenge dungemenge "
+                            "=gabe applied =appl =debit =taux =taxa =tasso =dawka норма 施肥量 施用量 亩用量 =dosage "
+                            "目标量"),), "applied_rate_kg_ha", "target_rate_kg_ha",
             never=_words("sample baud yaw turn update frame area total fuel crop grain yield ertrag 产量 =kg =n"),
             quantities=("rate",)),
     Subject("shaft", (_words("shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke drehzahl 转速 =rpm motor "
@@ -75,13 +77,20 @@ SUBJECTS = (
                             "=state status travail"),), "work_switch",
             never=_words("width breite 幅宽 pressure druck time zeit hours stunden area flache temp")),
 )
-COMMAND = _words("=cmd command setpoint set_point =set soll target desired demand =ref request wanted consigne "
-                 "指令 设定 目标 给定 =pwm =duty prescribed vorgabe stellwert objetivo cible prescription")
+# What was wanted, and what was done: of rates in logs and maps alike (`wanted_or_done`), and of drives. English,
+# German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian, Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's
+# ControlRate.
+WANTED = _words("target =tgt ^tgt trgt =targ soll ziel desired demand wanted setpoint set_point =set prescri recomm "
+                "=recom =rx =rx1 control_rat controlrat vorgabe consign cible =cibl objecti objetiv =obj prevu previst "
+                "alvo obiettiv =doel gewenst ingesteld zadan задан целев 指令 设定 目标 给定 处方 推荐")
+DONE = _words("actual =act =ist ^ist measured =meas applied =apd ^apd gemessen ausgebracht tatsachlich reel =real "
+              "realis mesure appliqu =appli aplicad =aplic applicata applicato erogat effettiv effectif effectiv "
+              "werkelijk rzeczywist wykonan факт 实际 测量 已施")
+COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =sp stellwert"))
 RAW_COMMAND = _words("=pwm =duty")                  # a command even where a word of reading stands beside it
-READING = _words("actual =act =ist measured =meas ^ist feedback =fb 实际 测量 反馈 sensor applied gemessen reel =real "
-                 "mesure")
+READING = (*DONE, *_words("feedback =fb 反馈 sensor"))
 QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")     # such a command counts no steps
-PLAINLY_READING = READING[:3]                       # a reading even where a word of command stands beside it
+PLAINLY_READING = _words("actual =act =ist")        # a reading even where a word of command stands beside it
 
 TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis")
 PLAINLY_TIME = TIME[:6]
@@ -115,6 +124,14 @@ def says(name: str, words: Words) -> bool:
         if found:
             return True
     return False
+
+
+def wanted_or_done(name: str) -> str:
+    """What a column's name, as the file has it, says of a rate: `wanted`, `done`, or empty where no word tells."""
+    plain = folded(name)
+    if says(plain, WANTED):
+        return "done" if says(plain, PLAINLY_READING) else "wanted"
+    return "done" if says(plain, DONE) else ""
 
 
 def subject_of(name: str, quantity: str | None) -> Subject | None:

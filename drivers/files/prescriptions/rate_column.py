@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from drivers.files.imports.header import named
 from drivers.files.imports.units import unit_named
+from drivers.files.imports.words import wanted_or_done
 from drivers.files.prescriptions.cells import Cell, cell_of
 from drivers.files.prescriptions.words import UNITS, Choice, PrescriptionError, RateQuestion
 from drivers.files.shape_sets import Unit
@@ -30,10 +31,7 @@ RATE = frozenset("""
     recommended appl application applied menge sollmenge zielmenge aufwandmenge ausbringmenge streumenge gabe
     düngemenge duengemenge soll sollwert setpoint debit débit taux cantidad dosi norma aufwand
     """.split())
-WANTED = frozenset("""target tgt targetrate tgtrate targetrat tgtrat rx rx1 soll sollmenge zielmenge sollwert setpoint
-    prescription prescribed prescr recommendation recommended recomm""".split())
-DONE = frozenset("applied actual ist istmenge appliedrate appliedrat asapplied min max minimum maximum mean avg "
-                 "default base previous prev last".split())
+BOUNDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())   # no rate to be spread
 COUNTED = frozenset("""id fid oid objectid gid uid pk key idx index nr no num number nummer numero seq row col column
     code gridcode zone zones zona zonen class classes klasse clase classe cls cluster category kategorie level group grp
     rank type""".split())
@@ -122,8 +120,9 @@ def _best(rates: Sequence[_Seen]) -> _Seen | None:
     """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one. None: not told."""
     if any(one.doubt for one in rates):
         return None
-    wanted = [one for one in rates if one.words & WANTED and not one.words & DONE]
-    left = wanted if len(wanted) == 1 and all(one.words & DONE for one in rates if one is not wanted[0]) else rates
+    no_target = [one for one in rates if one.words & BOUNDS or wanted_or_done(one.name) == "done"]
+    wanted = [one for one in rates if one not in no_target and wanted_or_done(one.name) == "wanted"]
+    left = wanted if len(wanted) == 1 and len(no_target) == len(rates) - 1 else rates
     return left[0] if len(left) == 1 else None
 
 
