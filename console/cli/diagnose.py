@@ -44,7 +44,7 @@ def diagnose(
 ) -> None:
     """Find what is wrong with the machine: the cause, its size, how sure it is, what it costs and what to do.
 
-    Exit code 3: nothing of the data could be judged.
+    Exit code 3: nothing of the data could be judged, or --adopt found nothing to adopt.
     """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
@@ -58,12 +58,13 @@ def diagnose(
         found, tools = _run(data, loaded, seed)
     else:
         found, tools = _tables(data, loaded, kind, seed)
-    if adopt is not None:
-        found = _adopt(found, loaded, data, adopt)
-    _write(found, as_json, report, tools)
+    found, refused = (found, None) if adopt is None else _adopted(found, loaded, data, adopt)
+    _write(found, as_json, report, tools)       # whatever became of the adoption
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
+    if refused is not None:
+        raise refused
     if found.verdict == "not_judged" and not found.rates:
         raise typer.Exit(NOT_JUDGED)
 
@@ -128,26 +129,28 @@ def _progress() -> Any:
     return tell
 
 
+def _adopted(found: Diagnosis, machine: Machine, data: list[Path],
+             out: Path) -> tuple[Diagnosis, ValueError | typer.Exit | None]:
+    """The diagnosis with the machine file that was written, or how the command ends where none was."""
+    from control.diagnosis.extend import adoptable, adoptable_terms
+    if not adoptable(found) and not adoptable_terms(found) and all(cause.scope is None for cause in found.causes):
+        typer.echo(f"{out}: not written: no effect and no term was found that a machine file could take up", err=True)
+        return found, typer.Exit(NOT_JUDGED)
+    try:
+        return _adopt(found, machine, data, out), None
+    except ValueError as error:
+        return found, error
+
+
 def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
     import dataclasses
 
     from console.reports.history_words import side_by_side
     from console.reports.term_words import compensation
     from console.reports.words import name_of
-    from control.diagnosis.extend import (
-        adoptable,
-        adoptable_terms,
-        extend,
-        not_adoptable,
-        refuse_to_adopt,
-        term_not_adoptable,
-    )
+    from control.diagnosis.extend import extend, not_adoptable, refuse_to_adopt, term_not_adoptable
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    terms = adoptable_terms(found)
-    if not adoptable(found) and not terms:
-        raise CommandError(f"{out}: no effect and no term was found that a machine file could take up, so nothing is "
-                           "written")
     for cause in found.causes:
         refuse_to_adopt(cause)
         if why := not_adoptable(cause):

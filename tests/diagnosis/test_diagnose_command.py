@@ -1,6 +1,7 @@
 """`topdress diagnose`: what it refuses to adopt, and the job that its closed loop simulates."""
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,9 +36,21 @@ def lag_table(path: Path, later_s: float, label: str = "", more_s: float = 0.0) 
 def test_an_effect_of_one_label_is_not_adopted(tmp_path: Path) -> None:
     table = lag_table(tmp_path / "two.csv", 0.0, "blue", 0.3)
     out = tmp_path / "new.yaml"
-    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out)])
+    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out), "--json", str(tmp_path / "f.json")])
     assert asked.exit_code == 2 and not out.exists()
     assert "holds for two.csv blue only, not for the machine" in asked.output
+    assert json.loads((tmp_path / "f.json").read_text())["causes"][0]["scope"] == "two.csv blue"
+
+
+def test_with_nothing_to_adopt_the_diagnosis_is_printed_and_written(tmp_path: Path) -> None:
+    table = lag_table(tmp_path / "one.csv", 0.0)
+    out, page, result = tmp_path / "new.yaml", tmp_path / "p.html", tmp_path / "f.json"
+    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out), "--json", str(result), "--report",
+                                     str(page)])
+    assert asked.exit_code == 3 and not out.exists(), asked.output
+    assert "new.yaml: not written: no effect and no term was found" in asked.stderr
+    assert json.loads(result.read_text())["verdict"] == "none" and page.exists()
+    assert asked.stdout.strip() and json.loads(result.read_text())["extended_machine"] is None
 
 
 def test_an_effect_of_all_rows_is_adopted_and_its_rivals_are_said(tmp_path: Path) -> None:
