@@ -99,7 +99,7 @@ class Variable(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
+    name: Annotated[str, Field(min_length=1, max_length=200)]
     unit: str = ""                      # of a column that is none of the run log's
     valid: tuple[Number, Number] | None = None
 

@@ -5,16 +5,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
 from .channels import ChannelSeries, channels
-from .findings import between_rows, on_the_whole, unsure_drives
+from .findings import between_rows, hardly_read, on_the_whole, unsure_drives
+from .guard import attempt, is_finite, named
 from .hum import without_hum
 from .intermittent import ReadOff, without_spells
-from .log import Clean, gate
+from .log import Clean, gate, readable
 from .model import GROUPS
 from .quantised import without_steps
 from .rates import rates, sentence
@@ -122,53 +124,97 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
             progress(share, word)
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
-    seen, hums = without_hum(channels(data, machine), machine)
-    findings = [*log.findings, *unsure_drives(log, data), *hums]
+    findings = [*log.findings, *unsure_drives(log, data), *hardly_read(log, data)]
+    with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
+        seen = channels(data, machine)
+    without = attempt("a speed sensor's hum", lambda: without_hum(seen, machine), findings)
+    if without is not None:
+        seen = without[0]
+        findings += without[1]
     step(0.1, "model")
-    groups = _judged(seen, machine, data, step, each)
-    findings += on_the_whole(log, groups, machine)
+    groups = _judged(seen, machine, data, step, each, findings)
+    findings += attempt("the drives over every row", lambda: on_the_whole(log, groups, machine), findings) or []
     findings += between_rows(log, {part.id for one in groups for part in one.found.parts})
     step(0.9, "result")
-    told = report(data, machine, groups, read_off, path, tuple(findings))
-    told = _with_rates(told, columns) if told.verdict == "not_judged" else told
-    return JudgedRun(told, data, tuple(groups))
+    found = attempt("", lambda: report(data, machine, groups, read_off, path, tuple(findings)), [])
+    if found is None or not is_finite(found):
+        groups, read_off = _sound(groups, read_off, data, machine, findings)
+        with np.errstate(all="ignore"):
+            found = report(data, machine, groups, read_off, path, tuple(findings))
+    return JudgedRun(_with_rates(found, columns) if found.verdict == "not_judged" else found, data, tuple(groups))
+
+
+def _sound(groups: list[Judged], read_off: tuple[ReadOff, ...], data: RunData, machine: Machine,
+           findings: list[str]) -> tuple[list[Judged], tuple[ReadOff, ...]]:
+    """The groups and the effects read off whose results are numbers throughout; the others are left out and said."""
+    def holds(what: str, some: list[Judged], seen: tuple[ReadOff, ...]) -> bool:
+        told = attempt(what, lambda: report(data, machine, some, seen, "", ()), findings)
+        if told is not None and not is_finite(told):
+            findings.append(f"{what}: left out: the numbers of this log lead beyond what a computer can hold")
+        return told is not None and is_finite(told)
+
+    return ([one for one in groups if holds(named(one.search.model.names), [one], ())],
+            tuple(one for one in read_off if holds(one.part.id, [], (one,))))
 
 
 def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
     """What such data show all the same: the applied rate against the target."""
-    fits, why = rates(columns)
-    said = sentence(fits[0]) if fits else f"applied against target is not judged: {why}"
-    return replace(found, rates=fits, findings=(*found.findings, said))
+    failed: list[str] = []
+    sane = {name: readable(values) if np.issubdtype(np.asarray(values).dtype, np.floating) else values
+            for name, values in columns.items()}
+    fits, why = attempt("applied against target", lambda: rates(sane), failed) or ((), "")
+    if not is_finite(fits):
+        fits, why = (), "its numbers lead beyond what a computer can hold"
+    said = failed or [sentence(fits[0]) if fits else f"applied against target is not judged: {why}"]
+    return replace(found, rates=fits, findings=(*found.findings, *said))
 
 
 def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
                   ordered: Callable[[Clean, Machine], Clean] = in_order
                   ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
-    log = ordered(gate(columns), machine)
-    in_steps = without_steps(log, machine)
+    failed: list[str] = []
+    log = gate(columns)
+    log = attempt("the order of rows", lambda: ordered(log, machine), failed) or log
+    in_steps = attempt("steps of the shaft's readings", lambda: without_steps(log, machine), failed)
     if in_steps is None:
-        data, in_spells = without_spells(run_data(log, machine), machine)
-        return log, data, in_spells
+        data, in_spells = _without_spells(_run_data(log, machine, failed), machine, failed)
+        return log._replace(findings=(*log.findings, *failed)), data, in_spells
     log, part = in_steps.taken_back, in_steps.seen.part
-    data = run_data(log, machine)
+    data = _run_data(log, machine, failed)
     if data.shaft is not None:
         data = data._replace(shaft=data.shaft._replace(step=part.size, steps_from_s=part.onset_s),
-                             hopper=run_data(in_steps.turned, machine).hopper)
-    data, in_spells = without_spells(data, machine)
-    return log, data, (in_steps.seen, *in_spells)
+                             hopper=_run_data(in_steps.turned, machine, failed).hopper)
+    data, in_spells = _without_spells(data, machine, failed)
+    return log._replace(findings=(*log.findings, *failed)), data, (in_steps.seen, *in_spells)
+
+
+def _run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
+    """The channels that can be made of a log. Raises ValueError where none can."""
+    with np.errstate(all="ignore"):
+        if (data := attempt("all channels together", lambda: run_data(log, machine), [])) is not None:
+            return data
+        stages = [one for one in log.stages
+                  if attempt(one, lambda one=one: run_data(log._replace(stages=(one,)), machine), failed)]  # type: ignore[misc]
+        return run_data(log._replace(stages=tuple(stages)), machine)
+
+
+def _without_spells(data: RunData, machine: Machine, failed: list[str]) -> tuple[RunData, tuple[ReadOff, ...]]:
+    return attempt("missing pulses and bridges", lambda: without_spells(data, machine), failed) or (data, ())
 
 
 def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData, step: Callable[[float, str], None],
-            each: Each) -> list[Judged]:
+            each: Each, findings: list[str]) -> list[Judged]:
     """Each group of channels judged: they share nothing but the log."""
-    def judge(members: list[ChannelSeries]) -> Judged:
-        return judged(Search(members, machine, data))
+    def judge(members: list[ChannelSeries]) -> Judged | None:
+        what = named(one.name for one in members)
+        return attempt(what, lambda: judged(Search(members, machine, data)), findings)
 
     groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
     words = [word for word, members in groups.items() if members]
     found: list[Judged] = []
     for word, one in zip(words, each(judge, [groups[word] for word in words]), strict=True):
-        found.append(one)
-        step(0.1 + 0.8 * len(found) / len(words), word)
+        if one is not None:
+            found.append(one)
+        step(0.1 + 0.8 * (1 + words.index(word)) / len(words), word)
     return found

@@ -233,6 +233,8 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     left = channel.measured - predicted
     hop = max(1, round(BLOCK_S / h.grid.step_s))
     marks = np.arange(0, len(left) - hop, hop)
+    if not len(marks):
+        return None
     rose = left[marks + hop] - left[marks]
     rpm = np.interp(even, h.time_s[:-1] + 0.5 * h.grid.step_s, h.shaft_rpm[:-1])
     fell = np.where([rpm[k:k + hop].min() > 0.0 for k in marks], predicted[marks] - predicted[marks + hop], 0.0)

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from control.log_row import COLUMNS, COMMANDS_HELD
 from control.orders import State
 
+from .further import worth_asking
+
 Array = npt.NDArray[np.float64]
 
 SENTINELS = (-9999.0, -999.0, -99.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0)
@@ -18,6 +20,7 @@ KMH_IN_MPS = 3.6
 KMH_RATIO = (3.2, 4.0)      # of two speeds, of which one is in km/h
 SAME_TIME_S = 1e-6          # rows closer than this repeat a time
 GAP_STEPS = 1.5             # of the median: a longer one has rows missing
+LONGEST_STEP_S = 600.0      # between rows (median): the slowest staircase of settings stands so long on one of them
 MIXED_STEP = 0.25           # off the median by this share, in MIXED_ROWS of the rows: the sample time is mixed
 MIXED_ROWS = 0.2
 HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
@@ -34,6 +37,8 @@ MIN_ROWS = 40
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 MAX_HELD_S = 3.0
 MIN_KNOWN = 0.5             # of the rows, of a further column
+MOST = 1e9                  # a number beyond this is no reading of a machine, in any unit (so are a machine file's) ...
+LEAST = 1e-9                # ... and one so small is nothing: its square would be lost beside any other
 
 
 class Clean(NamedTuple):
@@ -77,6 +82,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
     _units(found, findings)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = _without_held(name, found[name], float(np.median(np.diff(time))), findings)
+    found["hopper_kg"] = _if_it_moves("hopper_kg", found["hopper_kg"], findings)
     stood = _stood(found)
     if stood:
         findings.append("the machine stood all the time: its speeds and canopy heads are left out")
@@ -92,7 +98,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
     if "flow" in stages:
         stages.append("scale")
     step = float(np.median(np.diff(time)))
-    further = _further(columns, order, findings)
+    further = _further(columns, order, {**found, "time_s": time}, findings)
     events = _texts(columns, "events", order)
     held = any(COMMANDS_HELD in str(text).split(";") for text in events[events != ""])
     return Clean(time, step, found, events, _texts(columns, "state", order), tuple(stages), tuple(findings), further,
@@ -100,7 +106,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
 
 
 def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int64],
-             findings: list[str]) -> dict[str, Array]:
+             published: Mapping[str, Array], findings: list[str]) -> dict[str, Array]:
     """Columns of numbers that are not of the published ones and change: something may depend on them."""
     found = {}
     for name, raw in columns.items():
@@ -110,7 +116,9 @@ def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int6
         known = values[np.isfinite(values)]
         if len(known) >= max(MIN_ROWS, MIN_KNOWN * len(values)) and np.ptp(np.percentile(known, (1.0, 99.0))) > 0.0:
             found[name] = values
-    return found
+    kept = worth_asking(found, published)
+    findings += kept.said
+    return kept.columns
 
 
 def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int64]]:
@@ -128,6 +136,10 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
         raise ValueError(f"column time_s: {len(order)} usable rows: at least {MIN_ROWS} are needed")
     steps = np.diff(time[order])
     step = float(np.median(steps))
+    if step > LONGEST_STEP_S:
+        whole_s = time[order[-1]] - time[order[0]]
+        raise ValueError(f"column time_s: {len(order)} rows are {step:.3g} s apart, {whole_s:.3g} s in all: allowed up "
+                         f"to {LONGEST_STEP_S:g} s between rows: are the times in another unit?")
     missing = int(np.round(steps / step - 1.0)[steps > GAP_STEPS * step].sum())
     if missing:
         share = 100.0 * missing / (len(order) + missing)
@@ -139,13 +151,23 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
 
 
 def _without_sentinels(name: str, values: Array, findings: list[str]) -> Array:
-    values = np.where(np.isfinite(values), values, np.nan)
+    infinite, beyond = np.isinf(values), np.isfinite(values) & (np.abs(values) > MOST)
+    for marked, what in ((infinite, "are infinite"), (beyond, f"are beyond {MOST:.0e}")):
+        if marked.any():
+            findings.append(f"column {name}: {int(marked.sum())} cells {what}, which no machine reads: left out")
+    values = readable(values)
     marked = np.isin(values, SENTINELS)
     if marked.any():
         shown = float(values[marked][0])
         findings.append(f"column {name}: {int(marked.sum())} cells hold {shown:g}, which stands for a missing value")
         values = np.where(marked, np.nan, values)
     return values
+
+
+def readable(values: Array) -> Array:
+    """Numbers (n,) that a machine can have read; NaN for the others."""
+    sane = np.where(np.isfinite(values) & ~(np.abs(values) > MOST), values, np.nan)
+    return np.where(np.abs(sane) < LEAST, 0.0, sane)
 
 
 def _units(found: dict[str, Array], findings: list[str]) -> None:
@@ -159,6 +181,15 @@ def _units(found: dict[str, Array], findings: list[str]) -> None:
             findings.append(f"column {name}: values look like km/h (median {typical[name]:.1f}); divided by 3.6")
             found[name] = found[name] / KMH_IN_MPS
             return
+
+
+def _if_it_moves(name: str, values: Array, findings: list[str]) -> Array:
+    """A scale that shows the very same number in every row is not read: no hopper, full or empty, is so quiet."""
+    known = values[np.isfinite(values)]
+    if len(known) < MIN_ROWS or np.ptp(known) > 0.0:
+        return values
+    findings.append(f"column {name}: {known[0]:g} in every row: a scale that never changes is not read: left out")
+    return np.full(len(values), np.nan)
 
 
 def _stood(found: dict[str, Array]) -> bool:

@@ -60,6 +60,7 @@ SHIFTS = 7                  # shifts of slow variables in time: what is gained t
 SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
+LONGEST_ID = 76             # letters; adopted beside another of the same name it is given a number
 SPAN_AGAIN = 4.0            # times what a further box gains
 LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
 LEVEL_SHARE = 0.05          # ... and so much of what its form does
@@ -570,7 +571,7 @@ def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int
 
 def _id(words: str) -> str:
     """Of a term: names of columns may be in any writing, ids are not."""
-    return re.sub(r"[^a-z0-9_.]+", "", words.lower())
+    return re.sub(r"[^a-z0-9_.]+", "", words.lower())[:LONGEST_ID]
 
 
 def series_of_term(term: Term, data: RunData) -> Array:
