@@ -47,10 +47,23 @@ def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list
 
 
 def unsure_drives(log: Clean, data: RunData) -> list[str]:
-    """Said of drives whose commands between the rows are not in the log, so that hardly a row can be judged."""
-    return [f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command changes between nearly "
-            "all of them: what was commanded in between is not in the log"
-            for word, drive in (("shaft", data.shaft), ("gate", data.gate)) if word in log.stages and drive is None]
+    """Said of drives whose commands between the rows are not in the log, so that hardly a row can be judged; and of
+    those whose moves are not, as the computer was late."""
+    late = [f"stage {word}: {drive.left_out} rows in which it moves quickly are left out: rows are missing, and those "
+            "that are there may be late as well, so that nothing is said of delays"
+            for word, drive in (("shaft", data.shaft), ("gate", data.gate)) if drive is not None and drive.left_out]
+    return late + [f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command changes between "
+                   "nearly all of them: what was commanded in between is not in the log"
+                   for word, drive in (("shaft", data.shaft), ("gate", data.gate))
+                   if word in log.stages and drive is None]
+
+
+def hardly_read(log: Clean, data: RunData) -> list[str]:
+    """Said of channels whose columns are there and hold hardly a new reading."""
+    return [f"stage {word} is left out: hardly a new reading in its columns: the same value stands in row after row, "
+            "or there are too few"
+            for word, seen in (("flow", data.hopper), ("speed", data.speed), ("heads", data.heads))
+            if word in log.stages and seen is None]
 
 
 def between_rows(log: Clean, ids: set[str]) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import convolve1d
+from scipy.ndimage import convolve1d, maximum_filter1d
 
 from control.machine.compiled import term_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
@@ -22,6 +22,7 @@ WINDOW_ROWS = 20_000        # ... of so many rows in all
 WINDOWS = 5
 EVERY_ROW = 20              # of the recorded variables are kept between the windows
 HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
+MIN_BINS = 20               # of the scale: the flow is read off over windows of ten seconds, and two are no noise
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning, at most: their past is not in the log ...
 SETTLES = 10.0              # ... nor is it seen after so many times what they take to answer
@@ -32,6 +33,9 @@ UNSEEN_S = 2.0              # ... within so long, or in proportion
 ASKED_AFTER_S = 2.0         # of a reading's gap: in a longer one the command is the better guess
 FINE_LOG_S = 0.15           # rows closer than this hold every command that control gave
 MAX_LOST = 0.1              # of the rows, before which commands may be missing: more, and no move is known
+LATE_ROWS = 0.01            # of the rows missing, and as many ...
+OFF_STEP = 0.02             # ... off whole steps by so much of one: the computer was late, also with what it wrote ...
+STAMP_SHARE = 0.29          # ... by any time up to a row, 1 / sqrt(12) of one (1 s.d.)
 SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
 SHAFT_ANSWERS_S, GATE_ANSWERS_S = 1.0, 1.0      # after a command, the drive has answered it
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
@@ -84,6 +88,7 @@ class Drive(NamedTuple):
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written ...
     steps_from_s: float | None = None   # ... from then on, or all along
     moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves
+    left_out: int = 0           # rows in which it moves, of a computer that was late
     more: Array | float = 0.0           # of the machine file's terms: % of the shaft, mm of the gate
     more_rpm: Array | float = 0.0
 
@@ -197,9 +202,10 @@ def run_data(log: Clean, machine: Machine) -> RunData:
         hopper = _hopper(every, c["hopper_kg"], _written(time, log.events), machine)
     if "speed" in log.stages:
         speed = _speed(every, c["speed_mps"], c["wheel_speed_mps"], machine)
-        variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
+        if speed is not None:
+            variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
-        heads = _heads(time, np.array([c[name] for name in HEADS]))
+        heads = _heads(time, np.array([c[name] for name in HEADS]), _moves(c["speed_mps"], c["wheel_speed_mps"]))
     rows = known_rows(len(time))
     variables |= further
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
@@ -314,10 +320,11 @@ def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str
         read = np.where(still, 0.0, c["shaft_rpm"])
         sure = _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
-        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole, settle_s)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole, machine.noise.shaft_rpm,
+                                settle_s)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
-        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole)
+        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
     return {name: drive for name, drive in found.items() if drive is not None}
 
 
@@ -335,18 +342,38 @@ def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.ND
     return np.asarray(every.time_s - last >= answers_s)
 
 
+def _late(every: _Rows) -> bool:
+    """Whether a computer did not keep up: rows are missing, and the others do not stand in whole steps, as they do
+    where a logger only lost some."""
+    steps = np.diff(every.time_s) / every.step_s
+    return (every.step_s <= FINE_LOG_S and float(np.mean(every.lost)) > LATE_ROWS
+            and float(np.mean(np.abs(steps - np.round(steps)) > OFF_STEP)) > LATE_ROWS)
+
+
+def _quick(every: _Rows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
+    """Rows of a late computer in which a drive moves by more than its reading's noise in the time by which a row may
+    be late: what is read there says when it was read, not what the drive did. (n,)"""
+    time, known = every.time_s, np.isfinite(measured)
+    if not known.any() or not _late(every):
+        return np.zeros(len(measured), bool)
+    rate = np.abs(np.gradient(np.interp(time, time[known], measured[known]), time))
+    return np.asarray(maximum_filter1d(rate, 3) * STAMP_SHARE * every.step_s > noise)      # its neighbours as well
+
+
 def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
-           whole: bool, settle_s: float = SETTLE_S) -> Drive | None:
-    """None where hardly a row can be judged."""
+           whole: bool, noise: float, settle_s: float = SETTLE_S) -> Drive | None:
+    """None where hardly a row can be judged. noise : of a reading (1 s.d.)."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
-    known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick]
+    quick = _quick(every, measured, noise)[pick]
+    known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick
     if known.sum() < MIN_ROWS:
         return None
     grid = _grid(time[pick], known, every.step_s, clock)
     more, more_rpm = every.more.get("shaft_percent" if name == "shaft" else "gate_mm"), every.more.get("shaft_rpm")
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
-                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST),
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any(),
+                 left_out=int(np.sum(quick)),
                  more=0.0 if more is None else more[pick],
                  more_rpm=0.0 if more_rpm is None or name != "shaft" else more_rpm[pick])
 
@@ -381,7 +408,8 @@ def known_rows(count: int) -> npt.NDArray[np.int64]:
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
 
 
-def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper:
+def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper | None:
+    """None where the scale was read in too few bins."""
     time = every.time_s
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
@@ -403,6 +431,8 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], ma
         if close:
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
+    if good.sum() < MIN_BINS:
+        return None
     return Hopper(edges, turned, wide, level, kg, read_at, np.append(refill, 0.0), float(np.median(kg[good][:10])),
                   jumps, tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
                   *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
@@ -448,7 +478,7 @@ def _unseen(every: _Rows, edges: Array, stopped_rpm: float) -> tuple[float, tupl
     spans, usual = np.diff(every.time_s), float(np.median(rate[rate > 0.0])) if (rate > 0.0).any() else 0.0
     steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
     off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
-    long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s)
+    long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s) & (usual > 0.0)
     ends = np.clip(np.searchsorted(edges, every.time_s[1:][long], side="right") - 1, 0, len(edges) - 2)
     gaps = tuple((int(end), float(span * usual)) for end, span in zip(ends, spans[long], strict=True))
     return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
@@ -509,13 +539,18 @@ def _refills(kg: Array, rise_kg: float) -> tuple[Array, tuple[int, ...], npt.NDA
     return refill, tuple(jumps), hidden
 
 
-def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed:
-    """The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of."""
+def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed | None:
+    """Both speeds where they are new; None where they hardly ever are.
+
+    The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of.
+    """
     time = every.time_s
     fresh = _fresh(gnss)
     known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
     rows = looked_at(len(time))
     rows = rows[known[rows]]
+    if len(rows) < MIN_ROWS:
+        return None
     at = time[rows]
     step = float(np.median(np.diff(at)))
     wheel_there = wheel[rows]
@@ -567,15 +602,23 @@ def _fresh(series: Array) -> npt.NDArray[np.bool_]:
     return changed if changed[known].mean() < 0.7 else np.ones(len(series), bool)
 
 
-def _heads(time: Array, ndvi: Array) -> Heads | None:
+def _moves(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
+    """Rows in which the machine moves, by either speed; all of them where no speed is known."""
+    known = np.isfinite(gnss) | np.isfinite(wheel)
+    return np.where(known, np.fmax(gnss, wheel) > MOVING_MPS, ~known.any())
+
+
+def _heads(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> Heads | None:
+    """The heads while the machine moves: where it stands, each sees its own piece of canopy all the time, which is no
+    trait of the head."""
     there = np.isfinite(ndvi).mean(axis=1) > 0.2
     ndvi = np.where(there[:, None], ndvi, np.nan)
     some = ndvi[there]
     known = np.isfinite(some).all(axis=0)
     changed = np.concatenate(([True], (some[:, 1:] != some[:, :-1]).any(axis=0)))
     rows = looked_at(ndvi.shape[1])
-    rows = rows[(known & changed)[rows]]
-    if len(rows) < 40:
+    rows = rows[(known & changed & moves)[rows]]
+    if len(rows) < MIN_ROWS:
         return None
     at = time[rows]
     used = ndvi[:, rows]
