@@ -14,6 +14,7 @@ OF_SHAFT = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM)
 OF_GATE = (Acts.GATE_MM,)
 MOST_ROUNDS = 20
 SETTLED_MM, SETTLED_RPM = 1e-4, 1e-4
+LEAST_LEFT = 1e-3           # of the flow: with every outlet blocked no opening is wide enough
 LEAST_SHARE = 0.2           # of a drive's command or of the flow that known errors are believed to leave
 
 
@@ -57,7 +58,7 @@ def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Condi
         return _opening_with_terms(machine, wanted_kg_s, shaft_rpm, c, c.terms)
     p = machine.flow
     slope = (grams_per_rev(p, shaft_rpm, 1000.0) - grams_per_rev(p, shaft_rpm, 500.0)) / 500.0
-    needed = wanted_kg_s * 60_000.0 / (shaft_rpm * standing_factor(p, c))
+    needed = wanted_kg_s * 60_000.0 / (shaft_rpm * max(LEAST_LEFT, standing_factor(p, c)))
     return 500.0 + (needed - grams_per_rev(p, shaft_rpm, 500.0)) / slope
 
 

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.field.job import Canopy, Job, Simulated
 from control.machine.machine import Machine
+from control.metering.inverse import opening_for
 from control.simulation.canopy import CELL_M, MOST_CELLS, CanopyField
 from drivers.files.config import ConfigError, validated
 from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
@@ -96,6 +97,11 @@ def test_the_largest_field_of_the_widest_machine_can_be_simulated(benchmark_extr
     machine = Machine.model_validate(widest.model_dump(exclude_defaults=True))
     benchmark_extremes.SECONDS = 2.0
     benchmark_extremes.tried(machine, Job(**setup.job.model_dump(exclude={"simulated"}), simulated=sim), setup.crop)
+
+
+def test_a_machine_all_of_whose_outlets_are_blocked_is_metered_to_its_limits():
+    machine = Machine.model_validate({"flow": {"blocked_percent": 100.0}})
+    assert opening_for(machine, 0.1, 70.0) > machine.limits.opening_high_mm
 
 
 @pytest.fixture
