@@ -41,3 +41,18 @@ def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
     assert between_rows(every_tick, {"gate.slow"}) == []
     holed = every_tick._replace(time_s=np.delete(every_tick.time_s, np.arange(5, ROWS, 20)))
     assert "5 % of the rows are missing" in between_rows(holed, {"gate.slow"})[0]
+
+
+def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:
+    """What repeats, and in which steps, is evidence: it must not hang on the last bits of a float."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0.0, 60.0, 0.1)
+    columns = {"time_s": time_s, "hopper_kg": np.round((280.0 - 0.1 * time_s) / 0.05) * 0.05,
+               "speed_mps": np.repeat(np.round(1.3 + 0.02 * rng.standard_normal(120), 3), 5), "x_load": time_s // 7.0}
+    moved = {name: values + (1e-11 * rng.standard_normal(600) if name != "time_s" else 0.0)
+             for name, values in columns.items()}
+    one, other = gate(columns), gate(moved)
+    for name in ("hopper_kg", "speed_mps"):
+        assert np.array_equal(one.columns[name], other.columns[name]), name
+    assert np.array_equal(one.further["x_load"], other.further["x_load"])
+    assert gate({**columns, "hopper_kg": np.full(600, 1e305)}).columns["hopper_kg"][0] == 1e305

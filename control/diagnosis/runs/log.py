@@ -33,6 +33,7 @@ NEEDED = {
 }
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
+PRINTED_DIGITS = 8          # after the point: logs print three to six, places (which are not read here) eight
 MIN_ROWS = 40
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 MAX_HELD_S = 3.0
@@ -77,7 +78,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
     found: dict[str, Array] = {}
     for name in NUMBERS:
         raw = columns.get(name)
-        values = np.full(len(time), np.nan) if raw is None else np.asarray(raw, np.float64)[order]
+        values = np.full(len(time), np.nan) if raw is None else _readings(np.asarray(raw, np.float64)[order])
         found[name] = _without_sentinels(name, values, findings)
     _units(found, findings)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
@@ -112,7 +113,7 @@ def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int6
     for name, raw in columns.items():
         if name in COLUMNS or not np.issubdtype(np.asarray(raw).dtype, np.number):
             continue
-        values = _without_sentinels(name, np.asarray(raw, np.float64)[order], findings)
+        values = _without_sentinels(name, _readings(np.asarray(raw, np.float64)[order]), findings)
         known = values[np.isfinite(values)]
         if len(known) >= max(MIN_ROWS, MIN_KNOWN * len(values)) and np.ptp(np.percentile(known, (1.0, 99.0))) > 0.0:
             found[name] = values
@@ -148,6 +149,14 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
         findings.append("column time_s: the sample time is mixed; the median is "
                         f"{step:.3g} s, from {steps.min():.3g} to {steps.max():.3g} s")
     return time[order] - time[order[0]], order
+
+
+def _readings(values: Array) -> Array:
+    """Readings that are alike to the last digit that a log prints are one reading: what repeats, and in which steps, is
+    evidence, and must not hang on the last bits of a float."""
+    with np.errstate(over="ignore"):
+        rounded = np.round(values, PRINTED_DIGITS)
+    return np.where(np.isfinite(rounded), rounded, values)
 
 
 def _without_sentinels(name: str, values: Array, findings: list[str]) -> Array:
