@@ -8,7 +8,8 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
-    """The text without the lines below its first that are longer than `LINE`, and what there is to say.
+    """The text without the lines below its first that are longer than `LINE`, where others are left there; and what
+    there is to say.
 
     Zero bytes, as a power loss leaves them, do not count; UTF-16 is left as it is.
     """
@@ -19,8 +20,9 @@ def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
     said = Finding("long_row", f"{many(len(long))} left out, the first in line {starts_at} with "
                    f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE.most:,}", rows=len(long))
     ends = [0, *(min(end + 1, len(data)) for _start, end in long)]
-    return b"".join([data[end:start] for end, start in zip(ends, [*(start for start, _end in long), len(data)],
-                                                           strict=True)]), [said]
+    kept = b"".join([data[end:start] for end, start in zip(ends, [*(start for start, _end in long), len(data)],
+                                                           strict=True)])
+    return (kept, [said]) if kept.partition(b"\n")[2].strip() else (data, [])
 
 
 def _long_lines(data: bytes) -> list[tuple[int, int]]:
