@@ -19,9 +19,10 @@ from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
 from console.app.arrival import Arrival
-from console.app.dialogs import Choice, ChoiceDialog
+from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.fields import FieldPictures
 from console.app.history import History
+from console.app.joined import Joined, joined_words
 from console.app.keys import ACTIONS
 from console.app.pace import NUMBERS_S
 from console.app.pages.all import all_pages
@@ -33,7 +34,7 @@ from console.app.plain_lines import PlainLines
 from console.app.replay_job import ReplayJob
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
-from console.app.settings import apply, theme_of
+from console.app.settings import apply, limit_rates, theme_of
 from console.app.source import FrameSource
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.terminal import Takes, drawn_on
@@ -69,7 +70,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     new source when the worker is gone; their errors (OSError, RuntimeError) are one line. replay: a log to open.
     units, language, theme, keymap: instead of the settings' own.
     keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False for tests and pictures:
-    nothing moves but by `tick`. tour: begin with the guided tour.
+    nothing moves but by `tick`. tour: begin with the guided tour. joined: `source` is of a machine that ran already.
     """
 
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
@@ -82,7 +83,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                  units: Units | None = None, language: str | None = None, theme: str | None = None,
                  keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
                  limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
-                 services: Services | None = None, tour: bool = False) -> None:
+                 services: Services | None = None, tour: bool = False, joined: Joined | None = None) -> None:
         self._plain_lines = PlainLines()
         super().__init__()
         self.source, self.clock = source, clock
@@ -98,6 +99,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.fields = FieldPictures(self, self.services.field)
         self.tour = Tour() if tour else None
         self.sweeps = Sweeps()
+        self.joined = joined
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
         self.gone = ""
@@ -139,6 +141,10 @@ class TopdressApp(App[None], inherit_bindings=False):
                 self.register_theme(theme_of(data))
             store.trouble = store.trouble or apply(self, store.settings)
 
+    def _say_joined(self, joined: Joined) -> None:
+        self.push_screen(TextDialog(_("A machine runs already: this console has joined it"),
+                                    joined_words(joined, self.utc_offset_s)))
+
     def get_default_screen(self) -> Screen[None]:
         return self.pages[RUN if self.source is not None or self.replay_page.job is None else REPLAY]
 
@@ -162,6 +168,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._say_setting_trouble()
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
+        if self.joined is not None:
+            self.call_after_refresh(self._say_joined, self.joined)
         if self.live:
             self._until_first = self.set_interval(FIRST_S, self._first)
             self.set_interval(NUMBERS_S, self.tick)
@@ -267,7 +275,11 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.set_timer(number * STROKE_S, self.bell)
 
     async def _learn_earlier(self, desk: JobDesk, log_path: str) -> None:
-        """Alarms and track from before this console looked."""
+        """What the machine goes by that writes this log; alarms and track from before this console looked."""
+        limits = await asyncio.to_thread(desk.at_work, log_path)
+        if limits is not None:
+            self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
+            limit_rates(self)
         earlier = await asyncio.to_thread(desk.earlier, log_path)
         if earlier is not None:
             self.alarm_book.add_before(earlier.alarms)
@@ -392,6 +404,11 @@ class TopdressApp(App[None], inherit_bindings=False):
     async def _connect(self, connect: Connect) -> None:
         try:
             self.source = await connect()
+            if connect is self.attach:
+                self.joined = Joined()
+                self.notice(_("joined the machine that runs already"))
+            else:
+                self.joined = None
         except (OSError, RuntimeError, ValueError) as error:
             self._show_gone(str(error))
             return
@@ -434,7 +451,8 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def _refused(self, answer: Answer, quiet: bool) -> Answer:
         if not quiet:
-            said = words.answer_words(answer.why)
+            frame = self.arrival.frame
+            said = words.answer_words(answer.why, frame.alarms if frame is not None else ())
             self.notice(said if answer.why == "no_answer" else _("refused: {why}").format(why=said))
         return answer
 

@@ -99,10 +99,19 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     app.use_keymap({} if trouble and keymap_problem(settings.keymap) else settings.keymap)
     app.sound = settings.sound
     app.sounds = {STROKES[Severity.RED]: settings.sounds.alarm, STROKES[Severity.AMBER]: settings.sounds.caution}
-    low, high = app.crop_limits_kg_ha
-    app.limits_kg_ha = (min(max(low, settings.manual_rate.low_kg_ha), high), min(high, settings.manual_rate.high_kg_ha))
+    limit_rates(app)
     rates = settings.console
     for page in app.pages.values():
         page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
         page.maps.every_s = 1.0 / rates.maps_hz
     return trouble
+
+
+def limit_rates(app: TopdressApp) -> None:
+    """What a manual rate may be: the crop's range, and within it that of the settings."""
+    low, high = app.crop_limits_kg_ha
+    store = app.services.settings
+    if store is not None:
+        own = store.settings.manual_rate
+        low, high = min(max(low, own.low_kg_ha), high), min(high, own.high_kg_ha)
+    app.limits_kg_ha = low, high

@@ -14,13 +14,15 @@ from console.frame import Frame
 from console.locale import _
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
 from control.orders import Alarm, Severity
+from control.safety import ALARMS
 
 STALE_S = 1.0                 # older than this is greyed
 RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but never to less than this
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
 LAG_NOTE = "lag_out_of_range"
-PLACE_NOTES = ("already_spread", "on_headland", "zero_")      # of the ground ahead: told while working only
+# Of the ground ahead, and of the flow that is owed: told while working only, else nothing is owed.
+WORK_NOTES = ("already_spread", "on_headland", "zero_", "limited_")
 ERROR_SPAN = 0.30             # the error bar's end
 
 
@@ -60,8 +62,9 @@ class AlarmLine(NamedTuple):
 
 class AlarmsView(NamedTuple):
     lines: tuple[AlarmLine, ...]
-    calm: str                 # what stands there when nothing is wrong
+    calm: str                 # what stands there where there is no alarm
     fault: str = ""           # id of the alarm that made the machine faulty; empty: no fault
+    urgent: bool = False      # `calm` is not: somebody has to do something, or nothing is known
 
 
 class RatesView(NamedTuple):
@@ -152,7 +155,7 @@ def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 
     if frame is None:
         return _nothing(units, marks)
     old = age_s > STALE_S
-    return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s, units),
+    return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s, units, old),
                    _rates(frame, old, units), _tiles(frame, old, units), _heads(frame, old),
                    _items(frame, age_s, units))
 
@@ -171,13 +174,16 @@ def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, .
     state = row.state or ""
     own = ((_("SIMULATED"),) if frame.simulated else ()) + words.allowed_words(frame.allow)
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
-    return StatusView(state, words.STATE_SYMBOLS.get(state, " "), words.state_word(row.state),
+    word = words.state_word(row.state)
+    word = _("was {state}").format(state=word) if silent else word
+    return StatusView(state, words.STATE_SYMBOLS.get(state, " "), word,
                       words.strategy_word(row.strategy), words.source_word(row.target_source), "", own + marks,
                       silent, wall_clock(row.utc, utc_offset_s), duration(row.time_s))
 
 
-def alarms(frame: Frame, utc_offset_s: float, units: Units) -> AlarmsView:
-    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst first)."""
+def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -> AlarmsView:
+    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst first). old: the
+    frame is: that it has no alarm says nothing."""
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
@@ -187,7 +193,22 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units) -> AlarmsView:
         lines.append(AlarmLine(alarm.id, alarm.severity, alarm.acknowledged, words.SEVERITY_SYMBOLS[alarm.severity],
                                _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since,
                                duration(lasted_s), _gone(alarm, frame, utc_offset_s)))
-    return AlarmsView(tuple(lines), _("no alarms"), frame.why_state or "fault" if frame.row.state == "fault" else "")
+    fault = frame.why_state or "fault" if frame.row.state == "fault" else ""
+    calm = _("no values: alarms are not known") if old else _fault_left(fault) if fault else _("no alarms")
+    return AlarmsView(tuple(lines), calm, fault, old or bool(fault))
+
+
+def _fault_left(fault: str) -> str:
+    """Of a machine in FAULT whose alarm has gone: what is next, then what it was."""
+    said = words.alarm_words(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
+    return f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   {said}".rstrip()
+
+
+def without_worker(view: RunView) -> RunView:
+    """What is left of a view where no control worker is there: it may still spread, or stand, or alarm."""
+    shown = view.alarms
+    return view if shown.lines else view._replace(alarms=shown._replace(urgent=True, calm=_(
+        "The control worker is gone: state and alarms are not known. C on the Run page connects.")))
 
 
 def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
@@ -216,7 +237,7 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
 def why_other_rate(frame: Frame) -> str:
     """Why nothing flows while working, else why the rate is not the one wanted; in words, empty where all is plain."""
     row, at_work = frame.row, frame.row.state in (None, "working")
-    notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or not note.startswith(PLACE_NOTES))]
+    notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or not note.startswith(WORK_NOTES))]
     if at_work and frame.why_no_flow:
         notes = list(frame.why_no_flow)
     elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:

@@ -1,7 +1,7 @@
 """Words for what frames carry as ids: states, strategies, sources, fixes, alarms, answers. Translated when asked."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from console.app.units import METRIC, Unit, Units
@@ -112,8 +112,9 @@ def alarm_words(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
                       _filled(kind.place, details, units))
 
 
-def answer_words(why: str) -> str:
-    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes them apart."""
+def answer_words(why: str, alarms: Iterable[Alarm] = ()) -> str:
+    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes them apart. alarms: the
+    live ones, one of which it may name."""
     if not why:
         return _("not accepted")
     name, _mark, _rest = why.partition(";")
@@ -125,7 +126,8 @@ def answer_words(why: str) -> str:
         details = {}
     shown: dict[str, str | float] = dict(details)
     if "alarm" in details:
-        shown["alarm"] = alarm_words(Alarm(details["alarm"], Severity.RED, 0.0)).text.rstrip(".")
+        named = next((one for one in alarms if one.id == details["alarm"]), Alarm(details["alarm"], Severity.RED, 0.0))
+        shown["alarm"] = alarm_words(named).text.rstrip(".")
     if "state" in details:
         shown["state"] = state_word(details["state"])
     return _filled(ANSWERS[name], shown)
@@ -142,7 +144,7 @@ def allowed_words(allow: Allowances) -> tuple[str, ...]:
 
 
 def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:
-    """The translated text with its values; a value that is missing leaves its braces, never an error on the screen.
+    """The translated text with its values; one that is missing is `--`, never its name in braces nor an error.
 
     Where the text names a value in SI ("{speed_mps} m/s"), number and unit are the shown ones instead.
     """
@@ -153,9 +155,14 @@ def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC
                 said = said.replace(f"{{{key}}} {si_name}", unit.full(value))
     shown = {key: f"{value:g}" if isinstance(value, float) else value for key, value in details.items()}
     try:
-        return said.format(**shown)
+        return said.format_map(_Known(shown))
     except (KeyError, IndexError, ValueError):
         return said
+
+
+class _Known(dict[str, "str | float"]):
+    def __missing__(self, name: str) -> str:
+        return "--"
 
 
 def _measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:

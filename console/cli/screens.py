@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
     from pydantic import BaseModel
 
+    from console.app.joined import Joined
     from console.app.services import Services
     from console.running import Where
+    from console.services.launcher import Launcher
     from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
@@ -39,7 +41,8 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
             running = find_running()
             if running is None and not launcher.may_go_on():
                 coming = _begun(launcher.start)
-        setup, found = _setup(config, coming)
+        joined = None if running is None else _join(launcher, running)
+        setup, found = _setup(config, coming) if joined is None else _setup_of_running(launcher.config, config)
         need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
     except WorkerFailed as error:
         raise CommandError(str(error)) from None
@@ -54,22 +57,45 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         where = await asyncio.to_thread(find_running)
         if where is None:
             raise WorkerFailed("no control worker runs")
+        await asyncio.to_thread(launcher.adopt, where.log_path)
         return Link(where)
 
     job = JobFiles(launcher)
     source: Link | None = None
     if running is not None:
-        launcher.adopt(running.log_path)
         source = Link(running)
     elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
         source = ComingLink(coming or _begun(launcher.start))
     app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                       hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
+                      joined=joined,
                       services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
                                        play=Player(), model_check=LiveChecker().latest if model_check else None))
     app.run()
     if app.not_started:
         raise CommandError(app.not_started)
+
+
+def _join(launcher: Launcher, running: Where) -> Joined:
+    """Go by the files of the worker that runs."""
+    from console.app.joined import Joined
+    unused = launcher.adopt(running.log_path)
+    return Joined(running.started, running.log_path, launcher.config, unused)
+
+
+def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:
+    """The files of the machine that runs, as far as they can still be read: a console that could not open for them
+    could not stop it. Raises ConfigError."""
+    from drivers.files.config_error import ConfigError
+    from drivers.files.setup import by_kind, setup_of
+    for config in (theirs, ours, ()):
+        try:
+            found = by_kind(config)
+            return setup_of(found, dt.date.today()), found
+        except ConfigError:
+            if not config:
+                raise
+    raise AssertionError("the last of them is tried or raised")
 
 
 def _begun(start: Callable[[], Where]) -> Future[Where]:

@@ -55,13 +55,9 @@ def token_in(path: Path | None) -> str | None:
 
 def options_of(where: Where | None) -> dict[str, Any]:
     """Limits and hopper of the job at work, as its log's sidecar has them; the console's own where it has none."""
-    from drivers.files.run_meta import meta_from_yaml
-    try:
-        meta = meta_from_yaml(Path(where.log_path).with_suffix(".yaml").read_text(encoding="utf-8")) if where else None
-        crop, machine = (meta.crop or {}, meta.machine or {}) if meta else ({}, {})
-        return {"limits_kg_ha": (0.0, float(crop["max_rate_kg_ha"])), "hopper_kg": float(machine["flow"]["full_kg"])}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
+    from console.services.at_work import at_work
+    found = None if where is None else at_work(where.log_path)
+    return {} if found is None else {"limits_kg_ha": (0.0, found.most_rate_kg_ha), "hopper_kg": found.hopper_kg}
 
 
 class SharedWaits:

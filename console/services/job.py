@@ -13,6 +13,7 @@ from console.app.pages.job.desk import (
     GATHERING,
     READING,
     WRITING,
+    AtWork,
     Cancelled,
     Earlier,
     Facts,
@@ -52,6 +53,7 @@ class JobFiles:
         """folder: of the user's own files; new job files go to its folder jobs."""
         self._launcher = launcher
         self._folder = folder or data_folder()
+        self._next: tuple[str, ...] | None = None       # files of a start that is asked about; not those in use
         self._checked: tuple[object, MapCheck | str] | None = None      # of the map as it stood, and what was found
         self._scratch: tempfile.TemporaryDirectory[str] | None = None   # of maps that are only looked at
 
@@ -158,7 +160,9 @@ class JobFiles:
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
         how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
         try:
-            return self._new_job({f"ndvi_{strip.which}": strip.ndvi}, f"{what}: NDVI {strip.ndvi:.4f}{how}")
+            path = self._new_job({f"ndvi_{strip.which}": strip.ndvi}, f"{what}: NDVI {strip.ndvi:.4f}{how}")
+            self._launcher.config, self._next = self._next or self._launcher.config, None
+            return path
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 
@@ -265,7 +269,7 @@ class JobFiles:
 
     def _replace(self, kind: str, value: str) -> None:
         self._check(kind, value)
-        self._launcher.config = self._with(kind, value)
+        self._next = self._with(kind, value)
 
     def _with(self, kind: str, value: str) -> tuple[str, ...]:
         kept = [str(one.path) for format_, one in self._found().items() if format_ != kind]
@@ -275,8 +279,18 @@ class JobFiles:
         from drivers.files.setup import by_kind
         return by_kind(self._launcher.config)
 
+    def drop(self) -> None:
+        self._next = None
+
     async def restart(self) -> Link:
-        return await self._launcher.link()
+        """Raises WorkerFailed, ValueError, OSError; the files are then those of before."""
+        before = self._launcher.config
+        self._launcher.config, self._next = self._next or before, None
+        try:
+            return await self._launcher.link()
+        except (RuntimeError, ValueError, OSError):
+            self._launcher.config = before
+            raise
 
     # --- export and report --------------------------------------------------------------------------------------
 
@@ -359,6 +373,10 @@ class JobFiles:
         except (OSError, ValueError):
             return None
         return Earlier(kept.alarms, kept.track)
+
+    def at_work(self, log_path: str) -> AtWork | None:
+        from console.services.at_work import at_work
+        return at_work(log_path)
 
     def offer(self) -> Offer | None:
         found = resume.newest(self._launcher.logs)

@@ -50,8 +50,9 @@ class Launcher:
         """The folder in which logs are written."""
         return data_folder() / "logs" if self.log is None else Path(self.log).parent
 
-    def adopt(self, log_path: str) -> None:
-        """Take the files of a worker that runs already: its log's sidecar names them."""
+    def adopt(self, log_path: str) -> tuple[str, ...]:
+        """Take the files of a worker that runs already: its log's sidecar names them. Returns those of ours that it
+        does not run with."""
         from drivers.files.config import load_any
         from drivers.files.config_error import ConfigError
         from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
@@ -59,7 +60,7 @@ class Launcher:
         try:
             meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
         except (OSError, ValueError):
-            return
+            return ()
         found = []
         for file in meta.sha256:
             try:
@@ -68,7 +69,10 @@ class Launcher:
                 continue
             if kind in (JOB, MACHINE, CAB):
                 found.append(file)
+        theirs = {Path(file).resolve() for file in found}
+        unused = tuple(file for file in self.config if Path(file).resolve() not in theirs)
         self.config = tuple(found)
+        return unused
 
     def may_go_on(self) -> bool:
         """Whether a job may have been cut off that `JobFiles.offer` is to look at."""

@@ -18,6 +18,7 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
     return Situation(
         measurements=m, speed_used_mps=sensed.speed_mps, gnss_period_s=sensed.gnss_period_s,
         wheel_standstill=sensed.wheel_standstill, target_source=choices.source, position_ok=sensed.position_ok,
+        course_awaited=sensed.course_awaited,
         landing_inside=landing_inside,
         valid_heads=heads.valid if needs_heads else None,
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,

@@ -57,7 +57,8 @@ def _speed(s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits
 
 
 def _place(s: Situation, allow: Allowances) -> tuple[str, ...]:
-    lost = ("position_lost",) if s.target_source in BY_PLACE and not s.position_ok else ()
+    where = "course_unknown" if s.course_awaited else "position_lost"
+    lost = (where,) if s.target_source in BY_PLACE and not s.position_ok else ()
     outside = ("outside_field",) if s.landing_inside is False and not allow.outside else ()
     elsewhere = ("map_elsewhere",) if s.map_elsewhere and not allow.map_elsewhere else ()
     return lost + outside + elsewhere

@@ -49,6 +49,7 @@ class Sensed(NamedTuple):
     moved_m: float | None = None        # in this tick a place was taken this far from where it was thought to be
     walks: bool = False                 # the refused epoch has walked off from the receiver's own speed and course
     quick: Moving = Moving()            # filter `quick`; as `speed_used` where only GNSS speaks
+    course_awaited: bool = False        # a place is known, and it never moved: where it points is not
 
 
 @dataclass(frozen=True)
@@ -112,13 +113,14 @@ class Sensing:
         moved_m = self._take_place(m, speed, dt, fix_new)
         if fix_new and m.gnss is not None:
             self._fix_s = m.gnss.time_s
-        position_ok = (self._east is not None and self._heading is not None and self._placed_s is not None
-                       and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
-                       and (m.gnss is None or m.gnss.fix_quality > 0))
+        placed = (self._east is not None and self._placed_s is not None
+                  and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
+                  and (m.gnss is None or m.gnss.fix_quality > 0))
+        position_ok = placed and self._heading is not None
         east, north = self._outlet()
         return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
                       self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
-                      self._refused_m, moved_m, self._walks, self._quick)
+                      self._refused_m, moved_m, self._walks, self._quick, placed and not position_ok)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
         """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also

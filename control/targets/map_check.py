@@ -27,6 +27,9 @@ class MapCheck(NamedTuple):
     above_ha: float                     # in the field with a rate above the limit
     above_kg: float                     # what the limit takes off there
     highest_kg_ha: float                # of the map's rates in the field
+    beyond_kg_ha: float = 0.0           # what is applied on mapped ground outside the field; a fence stops it
+    uncovered_kg_ha: float = 0.0        # what is applied in the field where the map has no rate
+    away_kg_ha: float = 0.0             # what is applied in the field where the map lies elsewhere
 
 
 def map_check(data: MapData, limit_kg_ha: float | None = None, field: Boundary | None = None,
@@ -46,10 +49,13 @@ def map_check(data: MapData, limit_kg_ha: float | None = None, field: Boundary |
     here = inside_m2 > LEAST_M2
     above = here & (ground.rates > limit_kg_ha) if limit_kg_ha is not None else np.zeros(len(here), np.bool_)
     over = ground.rates[above] - (limit_kg_ha or 0.0)
+    limit = float("inf") if limit_kg_ha is None else limit_kg_ha
+    outside, default = min(limit, data.fallbacks.outside_kg_ha), min(limit, data.fallbacks.default_kg_ha)
     return MapCheck(
         mapped / HECTARE_M2, None if shape is None else float(shape.area) / HECTARE_M2,
         max(0.0, mapped - inside) / HECTARE_M2,
         0.0 if shape is None else max(0.0, float(shape.area) - inside) / HECTARE_M2,
         0.0 if shape is None or here.any() else ground.away_m(shape), ground.overlap_m2 / HECTARE_M2, limit_kg_ha,
         float(inside_m2[above].sum()) / HECTARE_M2, float((inside_m2[above] * over).sum()) / HECTARE_M2,
-        float(ground.rates[here].max()) if here.any() else 0.0)
+        float(ground.rates[here].max()) if here.any() else 0.0, 0.0 if field is not None else outside,
+        default if data.fields_deg else outside, outside)

@@ -257,18 +257,18 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
         await on_job(app, pilot)
         await pilot.press("m", "2", "enter")
         await settled(app, pilot)
-        assert desk.asked == [("take", "machine", "machines/bench.yaml")]
+        assert desk.asked == [("take", "machine", "machines/bench.yaml"), ("drop",)]
         assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
-        assert any("for the next start: bench.yaml" in row for row in shown(app))
-        desk.known = replace(FACTS, machine_file="machines/bench.yaml")
+        assert any("not taken: bench.yaml; the job goes on as it was" in row for row in shown(app))
         feed(app, source, [{"state": "off"}])
         await pilot.press("f2")
         await on_job(app, pilot)
-        app.page._looked_s = None
-        await settled(app, pilot)
         await pilot.press("m", "2", "enter")
-        await pilot.pause()
-        assert isinstance(app.screen, Confirm), "chosen already: only the start is asked"
+        await settled(app, pilot)
+        assert isinstance(app.screen, Confirm)
+        await pilot.press("escape")
+        await settled(app, pilot)
+        assert desk.asked[-1] == ("drop",) and app.page.pending == "" and ("restart",) not in desk.asked
 
 
 async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):

@@ -140,7 +140,7 @@ def test_a_refusal_names_the_alarm_in_words():
 
 
 def test_a_missing_detail_leaves_its_braces():
-    assert "{hopper_kg}" in words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text
+    assert words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text == "The hopper is empty (-- kg)."
 
 
 def test_notes_of_crops_are_told_in_the_language_in_use():

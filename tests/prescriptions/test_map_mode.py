@@ -69,6 +69,19 @@ def test_steps_land_at_the_edges_of_the_cells(setup: Setup, grid: Prescription) 
     assert max(map(abs, misses)) < 0.35
 
 
+def test_a_start_before_the_first_course_is_no_lost_position(setup: Setup, grid: Prescription) -> None:
+    """RTK stands fixed, the tractor too: no alarm, nothing flows; on the way the map is applied."""
+    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"), simulated=Simulated(speed_kmh=6.0, passes=1))
+    profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
+    plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 6.0)]))
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
+    ticks = [step.tick for step in simulated_run(plant, loop, 20.0, [(1.0, Order(Do.READY)), (2.0, Order(Do.START))])]
+    assert {alarm.id for tick in ticks for alarm in tick.alarms} & {"position_lost"} == set()
+    standing = [tick for tick in ticks if tick.row.state == "working" and not tick.row.speed_used_mps]
+    assert all(tick.row.shaft_rpm_cmd == 0.0 for tick in standing)
+    assert max(tick.row.shaft_rpm_cmd or 0.0 for tick in ticks) > 10.0
+
+
 def test_without_the_look_ahead_they_land_a_lag_distance_late(setup: Setup, grid: Prescription) -> None:
     misses, _ = driven(setup, grid, look_ahead=False)
     assert len(misses) >= 3

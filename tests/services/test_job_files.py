@@ -1,6 +1,7 @@
 """The Job screen's desk on real files: facts, new job files, what is offered after a power cut."""
 from __future__ import annotations
 
+import asyncio
 import datetime as dt
 import os
 import shutil
@@ -8,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from console.app.pages.job.desk import Reading
+from console.app.pages.job.desk import AtWork, Reading
+from console.running import WorkerFailed
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
 from console.services.sticks import maps_in
@@ -34,6 +36,23 @@ def desk(launcher, tmp_path):
     return JobFiles(launcher, tmp_path)
 
 
+def started(desk):
+    """As after Enter at the question whether to start with it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Launcher, "start", lambda self, resumed=None: None)
+        patch.setattr("console.link.Link", lambda where: where)
+        asyncio.run(desk.restart())
+
+
+def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
+    desk.take("job", str(shipped("jobs")["map_demo"]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Launcher, "start", lambda self, resumed=None: (_ for _ in ()).throw(WorkerFailed("no port")))
+        with pytest.raises(WorkerFailed):
+            asyncio.run(desk.restart())
+    assert launcher.config == () and desk.facts().source == "canopy"
+
+
 def test_facts_of_what_is_shipped(desk):
     facts = desk.facts()
     assert facts.crop.startswith("Winter wheat") and facts.crop_warnings and facts.shipped_machine
@@ -57,13 +76,18 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
     desk.take("job", str(shipped("jobs")["map_demo"]))
+    started(desk)
     new = load(Path(desk.take_strip(StripValue("nrich", 0.7))), JOB).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
 
 def test_another_crop_and_machine(desk, launcher):
+    before = desk.facts().crop_file
     desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    assert desk.facts().crop_file == before, "what runs is what is said"
+    started(desk)
     desk.take("machine", str(shipped("machines")["bench"]))
+    started(desk)
     facts = desk.facts()
     assert facts.crop_file == str(shipped("crops")["osu_winter_wheat_2006"])
     assert facts.machine_file == str(shipped("machines")["bench"]) and len(launcher.config) == 2
@@ -115,10 +139,17 @@ def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
     job = shipped("jobs")["map_demo"]
     log = tmp_path / "run.csv"
     PlainLogWriter(log, run_meta(sha256={str(job): "x", str(shipped("crops")["huanghai_wheat"]): "y"})).close()
-    launcher.adopt(str(log))
+    launcher.config = ("mine.yaml", str(job))
+    assert launcher.adopt(str(log)) == ("mine.yaml",), "what is not used is said"
     assert launcher.config == (str(job),)
-    launcher.adopt(str(tmp_path / "none.csv"))
+    assert launcher.adopt(str(tmp_path / "none.csv")) == ()
     assert launcher.config == (str(job),)
+
+
+def test_the_limits_of_a_run_are_its_own(desk, tmp_path):
+    log = tmp_path / "run.csv"
+    PlainLogWriter(log, run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})).close()
+    assert desk.at_work(str(log)) == AtWork(450.0, 280.0) and desk.at_work(str(tmp_path / "none.csv")) is None
 
 
 def test_an_export_of_nothing_is_one_line(desk, tmp_path):
@@ -157,6 +188,12 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     job = load(Path(desk.take_map(seen)), JOB).model
     assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
     stick.unlink()                                          # the stick is pulled
+    assert desk.facts().source == "canopy", "until the worker starts again with it"
+    desk.drop()
+    started(desk)
+    assert desk.facts().source == "canopy", "not taken"
+    desk.take("job", str(next((tmp_path / "jobs").iterdir())))
+    started(desk)
     facts = desk.facts()
     assert facts.source == "map" and facts.map_trouble == "" and facts.map_check is not None
 
@@ -170,6 +207,7 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         save(tmp_path / "job.yaml", job, JOB)
         shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
         desk.take("job", str(tmp_path / "job.yaml"))
+        started(desk)
         new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), Reading()))), JOB).model
         assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
@@ -199,6 +237,7 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
 
 def test_names_go_into_a_new_job_and_come_back(desk, launcher):
     desk.take_who(Who("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
+    started(desk)
     facts = desk.facts()
     assert (facts.client, facts.farm, facts.field, facts.product, facts.operator) == (
         "Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")

@@ -11,7 +11,7 @@ from textual.screen import Screen
 
 from console.app.action import ANYWHERE, REPLAY, RUN, Action
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
-from console.app.view import RunView, look
+from console.app.view import RunView, look, without_worker
 from console.app.widgets.alarm_bar import AlarmBar
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.key_bar import KeyBar, KeysView
@@ -97,7 +97,8 @@ class Page(Screen[None]):
         """Look at what is new; called often, does only what is due. A subclass adds its own panels to it."""
         if self.numbers.due(now_s):
             frame, age_s = self.seen(now_s)
-            self.show_numbers(self.seen_view(frame, age_s))
+            view = self.seen_view(frame, age_s)
+            self.show_numbers(without_worker(view) if self.app.gone else view)
 
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
         """The frame to show, and its age in s. Without a worker the last values are old at once."""

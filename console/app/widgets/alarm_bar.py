@@ -34,7 +34,9 @@ class AlarmBar(Panel[AlarmsView]):
 
     def lines(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         if not view.lines:
-            return [Content.assemble((fit(f"   {view.calm}", width), "$muted"))]
+            style = "bold $background on $foreground" if view.urgent else "$muted"
+            rows = wrapped(view.calm, max(10, width - 6))[:height] if view.urgent else [view.calm]
+            return [Content.assemble((fit(f"   {row}", width), style)) for row in rows]
         if view.fault and height >= LEAST_BIG:
             return self._fault(view, width, height)
         return self._rows(view.lines, width, height)

@@ -116,6 +116,13 @@ class Earlier(NamedTuple):
     track: tuple[tuple[float, float, float, float], ...]
 
 
+class AtWork(NamedTuple):
+    """What the machine that runs goes by."""
+
+    most_rate_kg_ha: float
+    hopper_kg: float
+
+
 Progress = Callable[[int, int, str], None]      # steps done, steps in all, what is being done
 Cancelled = Callable[[], bool]
 
@@ -130,11 +137,17 @@ class JobDesk(Protocol):
 
     def earlier(self, log_path: str) -> Earlier | None: ...
 
+    def at_work(self, log_path: str) -> AtWork | None:
+        """The limits of the run that writes this log; None where they are not known."""
+
     def take(self, kind: str, value: str) -> None:
-        """Another job, crop or machine for the next start; checked first."""
+        """Another job, crop or machine for `restart`; checked first. `facts` are those of what runs until then."""
+
+    def drop(self) -> None:
+        """What was taken last is not wanted: the next start has the files that run."""
 
     def take_strip(self, strip: StripValue) -> str:
-        """A new job file with this NDVI of a strip, for the next start; returns where it stands."""
+        """A new job file with this NDVI of a strip, which the worker knows already; returns where it stands."""
 
     def maps(self) -> tuple[MapFile, ...]:
         """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""
@@ -143,16 +156,17 @@ class JobDesk(Protocol):
         """Reads a prescription for the job; nothing of the job changes."""
 
     def take_map(self, preview: MapPreview) -> str:
-        """A new job file with this map, for the next start; returns where it stands."""
+        """A new job file with this map, for `restart`; returns where it stands."""
 
     def take_who(self, who: Who) -> str:
-        """A new job file with these names, for the next start; returns where it stands."""
+        """A new job file with these names, for `restart`; returns where it stands."""
 
     def outline(self, job: str) -> tuple[Ring, ...]:
         """Of a job file's field, east and north in m; () where it has none or cannot be read."""
 
     async def restart(self) -> FrameSource:
-        """A worker with what was taken. The one before must have ended."""
+        """A worker with what was taken. The one before must have ended. Where it does not start, the files are those
+        of before."""
 
     def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """As applied, a file for each part of the job; returns where they stand."""

@@ -113,8 +113,6 @@ def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
     choices = [Choice(one.value, _drawn(one, desk) if kind == "job" else one.label) for one in files]
 
     def answer(value: str | None) -> None:
-        if value == now and page.pending:
-            page.ask_restart(value)
         if value is None or value == now:
             return
 

@@ -13,8 +13,11 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
     """A sentence for each thing that is not applied as the map has it; none: all of it is."""
     area, rate = units.area._replace(decimals=4), units.rate
     if check.away_m > 0.0:
-        return (_("the map lies {away} km away from the field: nothing of it is applied").format(
-            away=f"{check.away_m / 1000.0:.1f}"),)
+        away = f"{check.away_m / 1000.0:.1f}"
+        if check.away_kg_ha > 0.0:
+            return (_("the map lies {away} km away from the field: its rate for outside, {rate}, is applied "
+                      "everywhere").format(away=away, rate=rate.full(check.away_kg_ha)),)
+        return (_("the map lies {away} km away from the field: nothing of it is applied").format(away=away),)
     said = []
     if check.above_ha > LEAST_HA and check.limit_kg_ha is not None:
         said.append(_("{area} of the map want up to {highest}, above the crop's limit: {limit} are applied there, "
@@ -22,11 +25,17 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
             area=area.full(check.above_ha), highest=rate.full(check.highest_kg_ha),
             limit=rate.full(check.limit_kg_ha), mass=units.mass.full(check.above_kg)))
     if check.outside_ha > LEAST_HA:
-        said.append(_("{area} of the map's {mapped} lie outside the field: not applied").format(
-            area=area.full(check.outside_ha), mapped=area.full(check.mapped_ha)))
+        text = _("{area} of the map's {mapped} lie outside the field: the map's rate for outside, {rate}, is applied "
+                 "there") if check.beyond_kg_ha > 0.0 else (
+            _("{area} of the map's {mapped} lie outside the field: not applied"))
+        said.append(text.format(area=area.full(check.outside_ha), mapped=area.full(check.mapped_ha),
+                                rate=rate.full(check.beyond_kg_ha)))
     if check.uncovered_ha > LEAST_HA:
-        said.append(_("{area} of the field's {field} have no rate in the map").format(
-            area=area.full(check.uncovered_ha), field=area.full(check.field_ha)))
+        text = _("{area} of the field's {field} have no rate of their own in the map: its rate for the rest, {rate}, "
+                 "is applied there") if check.uncovered_kg_ha > 0.0 else (
+            _("{area} of the field's {field} have no rate in the map: nothing is applied there"))
+        said.append(text.format(area=area.full(check.uncovered_ha), field=area.full(check.field_ha),
+                                rate=rate.full(check.uncovered_kg_ha)))
     if check.overlap_ha > LEAST_HA:
         said.append(_("{area} lie in more than one zone: the first in the file holds, each place counts once").format(
             area=area.full(check.overlap_ha)))

@@ -124,6 +124,8 @@ class JobScreen(Page):
                 kg=units.mass.full(self.refill.seen_kg)), True))
         if self.progress:
             notes.append(JobNote(f"{self.progress}   {_('Esc cancels')}", True))
+        if self.app.joined is not None:
+            notes.append(JobNote(_("this console has joined a machine that ran already; what it runs with is shown")))
         tally = frame.tally if frame is not None else None
         if tally is not None and tally.log_before:
             notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
@@ -178,15 +180,26 @@ class JobScreen(Page):
         frame = self.app.arrival.frame
         if self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART:
             self.app.notice(_("the machine works: stop it first, then choose again to start with it"))
+            self._drop(taken)
             return
 
         def answer(yes: bool | None) -> None:
             if yes and self.desk is not None:
                 self.pending = ""
                 self.app.restart(self.desk.restart)
+            else:
+                self._drop(taken)
 
-        self.app.push_screen(Confirm(_("Start the control worker again with it?"),
-                                     _("The log ends and a new one begins; state is off.")), answer)
+        self.app.push_screen(Confirm(_("Start the control worker again with {name}?").format(name=self.pending),
+                                     _("The log ends and a new one begins; state is off. Esc: all stays as it is.")),
+                             answer)
+
+    def _drop(self, taken: str) -> None:
+        """What was taken is not started with: what runs is what is shown."""
+        if self.desk is not None:
+            self.desk.drop()
+        self.pending = ""
+        self.say(_("not taken: {name}; the job goes on as it was").format(name=file_name(taken)))
 
     def strips_with(self, value: StripValue | None) -> Strips:
         """The strips that will count, with the one just measured."""

@@ -5,6 +5,7 @@ import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned, Ring
 from console.app.pages.job.desk import (
+    AtWork,
     Cancelled,
     Earlier,
     Facts,
@@ -46,6 +47,7 @@ class SampleDesk:
         self.trouble = ""
         self.before: Earlier | None = None
         self.next: FrameSource | None = None
+        self.limits: AtWork | None = None
 
     def facts(self) -> Facts:
         self._fail()
@@ -57,9 +59,15 @@ class SampleDesk:
     def earlier(self, log_path: str) -> Earlier | None:
         return self.before
 
+    def at_work(self, log_path: str) -> AtWork | None:
+        return self.limits
+
     def take(self, kind: str, value: str) -> None:
         self.asked.append(("take", kind, value))
         self._fail()
+
+    def drop(self) -> None:
+        self.asked.append(("drop",))
 
     def take_strip(self, strip: StripValue) -> str:
         self.asked.append(("strip", strip.which, f"{strip.ndvi:.3f}"))

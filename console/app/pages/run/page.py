@@ -41,7 +41,7 @@ class RunScreen(PanelScreen):
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
-        if frame is None or view.alarms.lines:
+        if frame is None or view.alarms.lines or view.alarms.urgent:
             return view
         about = "   ".join(part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part)
         return view._replace(alarms=AlarmsView((), f"{view.alarms.calm}   {about}"))

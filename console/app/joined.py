@@ -1,0 +1,32 @@
+"""A console that joins a machine which runs already says so, and by which files that machine goes."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from console.app.pages.job.day import file_name
+from console.app.view import wall_clock
+from console.locale import _
+
+
+class Joined(NamedTuple):
+    """started_utc: of the control worker. files: that it runs with, empty: those that are shipped. unused: named on
+    this command line, and not what runs."""
+
+    started_utc: str = ""
+    log_path: str = ""
+    files: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+
+
+def joined_words(joined: Joined, utc_offset_s: float) -> str:
+    """What the operator reads before all else."""
+    since = wall_clock(joined.started_utc, utc_offset_s)[:5] or "--"
+    lines = [_("It was started at {time}, not by this console: nothing was started anew.").format(time=since)]
+    if joined.files:
+        lines.append(_("It goes by: {files}").format(files=", ".join(map(file_name, joined.files))))
+    if joined.log_path:
+        lines.append(_("log {name}").format(name=file_name(joined.log_path)))
+    if joined.unused:
+        lines.append(_("NOT used, though named on this command line: {files}. F10 takes another job, crop or machine."
+                       ).format(files=", ".join(map(file_name, joined.unused))))
+    return "\n".join(lines)

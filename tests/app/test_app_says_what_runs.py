@@ -1,0 +1,156 @@
+"""What the screen says of the machine and its job is what runs: no calm beside a fault, no state of a machine that is
+gone, no limits of another job."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from console.app import words
+from console.app.app import TopdressApp
+from console.app.dialogs import TextDialog
+from console.app.joined import Joined
+from console.app.pages.job.desk import AtWork
+from console.app.pages.job.map_words import map_words
+from console.app.pages.job.sample import SampleDesk
+from console.app.services import Services
+from console.app.units import METRIC
+from console.app.view import why_other_rate
+from console.link import WorkerGone
+from control.orders import Alarm, Answer, Severity
+from control.safety import REFUSALS
+from control.targets.map_check import MapCheck
+
+SIZES = ((120, 40), (80, 24))
+
+
+def in_state(source, state, **more):
+    source.newest = replace(source.newest, seq=source.newest.seq + 1, **{"alarms": (), **more},
+                            row=source.newest.row._replace(state=state))
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("where", ["run", "job", "map"])
+async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown, size, where):
+    in_state(source, "fault", why_state="shaft_silent")
+    async with app.run_test(size=size) as pilot:
+        app.turn_to(where)
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "FAULT, its cause is gone: R on the Run page makes the machine ready." in text
+        assert "no alarms" not in text
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("where", ["run", "job", "trends"])
+async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, source, shown, size, where):
+    async with app.run_test(size=size) as pilot:
+        app.turn_to(where)
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        assert "WORKING" in shown(app)[0] and "was" not in shown(app)[0]
+        source.end.set_exception(WorkerGone("process 4711 is gone"))
+        await pilot.pause()
+        await pilot.press("escape")
+        await pilot.pause()
+        app.look()
+        await pilot.pause()
+        text = "\n".join(shown(app)[:4])
+        assert "was WORKING" in text and "WORKER GONE" in text and "no alarms" not in text
+        assert "The control worker is gone: state and alarms are not known." in " ".join(text.split())
+
+
+async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown):
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        clock.now_s += 3.0
+        app.tick()
+        await pilot.pause()
+        assert "was WORKING" in shown(app)[0] and "no values: alarms are not known" in shown(app)[1]
+
+
+@pytest.mark.parametrize("state", ["ready", "held", "off", "fault"])
+def test_while_nothing_is_owed_no_flow_is_too_little(frames, state):
+    frame = replace(frames[-1], notes=("limited_zero",), row=frames[-1].row._replace(state=state))
+    assert why_other_rate(frame) == ""
+    assert why_other_rate(replace(frame, row=frame.row._replace(state="working"))) == "too little: zero"
+
+
+# --- texts ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(REFUSALS))
+def test_no_refusal_shows_the_name_of_a_value(name):
+    for why in (name, f"{name};alarm=console_silent", f"{name};state=held"):
+        assert "{" not in words.answer_words(why)
+
+
+async def test_a_refusal_names_the_live_alarm_with_its_values(app, source):
+    alarm = Alarm("console_silent", Severity.RED, 0.0, False, (("limit_s", 2.0),))
+    in_state(source, "held", alarms=(alarm,))
+    source.answer = Answer(False, "acknowledge_first;alarm=console_silent")
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.tick()
+        await pilot.press("s")
+        await pilot.pause()
+        assert "The console was not heard for 2 s" in app.notice_text
+
+
+@pytest.mark.parametrize(("check", "said"), [
+    (MapCheck(1.0, 2.0, 1.0, 2.0, 5000.0, 0.0, 500.0, 0.0, 0.0, 0.0, 0.0, 157.0, 157.0),
+     ("the map lies 5.0 km away from the field: its rate for outside, 157 kg/ha, is applied everywhere",)),
+    (MapCheck(1.0, 2.0, 1.0, 2.0, 5000.0, 0.0, 500.0, 0.0, 0.0, 0.0),
+     ("the map lies 5.0 km away from the field: nothing of it is applied",)),
+    (MapCheck(1.0, 2.0, 0.5, 1.5, 0.0, 0.0, 500.0, 0.0, 0.0, 300.0, 157.0, 120.0, 157.0),
+     ("0.5000 ha of the map's 1.0000 ha lie outside the field: the map's rate for outside, 157 kg/ha, is applied there",
+      "1.5000 ha of the field's 2.0000 ha have no rate of their own in the map: its rate for the rest, 120 kg/ha, is "
+      "applied there")),
+    (MapCheck(1.0, 2.0, 0.5, 1.5, 0.0, 0.0, 500.0, 0.0, 0.0, 300.0),
+     ("0.5000 ha of the map's 1.0000 ha lie outside the field: not applied",
+      "1.5000 ha of the field's 2.0000 ha have no rate in the map: nothing is applied there")),
+])
+def test_what_is_applied_where_the_map_has_nothing_is_said(check, said):
+    assert map_words(check, METRIC) == said
+
+
+# --- joining ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clock, shown, size):
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleDesk()), joined=Joined(
+        "2026-11-23T07:12:00+00:00", "/logs/run.csv", ("/jobs/north.yaml",), ("/jobs/south.yaml",)))
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(app.screen, TextDialog)
+        text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
+        for said in ("A machine runs already: this console has joined it", "It was started at 07:12", "north.yaml",
+                     "NOT used, though named on this command line: south.yaml"):
+            assert said in text, said
+        await pilot.press("escape")
+        await pilot.press("f10")
+        await pilot.pause()
+        app.look()
+        await pilot.pause()
+        assert "this console has joined a machine" in "\n".join(shown(app))
+
+
+async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
+    desk = SampleDesk()
+    desk.limits = AtWork(180.0, 250.0)
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        app.tick()
+        for worker in [one for one in app.workers if one.group == "earlier"]:
+            await worker.wait()
+        await pilot.press("m")
+        await pilot.pause()
+        assert app.screen.high == 180.0
+        await pilot.press("escape", "f")
+        await pilot.pause()
+        assert app.screen.high == 250.0
