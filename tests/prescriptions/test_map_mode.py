@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control.field.job import Ground, Job, Simulated, Wanted
+from control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
 from control.geodesy import TangentPlane
 from control.loop import ControlLoop
 from control.orders import Do, Order, TargetSource
@@ -71,14 +71,16 @@ def test_steps_land_at_the_edges_of_the_cells(setup: Setup, grid: Prescription) 
 
 def test_a_start_before_the_first_course_is_no_lost_position(setup: Setup, grid: Prescription) -> None:
     """RTK stands fixed, the tractor too: no alarm, nothing flows; on the way the map is applied."""
-    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"), simulated=Simulated(speed_kmh=6.0, passes=1))
+    stands = (SpeedChange(at_s=0.0, speed_kmh=0.0), SpeedChange(at_s=4.0, speed_kmh=6.0))
+    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"),
+              simulated=Simulated(passes=1, speed_changes=stands))
     profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
-    plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 6.0)]))
+    plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
     ticks = [step.tick for step in simulated_run(plant, loop, 20.0, [(1.0, Order(Do.READY)), (2.0, Order(Do.START))])]
-    assert {alarm.id for tick in ticks for alarm in tick.alarms} & {"position_lost"} == set()
-    standing = [tick for tick in ticks if tick.row.state == "working" and not tick.row.speed_used_mps]
-    assert all(tick.row.shaft_rpm_cmd == 0.0 for tick in standing)
+    assert "position_lost" not in {alarm.id for tick in ticks for alarm in tick.alarms}
+    standing = [tick for tick in ticks if tick.row.state == "working" and tick.row.time_s < 4.0]
+    assert standing and all(tick.row.shaft_rpm_cmd == 0.0 and "course_unknown" in tick.why_no_flow for tick in standing)
     assert max(tick.row.shaft_rpm_cmd or 0.0 for tick in ticks) > 10.0
 
 
