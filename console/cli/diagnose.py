@@ -12,6 +12,7 @@ import typer
 
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError
+from console.cli.progress_line import ProgressLine
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -120,13 +121,14 @@ def _tables(data: list[Path], machine: Machine, kind: str | None, seed: int) -> 
 
 
 def _progress() -> Any:
-    if not sys.stderr.isatty():
-        return None
+    line = ProgressLine()
 
     def tell(share: float, word: str) -> None:
-        sys.stderr.write("\r\x1b[K" if share >= 1.0 else f"\r\x1b[K{100 * share:3.0f} % {word} (Ctrl-C cancels)")
-        sys.stderr.flush()
-    return tell
+        if share >= 1.0:
+            line.end()
+        else:
+            line.tell(f"{100 * share:3.0f} % {word} (Ctrl-C cancels)")
+    return tell if line.shown else None
 
 
 def _adopted(found: Diagnosis, machine: Machine, data: list[Path],

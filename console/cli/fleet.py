@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ import typer
 
 from console.cli.outputs import Force, marked, named, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
+from console.cli.progress_line import ProgressLine
 
 REPORT, DATA = "report.html", ("logs", "courses", "pieces", "shared", "machines")
 ABOUT = ("log", "unit", "product", "operator", "field", "time")
@@ -113,10 +113,11 @@ def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
 
 
 def _progress() -> Callable[[int, int, str], None]:
-    shown = sys.stderr.isatty()
+    line = ProgressLine()
 
     def tell(done: int, of: int, what: str) -> None:
-        if shown:
-            sys.stderr.write("\r\x1b[K" if done >= of else f"\r\x1b[K{done} of {of} {what} (Ctrl-C cancels)")
-            sys.stderr.flush()
+        if done >= of:
+            line.end()
+        else:
+            line.tell(f"{done} of {of} {what} (Ctrl-C cancels)")
     return tell

@@ -17,16 +17,21 @@ INDENT = "    "                     # of what a line goes on with
 
 
 class PlainOutput(io.TextIOWrapper):
-    """A text stream that leaves out what steers a terminal, but for a progress line's beginning. Lines that are too
-    wide for it are broken between words. errors: lines are complaints and come in colour, notes in another."""
+    """A text stream that leaves out what steers a terminal, but for a progress line's beginning; what is said while one
+    stands takes its place. Lines that are too wide are broken between words. complains: lines come in colour, notes in
+    another."""
 
     complains = False
+    _progress_stands = False
 
     def write(self, text: str) -> int:
         own = OVER_THE_LINE if text.startswith(OVER_THE_LINE) else ""
         said = plain(text[len(own):])
-        if not own:
+        if own:
+            self._progress_stands = bool(said) and not said.endswith("\n")
+        elif text:
             said = "\n".join(self._dressed(line) for line in said.split("\n"))
+            own, self._progress_stands = OVER_THE_LINE if self._progress_stands else "", False
         super().write(own + said)
         return len(text)
 

@@ -1,29 +1,31 @@
-"""A line of progress on a terminal's stderr, with the time left; silent where nobody looks."""
+"""How far along a command is, with the time left, on its line of progress."""
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
+
+from console.cli.progress_line import ProgressLine
 
 T = TypeVar("T")
 EVERY_S = 0.2
 
 
-def progress(items: Iterable[T], count: int, label: str) -> Iterator[T]:
-    """The items, telling now and then how far along they are."""
-    show = sys.stderr.isatty()
-    begun = told = time.monotonic()
-    for number, item in enumerate(items):
-        yield item
-        if not show or number % 64:
-            continue
-        now = time.monotonic()
-        if now - told >= EVERY_S and number:
-            told = now
-            left = (now - begun) * (count - number) / number
-            sys.stderr.write(f"\r{label} {100 * number // max(1, count):3d} %, {left:.0f} s left (Ctrl-C cancels) ")
-            sys.stderr.flush()
-    if show:
-        sys.stderr.write("\r\x1b[K")
-        sys.stderr.flush()
+def progress(items: Iterable[T], count: int, label: str, clock: Callable[[], float] = time.monotonic) -> Iterator[T]:
+    """The items, telling before the first and then now and then how far along they are."""
+    line = ProgressLine()
+    if not line.shown:
+        yield from items
+        return
+    begun_s = told_s = clock()
+    line.tell(f"{label} 0 % (Ctrl-C cancels)")
+    try:
+        for number, item in enumerate(items, start=1):
+            yield item
+            now_s = clock()
+            if now_s - told_s >= EVERY_S:
+                told_s = now_s
+                left_s = (now_s - begun_s) * max(0, count - number) / number
+                line.tell(f"{label} {100 * number // max(1, count)} %, {left_s:.0f} s left (Ctrl-C cancels)")
+    finally:
+        line.end()

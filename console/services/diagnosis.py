@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
+from console.app.pages.diagnosis.adoption import offer_of, undecided
 from console.app.pages.diagnosis.data import (
     IMPORT,
     Adoption,
@@ -27,7 +28,7 @@ from console.app.pages.diagnosis.data import (
     Tell,
     found_from,
 )
-from console.services.diagnosis_job import MACHINE_FILE, REPORT, RESULT, SURE_FILE, VIEW, Order
+from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.services.free_path import free_path
 from console.threads import ONE_THREAD
@@ -157,11 +158,13 @@ class DiagnosisFiles:
     # --- what is kept --------------------------------------------------------------------------------------------
 
     def adopt(self, found: Found, chosen: Adoption) -> str:
-        made = Path(found.folder) / (MACHINE_FILE if chosen.doubtful else SURE_FILE)
-        if not found.adoptable or not made.exists():
+        if not found.adoptable:
             raise ValueError("nothing here can be adopted" + "".join(f"; {why}" for why in found.refused))
-        return _kept(made, self.own / "machines", f"{found.machine}-{dt.date.today().isoformat()}", ".yaml",
-                     _said_by(found, chosen))
+        offer = offer_of(found, chosen.ids)
+        if offer is None:
+            raise ValueError(f"{', '.join(chosen.ids) or 'nothing'}: not adopted together: pick one of them at a time")
+        return _kept(Path(found.folder) / offer.file, self.own / "machines",
+                     f"{found.machine}-{dt.date.today().isoformat()}", ".yaml", _said_by(found, chosen))
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
         from console.reports.history_words import side_by_side
@@ -261,10 +264,11 @@ def _said_by(found: Found, chosen: Adoption) -> str:
     """The operator's choice as a comment of the file; empty where there was none."""
     if not chosen.why:
         return ""
-    tied = ["; ".join((cause.id, *(rival.id for rival in cause.rivals))) for cause in found.causes if cause.rivals]
-    what = "the likeliest taken" if chosen.doubtful else "none of these taken"
-    return "".join(f"# {line}\n" for line in (f"Not told apart by the data: {' / '.join(tied)}",
-                                             f"The operator chose: {what}. Why: {' '.join(chosen.why.split())}"))
+    groups = ["; ".join((one.id, *(rival.id for rival in one.rivals))) for one in undecided(found)]
+    picked = [one.id for one in undecided(found) if one.id in chosen.ids]
+    return "".join(f"# {line}\n" for line in (
+        f"Not decided by the data: {' / '.join(groups)}",
+        f"The operator picked: {', '.join(picked) or 'none of these'}. Why: {' '.join(chosen.why.split())}"))
 
 
 def _kept(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:

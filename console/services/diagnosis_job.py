@@ -3,7 +3,7 @@
 The file says what is to be done (`Order` below). While it works it writes {"share": 0.3, "stage": "flow"} lines on
 stdout, and at last {"done": true}, {"error": "one line"}
 or {"questions": [...], "import_file": "path"}. In the folder then lie view.json, result.json, report.html,
-and machine.yaml where something can be adopted. Ending the process cancels.
+and a machine file for each choice of what is adopted. Ending the process cancels.
 """
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 Tell = Callable[[float, str], None]
 
-VIEW, RESULT, REPORT, MACHINE_FILE = "view.json", "result.json", "report.html", "machine.yaml"
-SURE_FILE = "machine-sure.yaml"          # without what the data cannot tell from others
+VIEW, RESULT, REPORT = "view.json", "result.json", "report.html"
 RUN_LOG = "separating.csv"
 DRIVING = 0.55                  # share of the whole that simulating takes
 LEAST_STEP = 0.004              # of the share, that is worth a line
@@ -112,8 +111,8 @@ def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
 def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tuple[str, ...],
                tell: Tell) -> None:
     """notes: of bringing the data in."""
-    from console.app.pages.diagnosis.data import to_plain
-    from console.reports.words import tied
+    from console.app.pages.diagnosis.adoption import selections
+    from console.app.pages.diagnosis.data import Offer, to_plain
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     folder = Path(order.folder)
@@ -136,11 +135,12 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
         tools = {"tables": tables, "machine": machine}
     tell(0.86, "pictures")
     view = found_of(found, tools, name, target, order.planted)
-    changes = _extended(found, view.adoptable, machine, data, folder / MACHINE_FILE)
-    doubtful = {cause.id for cause in view.causes if tied(cause)}
-    _extended(found, tuple(one for one in view.adoptable if one not in doubtful), machine, data, folder / SURE_FILE)
+    offers = []
+    for number, ids in enumerate(selections(view)):
+        file = f"machine-{number}.yaml"
+        offers.append(Offer(ids, file, _extended(found, ids, machine, data, folder / file)))
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
-    write_atomically(folder / VIEW, json.dumps(to_plain(view._replace(changes=changes))))
+    write_atomically(folder / VIEW, json.dumps(to_plain(view._replace(offers=tuple(offers)))))
     tell(0.9, "report")
     _report(found, tools, folder / REPORT)
 
@@ -164,9 +164,6 @@ def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, da
     from control.diagnosis.extend import extend
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    path.unlink(missing_ok=True)
-    if not adoptable:
-        return ()
     kept = dataclasses.replace(found, causes=tuple(cause for cause in found.causes if cause.id in adoptable),
                                terms=tuple(one for one in found.terms if one.term["id"] in adoptable))
     extended = extend(machine, kept, date=dt.date.today().isoformat(), sha256=sha256_of(data))

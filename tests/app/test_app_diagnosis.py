@@ -117,46 +117,85 @@ async def test_the_plots_follow_the_chosen_cause(desk):
         assert plot.redraws == redraws
 
 
-async def test_adopting_is_asked_once_and_says_what_it_does(desk, service, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
+@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, service, shown, size):
+    """The page says to drive the next test first: K and Enter do just that, whatever is likeliest."""
+    service.found = service.found._replace(adoptable=("flow.fill_falloff",), causes=service.found.causes[:1],
+                                           offers=service.found.offers[1:])
+    async with desk.run_test(size=size) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("k")
         await pilot.pause()
-        assert isinstance(desk.screen, ChoiceDialog) and service.asked[1:] == []
-        text = " ".join("\n".join(shown(desk)).split())
-        assert "This data cannot tell them apart: which one is adopted?" in text
-        assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, True, True, False]
-        assert "The running job keeps its machine file" in text
-        assert desk.screen.at == 3, "what is sure, until somebody chooses otherwise"
-        await pilot.press("2", "enter")
+        assert isinstance(desk.screen, ChoiceDialog) and desk.screen.at == 0
+        text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
+        assert "Undecided: this data cannot tell these apart." in text
+        assert "> 1 none of these: the next test is driven first" in text
+        await pilot.press("enter")
+        await pilot.pause()
+        assert service.asked[1:] == [] and desk.notice_text == "nothing is adopted: the next test decides"
+
+
+async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk, service, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await found_shown(desk, pilot)
+        await pilot.press("k")
+        await pilot.pause()
+        assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, False, True, True]
+        await pilot.press("3", "enter")
         assert isinstance(desk.screen, ChoiceDialog), "a cause without a size cannot be taken up"
-        await pilot.press("1", "enter")
+        await pilot.press("2", "enter")
         await pilot.pause()
         assert isinstance(desk.screen, NameDialog)
         await pilot.press("enter")
         assert isinstance(desk.screen, NameDialog), "why is not left empty"
         await pilot.press(*"flutes", "space", *"worn", "enter")
         await pilot.pause()
-        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag with: flutes worn"]
-        assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in "\n".join(shown(desk))
-
-
-@pytest.mark.exam
-async def test_what_is_sure_alone_can_be_adopted_and_one_sure_cause_asks_only_once(desk, service):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await found_shown(desk, pilot)
-        await pilot.press("k", "enter", *"later", "enter")
+        assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
+        text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
+        assert "Adopted: Flutes fill less at high shaft speed, Shaft loses speed" in text
+        assert "flow.fill_falloff: 0 -> 12.4 %" in text and "The running job keeps its machine file" in text
+        await pilot.press("enter")
         await pilot.pause()
-        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag without: later"]
-        await pilot.press("escape", "p")
-        service.found = sample_found("named")
-        await found_shown(desk, pilot)
+        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag: flutes worn"]
+        said = "\n".join(shown(desk))
+        assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in said
+        assert "Z on the Diagnosis page takes the last change of it back." in said
+        await pilot.press("escape")
+        await pilot.pause()
+        assert page.adopted == "/data/machines/huanghai-2026-03-18.yaml"
+
+
+async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(desk, service, shown):
+    service.found = sample_found("named")
+    async with desk.run_test(size=(120, 40)) as pilot:
+        page = await found_shown(desk, pilot)
         await pilot.press("k")
         await pilot.pause()
-        assert isinstance(desk.screen, Confirm)
+        assert isinstance(desk.screen, Confirm), "what is sure is asked once"
         await pilot.press("enter")
         await pilot.pause()
         assert service.asked[-1] == "adopt flow.fill_falloff"
+        await pilot.press("escape", "f9")
+        await settled(desk, pilot)
+        assert "Z take back" in " ".join(" ".join(shown(desk)).split())
+        await pilot.press("z", "enter")
+        await pilot.pause()
+        assert service.asked[-1] == "take back /data/machines/huanghai-2026-03-18.yaml"
+        assert page.adopted == "/data/machines/bench-2026-03-19.yaml"
+
+
+async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service, shown):
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        await pilot.press("k", "enter")
+        await pilot.pause()
+        assert isinstance(desk.screen, Confirm)
+        text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
+        assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
+        assert "Not adopted, undecided: Flutes fill less at high shaft speed" in text
+        await pilot.press("enter")
+        await pilot.pause()
+        assert service.asked[1:] == ["adopt shaft.voltage_sag"]
 
 
 async def test_tied_causes_are_equals_and_the_next_test_leads(desk, shown):
@@ -197,16 +236,6 @@ def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
     assert slow.at(40.0, 1.0) == (1.0, None)
 
 
-async def test_both_sides_of_the_file_stand_in_the_question(desk, service, shown):
-    service.found = service.found._replace(changes=("  flow.fill_falloff: 0 -> 11.8 %",))
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await found_shown(desk, pilot)
-        await pilot.press("k")
-        await pilot.pause()
-        text = "\n".join(shown(desk))
-        assert "Machine file, before -> after:" in text and "flow.fill_falloff: 0 -> 11.8 %" in text
-
-
 @pytest.mark.exam
 async def test_the_last_change_is_taken_back_after_a_question(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
@@ -226,7 +255,7 @@ async def test_the_last_change_is_taken_back_after_a_question(desk, service, sho
 
 async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, shown):
     service.found = sample_found("named")._replace(
-        adoptable=(), refused=("flow.gain: holds in the rows of before.csv only",))
+        adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",))
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("k")

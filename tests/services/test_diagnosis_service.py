@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
+from console.app.pages.diagnosis.adoption import selections, undecided
 from console.app.pages.diagnosis.data import Adoption, RivalShown, Stop, Stopped
+from console.app.pages.diagnosis.sample import sample_found
 from console.services.diagnosis import DiagnosisFiles
 from console.services.diagnosis_view import sorted_out
 from console.services.separating_run import _DRIVES, drivable, drive_of
@@ -84,7 +86,7 @@ def test_a_catch_test_is_diagnosed_by_a_process_of_its_own(caught):
 
 def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothing(caught):
     service, found, _told = caught
-    paths = [Path(service.adopt(found, Adoption())) for _twice in (1, 2)]
+    paths = [Path(service.adopt(found, Adoption(found.adoptable))) for _twice in (1, 2)]
     assert paths[0] != paths[1] and paths[0].parent == service.own / "machines"
     machine = load(paths[0], MACHINE).model
     assert machine.flow.gain_percent == pytest.approx(6.0, abs=0.5)
@@ -98,11 +100,31 @@ def test_a_choice_between_tied_causes_is_kept_with_its_reason(caught):
     service, found, _told = caught
     rival = RivalShown("scale.gain", "Scale reads off by a factor", 0.3)
     tied = found._replace(causes=(found.causes[0]._replace(rivals=(rival,)), *found.causes[1:]))
-    path = Path(service.adopt(tied, Adoption(True, "outlets were\nweighed twice")))
+    path = Path(service.adopt(tied, Adoption(found.adoptable, "outlets were\nweighed twice")))
     text = path.read_text(encoding="utf-8")
-    assert "The operator chose: the likeliest taken. Why: outlets were weighed twice" in text
-    assert f"Not told apart by the data: {found.causes[0].id}; scale.gain" in text
+    assert f"The operator picked: {found.causes[0].id}. Why: outlets were weighed twice" in text
+    assert f"Not decided by the data: {found.causes[0].id}; scale.gain" in text
     assert load(path, MACHINE).model.adopted
+
+
+def test_there_is_a_machine_file_for_each_choice_and_none_for_nothing(caught):
+    service, found, _told = caught
+    assert [offer.ids for offer in found.offers] == [found.adoptable], "all of it is decided"
+    assert found.offers[0].changes and (Path(found.folder) / found.offers[0].file).exists()
+    with pytest.raises(ValueError, match="pick one of them at a time"):
+        service.adopt(found, Adoption(()))
+
+
+def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
+    open_ = tuple(sample_found().causes[0]._replace(id=f"flow.{number}") for number in range(6))
+    found = sample_found()._replace(causes=(*open_[:2], sample_found().causes[1]),
+                                    adoptable=("flow.0", "flow.1", "shaft.voltage_sag"))
+    assert list(selections(found)) == [("shaft.voltage_sag",), ("flow.0", "shaft.voltage_sag"),
+                                       ("flow.1", "shaft.voltage_sag"), ("flow.0", "flow.1", "shaft.voltage_sag")]
+    many = found._replace(causes=open_, adoptable=tuple(one.id for one in open_))
+    assert list(selections(many)) == [(one.id,) for one in open_], "nothing alone makes no file"
+    suspected = open_[0]._replace(rivals=(), probability=0.4)
+    assert undecided(found._replace(causes=(suspected,), adoptable=(suspected.id,))) == (suspected,)
 
 
 def test_report_and_data_are_exported(caught):

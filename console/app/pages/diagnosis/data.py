@@ -112,8 +112,18 @@ class RunPlan(NamedTuple):
     minutes: float
 
 
+class Offer(NamedTuple):
+    """A machine file that is made already, in the folder of `Found`. ids: what it takes up; changes: before and after,
+    a line each."""
+
+    ids: tuple[str, ...]
+    file: str
+    changes: tuple[str, ...] = ()
+
+
 class Found(NamedTuple):
-    """A diagnosis as the page shows it. adoptable: ids; refused: why the others are not adopted, a line each.
+    """A diagnosis as the page shows it. adoptable: ids, those that are not decided among them; refused: why the others
+    are not adopted, a line each.
 
     folder: where report, data and the extended machine lie until they are exported or adopted.
     """
@@ -138,14 +148,14 @@ class Found(NamedTuple):
     folder: str = ""
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
     not_judged: tuple[str, ...] = ()    # channels
-    changes: tuple[str, ...] = ()       # of the machine file, before and after, a line each
+    offers: tuple[Offer, ...] = ()      # machine files, one for each choice that the operator can come to
 
 
 class Adoption(NamedTuple):
-    """What the operator chose to take up. doubtful: also causes that the data cannot tell from others. why: in their
-    own words, kept in the machine file; empty where nothing had to be chosen."""
+    """What the operator chose to take up: all that is sure, and by name what is not. why: in their own words, kept in
+    the machine file; empty where nothing had to be chosen."""
 
-    doubtful: bool = True
+    ids: tuple[str, ...]
     why: str = ""
 
 
@@ -240,8 +250,8 @@ def found_from(plain: dict[str, Any]) -> Found:
         "gains": tuple(GainShown(**one) for one in plain["gains"]),
         "next_run": None if plain["next_run"] is None else RunPlan(**plain["next_run"]),
         "left_curve": _curve(plain["left_curve"]),
-        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged",
-                                                    "changes")}})
+        "offers": tuple(Offer(tuple(one["ids"]), one["file"], tuple(one["changes"])) for one in plain["offers"]),
+        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged")}})
 
 
 def _curve(plain: dict[str, Any] | None) -> Curve | None:

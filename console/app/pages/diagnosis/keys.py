@@ -10,9 +10,9 @@ from console.app.action import DIAGNOSIS, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
+from console.app.pages.diagnosis.adoption import offer_of, undecided, with_picked
 from console.app.pages.diagnosis.data import Adoption, CauseShown, Found
 from console.locale import N_, _
-from console.reports.words import tied
 
 if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
@@ -98,58 +98,71 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
-    lines = [_("Adopted: {what}").format(what=", ".join(found.adoptable))]
-    lines += [_("Machine file, before -> after:"), *found.changes] if found.changes else []
-    lines += [_("Not adopted: {why}").format(why=why) for why in found.refused]
-    lines.append(_("The running job keeps its machine file; the next one may use the new file."))
-    doubtful = [cause for cause in found.causes if tied(cause) and cause.id in found.adoptable]
-    if doubtful:
-        _ask_which(page, found, doubtful, lines)
+    _ask_next(page, found, undecided(found), ())
+
+
+NONE = ""
+
+
+def _ask_next(page: DiagnosisScreen, found: Found, open_: tuple[CauseShown, ...], picked: tuple[str, ...]) -> None:
+    """One undecided cause after the other: none of them is taken up unless the operator picks it by its name."""
+    if not open_:
+        _ask_why(page, found, picked)
         return
-
-    def answer(yes: bool | None) -> None:
-        if yes:
-            page.write(_("The new machine file"), partial(page.served.adopt, found, Adoption()), True)
-
-    page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
-
-
-WITH, WITHOUT = "with", "without"
-
-
-def _ask_which(page: DiagnosisScreen, found: Found, doubtful: list[CauseShown], lines: list[str]) -> None:
-    """Causes that the data cannot tell apart are not taken up by an Enter alone: which, and why, is asked."""
+    cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
-    choices = [Choice(WITH, _("the likeliest: {causes}").format(causes=", ".join(
-        f"{words.title(cause)} {words.percent(cause.probability)}" for cause in doubtful)))]
-    choices += [Choice(rival.id, f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
-                for cause in doubtful for rival in cause.rivals]
-    sure = [one for one in found.adoptable if one not in {cause.id for cause in doubtful}]
-    nothing = "" if sure else _("then there is nothing to adopt")
-    choices.append(Choice(WITHOUT, _("none of these, only what is sure: {causes}").format(
-        causes=", ".join(sure) or "--"), nothing))
+    choices = (Choice(NONE, _("none of these: the next test is driven first")),
+               Choice(cause.id, f"{words.title(cause)} {words.percent(cause.probability)}"),
+               *(Choice(f"rival {rival.id}", f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
+                 for rival in cause.rivals))
 
-    def which(value: str | None) -> None:
-        if value is None:
-            return
+    def answer(value: str | None) -> None:
+        if value is not None:
+            _ask_next(page, found, rest, (*picked, value) if value != NONE else picked)
 
+    title = _("Undecided: this is only suspected. Is it adopted all the same?")
+    if cause.rivals:
+        title = _("Undecided: this data cannot tell these apart. Is one of them adopted all the same?")
+    page.app.push_screen(ChoiceDialog(title, choices, ""), answer)
+
+
+def _ask_why(page: DiagnosisScreen, found: Found, picked: tuple[str, ...]) -> None:
+    """What was picked against the data's silence is written with its reason."""
+    ids = with_picked(found, picked)
+    if not ids:
+        page.app.notice(_("nothing is adopted: the next test decides"))
+    elif not picked:
+        _ask_to_write(page, found, Adoption(ids))
+    else:
         def why(text: str | None) -> None:
             if text is not None:
-                chosen = Adoption(value == WITH, text)
-                page.write(_("The new machine file"), partial(page.served.adopt, found, chosen), True)
+                _ask_to_write(page, found, Adoption(ids, text))
 
         page.app.push_screen(NameDialog(_("Why this one?"), "", _("It is kept in the machine file, for whoever reads "
                                                                   "it later.")), why)
 
-    dialog = ChoiceDialog(_("This data cannot tell them apart: which one is adopted?"), choices, "", "\n".join(lines))
-    dialog.at = 0 if nothing else len(choices) - 1
-    page.app.push_screen(dialog, which)
+
+def _ask_to_write(page: DiagnosisScreen, found: Found, chosen: Adoption) -> None:
+    offer = offer_of(found, chosen.ids)
+    left = [words.title(one) for one in undecided(found) if one.id not in chosen.ids]
+    lines = [_("Adopted: {what}").format(what=", ".join(words.adopted_title(found, one) for one in chosen.ids))]
+    lines += [_("Machine file, before -> after:"), *offer.changes] if offer is not None and offer.changes else []
+    lines += [_("Not adopted, undecided: {what}").format(what=", ".join(left))] if left else []
+    lines += [_("Not adopted: {why}").format(why=why) for why in found.refused]
+    lines.append(_("The running job keeps its machine file; the next one may use the new file. Z takes it back."))
+
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.write(_("The new machine file"), partial(page.served.adopt, found, chosen), True)
+
+    page.app.push_screen(Confirm(_("Write a new machine file?"), "\n".join(lines)), answer)
 
 
 def take_back(page: DiagnosisScreen) -> None:
-    """Of the machine file that is held against."""
+    """Of the machine file that was adopted here, else of the one that is held against."""
+    machine = page.adopted or page.machine
     try:
-        lines = page.served.last_change(page.machine)
+        lines = page.served.last_change(machine)
     except (ValueError, OSError) as error:
         page.app.notice(str(error))
         return
@@ -159,7 +172,7 @@ def take_back(page: DiagnosisScreen) -> None:
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The new machine file"), partial(page.served.take_back, page.machine), True)
+            page.write(_("The machine file without it"), partial(page.served.take_back, machine), True)
 
     text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
     page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
@@ -213,10 +226,10 @@ ACTIONS = (
     Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
            next_view, DIAGNOSIS, 5),
     Action("dia_adopt", "k", "K", N_("adopt"),
-           N_("Writes a new machine file with what was found; asked once. The running job keeps its own."), adopt,
-           DIAGNOSIS, 6, why=why_not_found),
+           N_("Writes a new machine file with what is decided, and what you pick by name; Z takes it back."),
+           adopt, DIAGNOSIS, 6, why=why_not_found),
     Action("dia_back", "z", "Z", N_("take back"),
-           N_("Writes the machine file without what a diagnosis changed last; asked once."), take_back, DIAGNOSIS),
+           N_("Writes the machine file without what was adopted last; asked once."), take_back, DIAGNOSIS),
     Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
            why=why_not_found),
     Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,

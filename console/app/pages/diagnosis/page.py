@@ -59,6 +59,7 @@ class DiagnosisScreen(Page):
         self.at = 0                                 # chosen file
         self.machine: str | None = None             # None: the one that the data names
         self.machines: tuple[str, ...] = ()
+        self.adopted = ""                           # the machine file that was written here last
         self.found: tuple[Found, ...] = ()          # the log's, then that of its separating run
         self.which = 0                              # the one that is shown
         self.cause = 0
@@ -182,6 +183,7 @@ class DiagnosisScreen(Page):
             at = views.index(self.see) + 1 if self.see in views else 1
             wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
                       ("dia_adopt", "", bool(found.adoptable), found.verdict in ("named", "unexplained")),
+                      ("dia_back", "", bool(self.adopted), False),
                       ("dia_report", "", True, False), ("dia_data", "", True, False)]
             if found.next_run is not None:
                 wanted += [("dia_run_file", "", run, False), ("dia_drive", "", run, found.verdict == "ambiguous")]
@@ -231,7 +233,11 @@ class DiagnosisScreen(Page):
             self.said = str(error)
         else:
             self.said = ""
-            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), path), read)
+            text = path
+            if machine:
+                self.adopted = path
+                text = f"{path}\n{_('Z on the Diagnosis page takes the last change of it back.')}"
+            self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
         self.look()
 
     # --- long work -------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from console.app.pages.diagnosis.data import (
     Export,
     Found,
     GainShown,
+    Offer,
     OpenQuestions,
     RivalShown,
     RunPlan,
@@ -63,13 +64,19 @@ def sample_found(verdict: str = "ambiguous") -> Found:
         "20260317-134500.csv", "/data/logs/20260317-134500.csv", "run", "huanghai", 48_240, 2412.0, "ambiguous",
         (_FILL, _SAG), _CHANNELS, (), (GainShown("shaft", "rmse, r/min", 1.91, 0.288),), (),
         RunPlan("stairs", "Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice.", 10.0),
-        ("flow.fill_falloff", "shaft.voltage_sag"), (), 17, None, "/tmp/made-up")
+        ("flow.fill_falloff", "shaft.voltage_sag"), (), 17, None, "/tmp/made-up", offers=(
+            Offer(("shaft.voltage_sag",), "machine-0.yaml", ("  shaft.voltage_sag: 0 -> 3.1 % lost per V",)),
+            Offer(("flow.fill_falloff", "shaft.voltage_sag"), "machine-1.yaml", (
+                "  flow.fill_falloff: 0 -> 12.4 % lost at 100 r/min", "  shaft.voltage_sag: 0 -> 3.1 % lost per V"))))
     if verdict == "named":
         return found._replace(source="separating.csv", rows=10_000, duration_s=500.0, verdict="named",
                               causes=(_FILL._replace(rivals=(), probability=0.97),), next_run=None,
-                              adoptable=("flow.fill_falloff",), planted=("flow.fill_falloff=12",))
+                              adoptable=("flow.fill_falloff",), offers=(
+                                  Offer(("flow.fill_falloff",), "machine-0.yaml", found.offers[1].changes[:1]),),
+                              planted=("flow.fill_falloff=12",))
     if verdict == "none":
-        return found._replace(verdict="none", causes=(), gains=(), next_run=None, adoptable=(), channels=tuple(
+        return found._replace(verdict="none", causes=(), gains=(), next_run=None, adoptable=(), offers=(),
+                              channels=tuple(
             one._replace(error=one.noise, after=None, structure=False) for one in _CHANNELS))
     return found
 
@@ -118,8 +125,7 @@ class MadeUpDiagnosis:
             raise ValueError(self.refuse)
 
     def adopt(self, found: Found, chosen: Adoption) -> str:
-        which = "" if chosen == Adoption() else f" {'with' if chosen.doubtful else 'without'}: {chosen.why}"
-        self.asked.append(f"adopt {', '.join(found.adoptable)}{which}")
+        self.asked.append(f"adopt {', '.join(chosen.ids)}" + (f": {chosen.why}" if chosen.why else ""))
         return "/data/machines/huanghai-2026-03-18.yaml"
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:

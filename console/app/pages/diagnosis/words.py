@@ -188,6 +188,11 @@ def title(cause: CauseShown) -> str:
     return _(cause.title) + which
 
 
+def adopted_title(found: Found, name: str) -> str:
+    """Of an id that may be adopted: a cause by its title, a term by its id."""
+    return next((title(one) for one in found.causes if one.id == name), name)
+
+
 def number(value: float, digits: int = 3) -> str:
     """As many digits as one reads at a glance, no powers of ten."""
     if value == 0.0 or abs(value) < 1e-6:

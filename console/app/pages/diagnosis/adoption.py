@@ -1,0 +1,42 @@
+"""What of a diagnosis a machine file takes up with an Enter, and what only where the operator picks it by name."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain, combinations
+
+from console.app.pages.diagnosis.data import CauseShown, Found, Offer
+from console.reports.words import headlined, tied
+
+MOST_TOGETHER = 4           # undecided causes of which any may be picked together; of more, one at a time
+
+
+def undecided(found: Found) -> tuple[CauseShown, ...]:
+    """Those that could be adopted and are not decided: the data cannot tell them from others, or they are suspected
+    only."""
+    return tuple(one for one in found.causes if one.id in found.adoptable and (tied(one) or not headlined(one)))
+
+
+def sure(found: Found) -> tuple[str, ...]:
+    """Ids that are adopted with an Enter."""
+    open_ = {one.id for one in undecided(found)}
+    return tuple(one for one in found.adoptable if one not in open_)
+
+
+def with_picked(found: Found, picked: tuple[str, ...]) -> tuple[str, ...]:
+    """Ids of what is sure and what was picked, in their order."""
+    return tuple(one for one in found.adoptable if one in sure(found) or one in picked)
+
+
+def selections(found: Found) -> Iterator[tuple[str, ...]]:
+    """Every set of ids that the operator can come to: one machine file each."""
+    names = tuple(dict.fromkeys(one.id for one in undecided(found)))
+    most = len(names) if len(names) <= MOST_TOGETHER else 1
+    for picked in chain.from_iterable(combinations(names, count) for count in range(most + 1)):
+        ids = with_picked(found, picked)
+        if ids:
+            yield ids
+
+
+def offer_of(found: Found, ids: tuple[str, ...]) -> Offer | None:
+    """The machine file that takes these up; None where there is none."""
+    return next((one for one in found.offers if set(one.ids) == set(ids)), None)
