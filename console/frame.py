@@ -111,6 +111,7 @@ class Frame:
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
     strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
+    consoles: int = 0                             # that keep the machine working now; 0: not told
 
 
     @property

@@ -77,6 +77,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     TITLE = "topdress"
     ENABLE_COMMAND_PALETTE = False         # Textual's own key for it would pass by the lock
     BINDINGS: ClassVar = bindings(ACTIONS)
+    keeps_working: ClassVar[bool] = True   # the machine is held where no such console is open
 
     def __init__(self, source: FrameSource | None, clock: Callable[[], float] = time.monotonic, *,
                  start: Connect | None = None, attach: Connect | None = None, replay: ReplayJob | None = None,
@@ -111,6 +112,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._supervisor: Worker[None] | None = None
         self._restarting = False
         self._earlier_of = ""
+        self._consoles = 0                  # as the newest frame had them
         for one in themes.THEMES:
             self.register_theme(one)
         self.theme = themes.DAY.name
@@ -224,6 +226,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         now_s = self.clock()
         if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
             self.history.add(self.arrival.frame)
+            self._note_consoles(self.arrival.frame)
             self._note_alarms(self.arrival.frame, now_s)
             for page in self.pages.values():
                 page.gather(self.arrival.frame)
@@ -245,6 +248,12 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._until_first.stop()
             self.page.hurry()
             self.tick()
+
+    def _note_consoles(self, frame: Frame) -> None:
+        """Another console that ended, or was ended, is said by those that are left."""
+        before, self._consoles = self._consoles, frame.consoles
+        if 0 < frame.consoles < before:
+            self.notice(_("another console has ended or is silent; open now: {count}").format(count=frame.consoles))
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of and self.services.job is not None:
@@ -416,6 +425,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.arrival, self.alarm_book = Arrival(), AlarmBook()
         self.history = History()
         self._earlier_of = ""
+        self._consoles = 0
         self.undo.forget()
         self._supervise()
         self.page.hurry()

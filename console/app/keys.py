@@ -219,6 +219,11 @@ def leave(app: TopdressApp) -> None:
             app.exit()
 
     text = _("The machine works: it is held after 2 s without console.")
+    told = frame.consoles if frame is not None else 0
+    if told - app.keeps_working > 0:
+        text = _("The machine works, and goes on: another console is open and keeps it working.")
+    elif not told:
+        text = _("The machine works: it is held after 2 s, unless another console is open.")
     app.push_screen(Confirm(_("Leave the console?"), text), answer)
 
 

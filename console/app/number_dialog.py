@@ -78,7 +78,9 @@ class NumberDialog(Dialog[float | None]):
         said.update(f"! {wrong}")
         said.set_class(bool(wrong), "-refused")
         said.display = bool(wrong)
-        self.query_one("#yes", Button).label = f"{_('Enter')}  {self.yes_label()}"
+        take = self.query_one("#yes", Button)
+        take.label = f"{_('Enter')}  {self.yes_label()}"
+        take.refresh(layout=True)               # as wide as it says
 
     def on_key(self, event: events.Key) -> None:
         named = {"backspace": "back", "delete": "C", "kp_decimal": ".", "kp_separator": ","}.get(event.key, "")

@@ -104,6 +104,7 @@ class TabletApp(TopdressApp):
     """link_to: a link to the worker that runs; its errors are one line (OSError, RuntimeError). key: see `Key`."""
 
     BINDINGS: ClassVar = [Binding("asterisk", "tab_key", show=False)]
+    keeps_working: ClassVar[bool] = False
 
     def __init__(self, source: FrameSource | None, link_to: LinkTo, key: Key, **options: Any) -> None:
         self.looking = True

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import socket
 from enum import Enum, auto
+from math import inf
 
 from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS, SEND_BUFFER_BYTES, UNREAD_BYTES
 
@@ -41,6 +42,7 @@ class Client:
         self.kind = Kind.NEW
         self.patience = Patience(came_s)
         self.aside_s: float | None = None          # since when it is not heard any more; None: it is heard
+        self.alive_s = -inf                        # when it last said that it is a console that lives
         self.gone = False
         self._received = bytearray()
         self._unsent = bytearray()

@@ -55,6 +55,7 @@ class Host:
     def __init__(self, assembly: Assembly, clock: Callable[[], float], sleep: Callable[[float], None], *,
                  hz: float = HZ_DEFAULT, orphan_s: float = ORPHAN_S) -> None:
         self.newest: Frame | None = None
+        self.consoles = 0                            # that said that they live, of late; told by the link
         self.ended = ""                              # why the run ended; empty while it runs
         self.period = Punctuality(1.0 / hz)
         self._bench, self._loop, self._writer, self._names, self._keeper = assembly
@@ -259,7 +260,7 @@ class Host:
         return Frame(
             seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
             simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),
-            tally=None if self._keeper is None else self._keeper.tally, **told)
+            consoles=self.consoles, tally=None if self._keeper is None else self._keeper.tally, **told)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}

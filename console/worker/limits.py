@@ -26,6 +26,7 @@ ACCEPTS_A_TURN = 4           # let in at each turn: 200 a second, so a new one h
 REFUSALS = 8                 # a client without the token that was refused that often is put aside ...
 REFUSAL_AGAIN_S = 1.0        # ... one more is forgiven every second
 ASIDE_S = 2.0                # and then disconnected; at once it would only come back sooner
+CONSOLE_S = 2.0              # a console that said nothing for that long keeps nothing working, as safety has it
 HELLO_S = 2.0                # who said nothing for that long is disconnected
 LOCK_S = 2.0                 # a worker waits that long for one that is about to end
 SEND_BUFFER_BYTES = 16_384   # of each socket: bounds how old the frames are that a stalled client finds

@@ -30,6 +30,7 @@ from console.worker.limits import (
     CLIENTS_LOOKING,
     CLIENTS_NEW,
     CLIENTS_WITH_KEY,
+    CONSOLE_S,
     HELLO_S,
     LINE_BYTES,
     LINES_A_TURN,
@@ -213,6 +214,7 @@ class LinkServer(threading.Thread):
             client.gone = True
             return
         if request.what is Ask.ALIVE:
+            client.alive_s = self._clock()
             self._host.console_heard()
         if request.what in (Ask.ALIVE, Ask.LOOK):
             client.send(wire.answered(request.id, Answer(True), {}))
@@ -238,6 +240,8 @@ class LinkServer(threading.Thread):
         self._answers.append((client, wire.answered(number, answer, extra)))
 
     def _tell(self) -> None:
+        late_s = self._clock() - CONSOLE_S
+        self._host.consoles = sum(1 for client in self._clients if client.alive_s > late_s and not client.gone)
         while self._answers:
             client, data = self._answers.popleft()
             client.send(data)

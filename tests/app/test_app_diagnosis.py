@@ -151,7 +151,7 @@ async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk
         await pilot.press(*"flutes", "space", *"worn", "enter")
         await pilot.pause()
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
-        text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
+        text = desk.screen.text
         assert "Adopted: Flutes fill less at high shaft speed, Shaft loses speed" in text
         assert "flow.fill_falloff: 0 -> 12.4 %" in text and "The running job keeps its machine file" in text
         await pilot.press("enter")
@@ -184,13 +184,13 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
         assert page.adopted == "/data/machines/bench-2026-03-19.yaml"
 
 
-async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service, shown):
+async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("k", "enter")
         await pilot.pause()
         assert isinstance(desk.screen, Confirm)
-        text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
+        text = desk.screen.text
         assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
         assert "Not adopted, undecided: Flutes fill less at high shaft speed" in text
         await pilot.press("enter")

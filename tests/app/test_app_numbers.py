@@ -120,12 +120,13 @@ def yes(app):
 
 
 @pytest.mark.parametrize(("text", "kg"), [("12,5", 12.5), ("12.5", 12.5), ("１２，５", 12.5), ("12。5", 12.5)])
-async def test_a_refill_with_a_comma_is_that_refill(app, source, text, kg):
-    async with app.run_test(size=SIZE) as pilot:
+async def test_a_refill_with_a_comma_is_that_refill(app, source, shown, text, kg):
+    async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("f")
         await pilot.pause()
         await typed(app, pilot, text)
-        assert "take 12.5 kg" in yes(app)
+        await pilot.pause()
+        assert "Enter  take 12.5 kg" in "\n".join(shown(app)), "seen whole, not only said"
         await pilot.press("enter")
         await pilot.pause()
         assert source.orders == [Order(Do.REFILL, kg)] and app.notice_text == "filled in: 12.5 kg"

@@ -136,7 +136,7 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
         await pilot.pause()
         app.look()
         await pilot.pause()
-        assert "this console has joined a machine" in "\n".join(shown(app))
+        assert "joined a machine that ran already" in "\n".join(shown(app))
 
 
 async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
@@ -154,3 +154,29 @@ async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
         await pilot.press("escape", "f")
         await pilot.pause()
         assert app.screen.high == 250.0
+
+
+# --- other consoles ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("consoles", "said"), [
+    (0, "held after 2 s, unless another console is open"), (1, "held after 2 s without console"),
+    (2, "goes on: another console is open and keeps it working")])
+async def test_leaving_says_what_becomes_of_the_machine(app, source, consoles, said):
+    in_state(source, "working", consoles=consoles)
+    async with app.run_test(size=(80, 24)) as pilot:
+        app.tick()
+        await pilot.press("ctrl+q")
+        await pilot.pause()
+        assert said in app.screen.text
+
+
+async def test_a_console_that_ends_is_said_by_the_other(app, source):
+    in_state(source, "working", consoles=2)
+    async with app.run_test(size=(80, 24)) as pilot:
+        app.tick()
+        assert app.notice_text == ""
+        in_state(source, "working", consoles=1)
+        app.tick()
+        await pilot.pause()
+        assert app.notice_text == "another console has ended or is silent; open now: 1"

@@ -72,6 +72,18 @@ async def test_attach_and_order(running, attach, log_of):
     assert log_of(where)[-1] == {"end": True} and log_of(where)[-2]["state"] == "off"
 
 
+async def test_the_frame_tells_how_many_consoles_keep_the_machine_working(running, attach):
+    """Those that only look are none of them; one that is killed is no longer counted."""
+    where = running()
+    first = await attach(where)
+    await until(lambda: first.newest.consoles == 1)
+    second = await attach(where)
+    await attach(where.looking_only())
+    await until(lambda: first.newest.consoles == 2)
+    second.task.cancel()
+    await until(lambda: first.newest.consoles == 1)
+
+
 async def test_frames_come_at_twenty_hertz_and_the_worker_hears_of_us(running, attach, log_of):
     where = running("--hz", "100")
     link = await attach(where)

@@ -8,6 +8,7 @@ from console.app.field_picture import FieldPicture
 from console.app.pages.job.desk import Facts
 from console.app.pages.job.map_words import is_doubtful, map_words
 from console.app.to_finish import to_finish
+from console.app.typed_number import in_words
 from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
@@ -45,7 +46,7 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     else:
         found += [*_who(facts), _crop(facts), *_growth(facts), _strip(facts, frame), *_response(facts, frame),
                   *_product(facts), _limits(facts, units), _field(facts, units), *_map(facts, units), _machine(facts)]
-    found += [_hopper(frame, units), _log(frame, free_bytes)]
+    found += [_hopper(frame, age_s, units), _log(frame, free_bytes)]
     return tuple(found)
 
 
@@ -240,10 +241,12 @@ def _machine(facts: Facts) -> Check:
     return Check(label, OK, facts.machine, (facts.machine_file,))
 
 
-def _hopper(frame: Frame | None, units: Units) -> Check:
+def _hopper(frame: Frame | None, age_s: float, units: Units) -> Check:
     label = _("hopper")
     if frame is None or frame.row.hopper_kg is None:
         return Check(label, LOOK, _("no scale: fill level not known"))
+    if age_s > STALE_S:
+        return Check(label, LOOK, _("was {state}").format(state=units.mass.full(frame.row.hopper_kg)))
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
     return Check(label, LOOK if low else OK, units.mass.full(frame.row.hopper_kg))
 
@@ -306,5 +309,6 @@ def refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str
     """Each refill with its time of day, the newest first."""
     if frame is None or frame.tally is None:
         return ()
-    return tuple(f"{wall_clock(utc, utc_offset_s)}  {units.mass.full(kg)}" for utc, kg in reversed(frame.tally.refills))
+    return tuple(f"{wall_clock(utc, utc_offset_s)}  {in_words(units.mass, round(kg, 1))}"
+                 for utc, kg in reversed(frame.tally.refills))
 

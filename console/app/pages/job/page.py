@@ -125,7 +125,7 @@ class JobScreen(Page):
         if self.progress:
             notes.append(JobNote(f"{self.progress}   {_('Esc cancels')}", True))
         if self.app.joined is not None:
-            notes.append(JobNote(_("this console has joined a machine that ran already; what it runs with is shown")))
+            notes.append(JobNote(_("joined a machine that ran already: its files are shown")))
         tally = frame.tally if frame is not None else None
         if tally is not None and tally.log_before:
             notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
