@@ -8,7 +8,8 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import Any, TypeVar
 
 import typer
@@ -31,6 +32,7 @@ def guarded(command: F) -> F:
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
+            _refuse_no_numbers(kwargs)
             return command(*args, **kwargs)
         except ConfigError as error:
             for line in error.lines:
@@ -56,6 +58,14 @@ def guarded(command: F) -> F:
             typer.echo(f"a fault of topdress: {type(error).__name__}: {said}; {_kept_trace()}", err=True)
             raise typer.Exit(OUR_FAULT) from None
     return run  # type: ignore[return-value]
+
+
+def _refuse_no_numbers(given: Mapping[str, Any]) -> None:
+    """nan and inf, which Python reads as numbers, are none that an option takes. Raises CommandError."""
+    for name, value in given.items():
+        for one in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(one, float) and not isfinite(one):
+                raise CommandError(f"--{name.replace('_', '-')} {one}: allowed is a number, not {one}")
 
 
 def _kept_trace() -> str:
