@@ -7,7 +7,6 @@ for _name in ("NO_COLOR", "TEXTUAL_THEME"):          # textual reads them when i
     os.environ.pop(_name, None)
 
 import pytest  # noqa: E402
-from textual import _wait  # noqa: E402
 
 from console.app import sample  # noqa: E402
 from console.app.app import TopdressApp  # noqa: E402
@@ -15,13 +14,6 @@ from console.app.gallery import Picture, StillClock, StillSource, still_app  # n
 from console.app.replay_job import ReplayJob  # noqa: E402
 from console.app.replay_source import ReplaySource  # noqa: E402
 from console.locale import ENGLISH, use  # noqa: E402
-
-
-@pytest.fixture(autouse=True)
-def _idle_is_seen_soon(monkeypatch):
-    """A pilot's pause ends when the process works hardly any more. Textual asks every 20 ms; here it is every 5."""
-    monkeypatch.setattr(_wait, "SLEEP_GRANULARITY", 0.25 * _wait.SLEEP_GRANULARITY)
-    monkeypatch.setattr(_wait, "SLEEP_IDLE", 0.25 * _wait.SLEEP_IDLE)
 
 
 @pytest.fixture(autouse=True)
