@@ -187,7 +187,7 @@ def test_a_shaft_that_turns_without_a_dose_is_an_alarm(bench: Setup) -> None:
     ticks = [step.tick for step in simulated_run(plant, loop, 45.0)]       # type: ignore[arg-type]
     alarms = {tick.row.time_s: tick.row.alarms or "" for tick in ticks}
     assert not any(text for at, text in alarms.items() if at < 30.0), "doses alone raise none"
-    assert any("rate_far_off" in text for at, text in alarms.items() if 32.0 < at < 43.0)
+    assert any("shaft_turns" in text for at, text in alarms.items() if 30.0 < at < 33.0)
 
 
 def test_the_speed_limit_is_shown_when_it_is_exceeded(bench: Setup) -> None:
