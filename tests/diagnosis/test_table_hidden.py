@@ -82,11 +82,12 @@ NULLS: dict[str, Callable[[np.random.Generator], Table]] = {
     "place": lambda rng: place_table(rng)}
 
 
-@pytest.mark.parametrize("tables", [50, pytest.param(300, marks=pytest.mark.exam)])
+# Of 50 tables three are within the chance of 2 % (8 in 100 such samples have as many); 300 are held to it.
+@pytest.mark.parametrize(("tables", "most"), [(50, 3), pytest.param(300, FALSE_ALARMS * 300, marks=pytest.mark.exam)])
 @pytest.mark.parametrize("kind", NULLS)
-def test_noise_alone_is_called_nothing(kind: str, tables: int) -> None:
+def test_noise_alone_is_called_nothing(kind: str, tables: int, most: float) -> None:
     said = [diagnose_tables([NULLS[kind](np.random.default_rng(seed))], MACHINE).verdict for seed in range(tables)]
-    assert sum(verdict != "none" for verdict in said) <= FALSE_ALARMS * tables, said
+    assert sum(verdict != "none" for verdict in said) <= most, said
 
 
 def diagnosed(table: Table) -> Diagnosis:

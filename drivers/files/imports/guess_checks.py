@@ -104,7 +104,7 @@ def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64
             _scaled(command, physics.slope(columns[command], columns[reading]), bare, out)
         found = physics.answer(columns[command], columns[reading])
         if found is not None and found.strength >= physics.LEAST_CORRELATION:
-            if found.lag < 0:
+            if found.lag < 0 and command in DRIVEN:      # a rate may come before its target: a look-ahead set too long
                 out.doubts.append(Doubt(key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"))
             elif found.lag == 0 and command in DRIVEN:
                 _answer_in_row(out, f"{reading} moves in the very row in which {command} does: does a row hold a "
