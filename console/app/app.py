@@ -288,7 +288,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         limits = await asyncio.to_thread(desk.at_work, log_path)
         if limits is not None:
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
-            limit_rates(self)
+            store = self.services.settings
+            limit_rates(self, None if store is None else store.settings.manual_rate)
         earlier = await asyncio.to_thread(desk.earlier, log_path)
         if earlier is not None:
             self.alarm_book.add_before(earlier.alarms)

@@ -16,7 +16,7 @@ from console.app.pressed import ALWAYS_STOP
 from console.app.units import UNITS
 from console.locale import _, preferred, use
 from control.orders import Severity
-from drivers.files.settings import Settings
+from drivers.files.settings import ManualRate, Settings
 from drivers.files.settings_theme import ThemeData
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     app.use_keymap({} if trouble and keymap_problem(settings.keymap) else settings.keymap)
     app.sound = settings.sound
     app.sounds = {STROKES[Severity.RED]: settings.sounds.alarm, STROKES[Severity.AMBER]: settings.sounds.caution}
-    limit_rates(app)
+    limit_rates(app, settings.manual_rate)
     rates = settings.console
     for page in app.pages.values():
         page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
@@ -107,11 +107,9 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     return trouble
 
 
-def limit_rates(app: TopdressApp) -> None:
-    """What a manual rate may be: the crop's range, and within it that of the settings."""
+def limit_rates(app: TopdressApp, own: ManualRate | None) -> None:
+    """What a manual rate may be: the crop's range, and within it the settings' own."""
     low, high = app.crop_limits_kg_ha
-    store = app.services.settings
-    if store is not None:
-        own = store.settings.manual_rate
+    if own is not None:
         low, high = min(max(low, own.low_kg_ha), high), min(high, own.high_kg_ha)
     app.limits_kg_ha = low, high

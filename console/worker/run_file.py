@@ -32,6 +32,7 @@ class Right:
         self.path = path
         self._lock, self._new = lock, new
         self._taken_s = time.monotonic()
+        self._refused = False
 
     def keep(self) -> None:
         """Lock the file anew where it was removed; the lock on the old one is kept until then. Raises OSError."""
@@ -51,10 +52,13 @@ class Right:
         """
         if self._new:
             time.sleep(max(0.0, self._taken_s + 2.0 * MENDED_S - time.monotonic()))
+        self._refused = True                # until it is known that the run file is nobody else's
         _refuse_second(self.path)
+        self._refused = False
 
     def give_back(self) -> None:
-        _remove(self.path)
+        if not self._refused:
+            _remove(self.path)
         self.let_go()
 
     def let_go(self) -> None:
@@ -69,7 +73,8 @@ def held(path: Path) -> Iterator[Right]:
     Raises BlockingIOError in one line where another worker has that right, OSError.
     """
     private_folder(path.parent)
-    new = not path.with_suffix(".lock").exists()
+    # A console that looked may have made the lock's file anew: where no file says who listens, nobody may be believed.
+    new = not path.with_suffix(".lock").exists() or not path.exists()
     right = Right(path, _lock(path), new)
     try:
         _refuse_second(path)
