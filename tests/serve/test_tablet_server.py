@@ -135,7 +135,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
 @pytest.mark.exam
 @posix
 async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp_path):
-    """The order is taken, but two seconds later the worker holds: no console on the machine says that it lives."""
+    """The order is taken, but two seconds after the last word of a console the worker holds: no order puts that off."""
     where, _address = served
     tab = TabLink(where)
     task = asyncio.create_task(tab.run())
@@ -149,7 +149,7 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
             if tab.newest.row.state == "ready":
                 await asyncio.sleep(0.3)
                 await tab.order(Order(Do.START), 5.0)
-    assert time.monotonic() - heard > 1.0
+    assert time.monotonic() - heard < 4.0
     task.cancel()
 
 
