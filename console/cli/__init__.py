@@ -11,6 +11,7 @@ import typer
 from console.cli import (
     calibrate,
     check,
+    compare,
     decode,
     devices,
     diagnose,
@@ -66,6 +67,7 @@ _add(app, "run", run.run)
 _add(app, "replay", replay.replay)
 _add(app, "simulate", simulate.simulate)
 _add(app, "diagnose", diagnose.diagnose)
+_add(app, "compare", compare.compare)
 _add(app, "watch", watch.watch)
 _add(app, "fleet", fleet.fleet)
 _add(app, "history", history.history)

@@ -8,6 +8,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
                  "topdress simulate --seconds 3600 --out run.csv --effect shaft.gain=-6"),
     "diagnose": ("topdress diagnose run.csv", "topdress diagnose run.csv --report why.html --adopt mended.yaml",
                  "topdress diagnose lag.csv catch.csv --machine huanghai"),
+    "compare": ("topdress compare huanghai mended.yaml other-day.csv",
+                "topdress compare old.yaml new.yaml a.csv b.csv --report compared.html"),
     "watch": ("topdress watch run.csv", "topdress watch planter.csv --machine planter --to-end"),
     "fleet": ("topdress fleet season --out report --price 2.8",
               "topdress fleet s3://farm/logs/*.parquet --out report --scheduler tcp://barn:8786"),

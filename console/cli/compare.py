@@ -1,0 +1,104 @@
+"""`topdress compare`: the errors of two machine files on logs that neither was fitted to."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
+from console.cli.plain_errors import NOT_JUDGED
+from console.cli.progress_line import ProgressLine
+
+if TYPE_CHECKING:
+    from control.diagnosis.runs.compared import Compared
+    from control.machine.machine import Machine
+
+
+def compare(
+    old: Annotated[str, typer.Argument(metavar="OLD.yaml", help="Machine file, or name of a shipped one.")],
+    new: Annotated[str, typer.Argument(metavar="NEW.yaml", help="The machine file that is held against it.")],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of that machine that neither file was "
+                                               "fitted to.")],
+    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON on standard output.")] = False,
+    report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
+    force: Force = False,
+) -> None:
+    """Say which of two machine files predicts logs better: the error of each, channel by channel, and the difference.
+
+    Exit code 3: no channel of any log could be held against both.
+    """
+    from drivers.files.config import load
+    from drivers.files.imports.trouble import ImportTrouble
+    from drivers.files.kinds import MACHINE
+    machines = [load(name, MACHINE).model for name in (old, new)]
+    reads = [*(file for log in logs for file in log_files(log)), *(named(name, MACHINE.folder) for name in (old, new))]
+    outputs: list[Output] = [] if report is None else [marked(report, _generator())]
+    refuse_collisions(reads, outputs, force)
+    try:
+        found = _compared(logs, machines[0], machines[1], new)
+    except ImportTrouble as trouble:
+        for line in trouble.lines:
+            typer.echo(line, err=True)
+        raise typer.Exit(2) from None
+    _write(found, old, new, as_json, report)
+    if not any(one.channels for _, one in found):
+        raise typer.Exit(NOT_JUDGED)
+
+
+def _generator() -> bytes:
+    from console.reports.html import GENERATOR
+    return GENERATOR.encode()
+
+
+def _compared(logs: list[Path], old: Machine, new: Machine, name: str) -> list[tuple[str, Compared]]:
+    from control.diagnosis.runs.compared import compared
+    from drivers.files.any_log import open_log
+    line, found = ProgressLine(), []
+    try:
+        for number, path in enumerate(logs):
+            def step(share: float, word: str, number: int = number, path: Path = path) -> None:
+                done = 100.0 * (number + share) / len(logs)
+                line.tell(f"{done:3.0f} % {path.name} {word} (Ctrl-C cancels)")
+            log = open_log(path)
+            one = compared(dict(log.columns), old, new, step if line.shown else _silent)
+            line.end()
+            notes = [*map(str, log.findings), *one.findings, *_fitted_to(path, old, new)]
+            for finding in dict.fromkeys(notes):
+                typer.echo(f"note: {path}: {finding}", err=True)
+            if not one.channels:
+                typer.echo(f"note: {path}: no channel of it could be held against {name}", err=True)
+            found.append((str(path), one))
+    finally:
+        line.end()
+    return found
+
+
+def _silent(share: float, word: str) -> None:
+    pass
+
+
+def _fitted_to(path: Path, *machines: Machine) -> list[str]:
+    """Said of a log that one of the files was made from: its own error there says nothing about other logs."""
+    from drivers.files.config import sha256_of
+    own = {sha for machine in machines for sha in (
+        *(one.sha256 for one in machine.adopted), *(one.sha256 for one in machine.history),
+        *(term.source.sha256 for term in machine.terms)) if sha}
+    if own and path.is_file() and sha256_of(path) in own:
+        return ["a machine file was fitted to this very log: how it does on another log is not seen here"]
+    return []
+
+
+def _write(found: list[tuple[str, Compared]], old: str, new: str, as_json: bool, report: Path | None) -> None:
+    from console.reports.compare_text import plain, summary
+    if as_json:
+        typer.echo(json.dumps(plain(found), indent=1))
+    else:
+        for line in summary(found, old, new):
+            typer.echo(line)
+    if report is not None:
+        from console.reports.compare_page import compare_page
+        from drivers.files.atomic import write_atomically
+        write_atomically(report, compare_page(found, old, new))
+        typer.echo(f"report: {report}", err=True)

@@ -1,0 +1,91 @@
+"""Two machine files held against the same logs, as one HTML page with pictures."""
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from console.reports.compare_text import Logs, interval, verdict
+from console.reports.figure import AFTER, BEFORE, INK, drawn, need_matplotlib, svg
+from console.reports.html import escape, figure, items, page, paragraph, section, table
+from console.reports.numbers import number
+from console.reports.page_style import STYLE
+from console.reports.panels import MEASURED, legend_below, zero_line
+from console.reports.picture import Picture
+from control.diagnosis.runs.compared import ComparedChannel
+
+Array = npt.NDArray[np.float64]
+
+OLD, NEW = "old machine file", "new machine file"
+STRETCH_ROWS = 400          # shown in full: where the two differ most
+TIME_BINS = 60
+ROWS_IN_BIN = 5
+
+
+def compare_page(logs: Logs, old: str, new: str) -> str:
+    """The page. Raises NoPictures, a ValueError with one line, without matplotlib."""
+    need_matplotlib()
+    parts = [f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
+             f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
+             paragraph("Errors are root mean squares of measured less predicted. No size is fitted to these logs: both "
+                       "machine files predict as they stand. The interval is of old less new, 90 %, by blocks of time.",
+                       "dim")]
+    for place, (path, found) in enumerate(logs):
+        rows = [(one.channel, one.unit, number(one.old), number(one.new), interval(one), verdict(one))
+                for one in found.channels]
+        told = table(("channel", "unit", "old", "new", "old less new, 90 %", ""), rows, frozenset({2, 3, 4}))
+        parts.append(section(path, told if rows else paragraph("No channel could be held against both."),
+                             *(figure(picture_of(one, f"compare-{place}-{one.channel}")) for one in found.channels),
+                             items(found.findings) if found.findings else ""))
+    return page(f"{old} against {new}", STYLE, "\n".join(parts))
+
+
+def _in_short(logs: Logs) -> str:
+    channels = [one for _, found in logs for one in found.channels]
+    better = sum(one.low > 0.0 for one in channels)
+    worse = sum(one.high < 0.0 for one in channels)
+    if not channels:
+        return "No channel of these logs could be held against both machine files."
+    alike = len(channels) - better - worse
+    return (f"Of {len(channels)} channels in {len(logs)} log{'s' if len(logs) != 1 else ''} the new machine file "
+            f"predicts {better} better, {worse} worse and {alike} no differently beyond chance.")
+
+
+def picture_of(one: ComparedChannel, name: str) -> Picture:
+    """A stretch in full where the two differ most, and the error of both over the log."""
+    rows = _stretch(one)
+    with drawn(9.4, 3.4, columns=2) as (figure_, grid):
+        left, right = grid[0]
+        left.plot(one.time_s[rows], one.measured[rows], linestyle="none", marker=".", markersize=3.5, color=INK,
+                  alpha=0.55, label=MEASURED)
+        left.plot(one.time_s[rows], one.of_old[rows], color=BEFORE, linestyle="--", linewidth=1.5, label=OLD)
+        left.plot(one.time_s[rows], one.of_new[rows], color=AFTER, linewidth=1.5, label=NEW)
+        left.set_title("where the two differ most")
+        left.set_xlabel("time, s")
+        left.set_ylabel(f"{one.channel}, {one.unit}")
+        zero_line(right)
+        for series, colour, line, label in ((one.of_old, BEFORE, "--", OLD), (one.of_new, AFTER, "-", NEW)):
+            at, errors = _over_time(one.time_s, one.measured - series)
+            right.plot(at, errors, color=colour, linestyle=line, linewidth=1.4, label=label)
+        right.set_title("error, r.m.s. over time")
+        right.set_xlabel("time, s")
+        right.set_ylabel(one.unit)
+        legend_below(figure_, grid)
+        text = svg(figure_, name, escape(f"{one.channel}: measured, and predicted by both machine files"))
+    return Picture(text, f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "
+                         f"{number(one.new)} {one.unit} with the new one: {verdict(one)}.")
+
+
+def _stretch(one: ComparedChannel) -> slice:
+    """Rows of the stretch over which both predictions differ most."""
+    count = min(STRETCH_ROWS, len(one.time_s))
+    total = np.concatenate(([0.0], np.cumsum(np.square(one.of_old - one.of_new))))
+    begin = int(np.argmax(total[count:] - total[:-count])) if count < len(one.time_s) else 0
+    return slice(begin, begin + count)
+
+
+def _over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
+    """Root mean square of errors (m,) in even bins of time: (k,), (k,)."""
+    order = np.argsort(time_s, kind="stable")
+    pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // ROWS_IN_BIN)))
+    return (np.array([float(np.mean(time_s[piece])) for piece in pieces]),
+            np.array([float(np.sqrt(np.mean(np.square(errors[piece])))) for piece in pieces]))

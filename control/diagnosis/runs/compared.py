@@ -1,0 +1,176 @@
+"""Two machine files held against the same log: the error of each channel under either, and the difference."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S
+
+from .channels import ChannelSeries, channels
+from .held_out import HeldOut, errors_of
+from .hypothesis import schedule, stages_of
+from .log import Clean, gate
+from .row_order import moved, order_of
+from .stages import run_data
+
+Array = npt.NDArray[np.float64]
+
+MOST_BLOCKS, LEAST_BLOCKS = 24, 4   # of a channel; of fewer no spread is read
+MEMORIES = 5.0              # a block is so many times as long as errors stay alike: blocks are then nearly independent
+SHARE = 0.90                # of the interval, as everywhere in a diagnosis
+
+
+class ComparedChannel(NamedTuple):
+    """Errors of one channel under both machine files; no size is fitted.
+
+    unit : of all figures. old, new : r.m.s. of measured less predicted. low, high : 90 % interval of old less new by a
+    jackknife over blocks of time, NaN where the log is too short for it. time_s, measured, of_old, of_new : the series
+    (m,) that they are of, for pictures: time in the log, read, predicted by each.
+    """
+
+    channel: str
+    unit: str
+    old: float
+    new: float
+    low: float
+    high: float
+    time_s: Array
+    measured: Array
+    of_old: Array
+    of_new: Array
+
+
+class Compared(NamedTuple):
+    """What one log says of two machine files. findings : plain sentences about the data."""
+
+    channels: tuple[ComparedChannel, ...]
+    findings: tuple[str, ...]
+
+
+class _Predicted(NamedTuple):
+    """A channel's series on its grid, (m,), with its prediction."""
+
+    series: ChannelSeries
+    predicted: Array
+
+
+def compared(columns: Mapping[str, npt.NDArray[Any]], old: Machine, new: Machine,
+             step: Callable[[float, str], None] = lambda share, word: None) -> Compared:
+    """How well two machine files predict a run log, channel by channel, as they stand: nothing is fitted to the log.
+
+    Parameters
+    ----------
+    columns
+        Arrays of shape (n,) by the run log's column names and units, as for `diagnose_run`.
+    old, new
+        The machine files. Rows are put in order, and gaps bridged, as `old` has it, for both alike.
+    step
+        `step(share, word)` is called between channels; it may raise to end the work.
+
+    Returns
+    -------
+    Compared
+        A channel for each that the log can show under both files: shaft (r/min), gate (mm), flow (kg/s, means over 10 s
+        of the scale), scale (kg), speed (wheel less GNSS, m/s), heads (NDVI).
+
+    Raises
+    ------
+    ValueError
+        One line, where there is no time column or fewer rows than a diagnosis needs.
+
+    Examples
+    --------
+    A shaft that turns 4 % faster than its command, and a machine file that knows of it:
+
+    >>> import numpy as np
+    >>> from control.machine.machine import Machine, with_effect
+    >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
+    >>> command = np.where(time_s % 20.0 < 10.0, 40.0, 60.0)
+    >>> columns = {"time_s": time_s, "shaft_rpm_cmd": command, "supply_v": np.full(2400, 13.5),
+    ...            "shaft_rpm": 1.04 * np.roll(command, 4) + 0.3 * rng.standard_normal(2400)}
+    >>> shaft = compared(columns, Machine(), with_effect(Machine(), "shaft.gain", 4.0)).channels[0]
+    >>> shaft.channel, shaft.new < shaft.old, shaft.low > 0.0
+    ('shaft', True, True)
+    """
+    log = gate(columns)
+    log = moved(log, order_of(log, old))
+    step(0.1, "data")
+    with np.errstate(all="ignore"):         # what comes of it is looked at: a channel without numbers is left out
+        of_old = _predictions(log, old, lambda share, word: step(0.1 + 0.4 * share, word))
+        of_new = _predictions(log, new, lambda share, word: step(0.5 + 0.4 * share, word))
+        found = [one for name, series in of_old.items() if name in of_new and len(series.predicted) == len(
+            of_new[name].predicted) for one in _channels_of(series, of_new[name])]
+    step(1.0, "")
+    return Compared(tuple(found), log.findings)
+
+
+def _predictions(log: Clean, machine: Machine, step: Callable[[float, str], None]) -> dict[str, _Predicted]:
+    """Every channel that the log can show, as a machine file predicts it."""
+    seen = channels(run_data(log, machine), machine)
+    plan = schedule(stages_of(machine), ())
+    found = {}
+    for number, (name, series) in enumerate(seen.items()):
+        step(number / len(seen), name)
+        found[name] = _Predicted(series, series.predict(plan, MOST_STEP_S))
+    return found
+
+
+def _channels_of(old: _Predicted, new: _Predicted) -> list[ComparedChannel]:
+    """The channel itself; of the scale also the flow, which is what it is read for."""
+    name, unit = old.series.name, old.series.unit
+    measured = old.series.measured
+    time_s = np.tile(old.series.grid.even_s, old.series.copies)
+    found = [_of_errors(name, unit, measured - old.predicted, measured - new.predicted,
+                        time_s, measured, old.predicted, new.predicted)]
+    if name == "scale":
+        whole = HeldOut(old.series, old.series, (slice(0, len(measured)),))
+        flow, flow_unit, before, after = errors_of(whole, measured - old.predicted, measured - new.predicted)
+        read = errors_of(whole, measured, measured)[2]
+        at = np.interp(np.linspace(0.0, 1.0, len(before)), np.linspace(0.0, 1.0, len(time_s)), time_s)
+        if len(before):
+            found.insert(0, _of_errors(flow, flow_unit, before, after, at, read, read - before, read - after))
+    return [one for one in found if np.isfinite([one.old, one.new]).all()]
+
+
+def _of_errors(name: str, unit: str, before: Array, after: Array, time_s: Array, measured: Array, of_old: Array,
+               of_new: Array) -> ComparedChannel:
+    low, high = interval_of_difference(before, after)
+    return ComparedChannel(name, unit, rms(before), rms(after), low, high, time_s, measured, of_old, of_new)
+
+
+def rms(errors: Array) -> float:
+    """Root of the mean square of errors (m,)."""
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
+    """90 % interval of rms(before) - rms(after), errors (m,) of the same rows: jackknife over blocks of time.
+
+    The block that is left out moves the difference; errors within a block hang together, so that blocks, not rows, are
+    counted (Kunsch, Annals of Statistics 17, 1989). NaN, NaN for fewer than LEAST_BLOCKS blocks.
+    """
+    count = int(min(MOST_BLOCKS, max(LEAST_BLOCKS, len(before) / (MEMORIES * max(_memory(before), _memory(after))))))
+    if len(before) < 2 * LEAST_BLOCKS:
+        return np.nan, np.nan
+    parts = [np.array([[len(piece), np.sum(np.square(piece))] for piece in np.array_split(errors, count)])
+             for errors in (before, after)]
+    without = [np.sqrt((np.sum(part[:, 1]) - part[:, 1]) / (np.sum(part[:, 0]) - part[:, 0])) for part in parts]
+    left_out = without[0] - without[1]
+    sd = float(np.sqrt((count - 1) / count * np.sum(np.square(left_out - left_out.mean()))))
+    half = float(student.ppf(0.5 + 0.5 * SHARE, count - 1)) * sd
+    difference = rms(before) - rms(after)
+    return difference - half, difference + half
+
+
+def _memory(errors: Array) -> float:
+    """Rows over which the squares of errors (m,) stay alike: what they are correlated with the next row's, as the time
+    constant of a first-order noise, 1 row at least."""
+    squares = np.square(errors) - np.mean(np.square(errors))
+    total = float(np.sum(np.square(squares)))
+    alike = float(np.sum(squares[1:] * squares[:-1])) / total if total > 0.0 else 0.0
+    return max(1.0, -1.0 / float(np.log(alike))) if 0.0 < alike < 1.0 else 1.0
