@@ -1,15 +1,18 @@
 """What the guess takes for sure, and what it asks."""
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from click.testing import Result
 
 from drivers.files.config import load
 from drivers.files.foreign import our_names
+from drivers.files.imports.convert import convert
 from drivers.files.imports.guess import guess
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import IMPORT
@@ -152,3 +155,46 @@ def test_a_written_guess_reads_back_as_it_was(written: Callable[..., Path], topd
         source, place = written(content, f"{number}.csv"), tmp_path / f"{number}.yaml"
         assert topdress("import", source, "--guess", "--mapping", place).exit_code == 0
         assert load(place, IMPORT).model == guess(read_raw(source)).mapping
+
+
+def _points(folder: Path, **columns: list[object]) -> Path:
+    """GeoJSON of points 2 m apart, whose properties are numbers or texts as given."""
+    features = [{"type": "Feature", "geometry": {"type": "Point", "coordinates": [119.0, 34.0 + 2.0 * k / 111_200.0]},
+                 "properties": {name: values[k] for name, values in columns.items()}}
+                for k in range(len(next(iter(columns.values()))))]
+    path = folder / "points.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+CLOCK = [f"12:{k // 60:02d}:{k % 60:02d}" for k in range(150)]
+DIGITS = [120_000 + 100 * (k // 60) + k % 60 for k in range(150)]
+
+
+@pytest.mark.parametrize(("day", "time", "begins"), [
+    (20_200_513, CLOCK, "2020-05-13T12:00:00"), (13_052_020, CLOCK, "2020-05-13T12:00:00"),
+    (43_964, CLOCK, "2020-05-13T12:00:00"), (20_200_513.0, DIGITS, "2020-05-13T12:00:00"),
+    ("2020-05-13", DIGITS, "2020-05-13T12:00:00"), (134, CLOCK, None), (None, DIGITS, None),
+])
+def test_a_day_in_numbers_beside_a_time(day: object, time: list[object], begins: str | None, tmp_path: Path) -> None:
+    """It was a fault of ours (a SchemaError), and digits such as 120059, 120100 were counted as seconds."""
+    days = {} if day is None else {"DATE": [day] * 150}
+    raw = read_raw(_points(tmp_path, **days, TIME=time, AppliedRate_kg_ha=[200.0 + k % 7 for k in range(150)]))
+    found = guess(raw)
+    assert found.sure, found.doubts
+    log = convert(raw, found.mapping)
+    us = log.frame["us"]
+    assert us.diff().drop_nulls().unique().to_list() == [1_000_000]
+    assert log.kind == ("local" if begins else "relative")
+    if begins:
+        assert us.cast(pl.Datetime("us"))[0].isoformat() == begins
+
+
+def test_a_day_of_six_digits_is_asked_for(tmp_path: Path) -> None:
+    found = guess(read_raw(_points(tmp_path, DATE=[50_620] * 150, TIME=CLOCK)))
+    assert any("which is the day?" in doubt.text for doubt in found.doubts)
+
+
+def test_counts_of_milliseconds_are_no_times_of_day(tmp_path: Path) -> None:
+    found = guess(read_raw(_points(tmp_path, TIME=[50 * k for k in range(100)])))
+    assert found.mapping.time.counts == "ms" or found.doubts

@@ -11,15 +11,17 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Counts, Times
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.times import read_texts
+from drivers.files.imports.times import read_texts, texts_for, with_day
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says
 
 _DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y.%m.%d", "%Y年%m月%d日",
           "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d-%m-%y", "%m-%d-%y", "%y-%m-%d", "%Y%m%d")
+_DAYS_AS_NUMBERS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
 _TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
 _A_NUMBER = r"^[-+]?\d+([.,]\d+)?$"
+_CLOCK_DIGITS = "%H%M%S%.f"
 _RUN_TOGETHER, _AS_RUN = r"^(19|20)\d{12}([.,]\d+)?$", "%Y%m%d%H%M%S%.f"
 _EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000        # 1900 and 2100: no machine's year is 7
 _PART_OF_DAY = re.compile("%[dmy]")
@@ -61,7 +63,31 @@ def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGu
         zone = getattr(series.dtype, "time_zone", None)
         return TimeGuess(Times(column=name, zone="UTC" if zone is None and says(plain, UTC) else None), "times by type")
     texts = _of_texts(raw, name, plain, dated) if series.dtype == pl.String else None
-    return texts or _of_numbers(raw, name)
+    return texts or _of_clock_digits(raw, name, plain, dated) or _of_numbers(raw, name)
+
+
+def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
+    """Times of day as numbers, 120959 and then 121000: as seconds they would jump by 41 at each minute's end."""
+    if _by_unit(raw.units.get(name, "")) is not None:
+        return None
+    values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values.drop_nulls()
+    seconds, minutes = values % 100.0, (values // 100.0) % 100.0
+    if not values.len() or not (values.is_between(0.0, 240_000.0, "left") & (seconds < 60.0) & (minutes < 60.0)).all():
+        return None
+    of_day = (values // 10_000.0) * 3600.0 + minutes * 60.0 + seconds
+    uneven, even = (_off_the_median(one) for one in (values, of_day))
+    if not even < uneven:                   # within one minute both readings are the same
+        return None
+    zone = "UTC" if says(plain, UTC) else None
+    texts = texts_for(values, _CLOCK_DIGITS)
+    if not _reads(texts, _CLOCK_DIGITS):
+        return None
+    if dated:
+        day = raw.frame[dated[0]].head(_SAMPLE)
+        found = _with_day(day, texts_for(raw.frame[name].head(_SAMPLE), _CLOCK_DIGITS), name, zone)
+        if found is not None:
+            return found
+    return TimeGuess(Times(column=name, format=_CLOCK_DIGITS), f"reads as {_CLOCK_DIGITS}")
 
 
 def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
@@ -75,11 +101,9 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
     if _reads(texts, None):
         return TimeGuess(Times(column=name, zone=None if _has_offset(texts) else zone), "reads as ISO 8601")
     if dated and not raw.frame[dated[0]].dtype.is_temporal():
-        days = raw.frame[dated[0]].head(_SAMPLE).str.strip_chars()
-        both = pl.Series(days.to_frame().select(pl.col(days.name) + " ").to_series() + raw.frame[name].head(_SAMPLE))
-        found = _formats(both.filter(both.is_not_null()), [f"{d} {t}" for d, t in product(_DATES, _TIMES)])
-        if found:
-            return _dated(Times(column=name, date_column=dated[0], format=found[0], zone=zone), found, both)
+        found_day = _with_day(raw.frame[dated[0]].head(_SAMPLE), raw.frame[name].head(_SAMPLE), name, zone)
+        if found_day is not None:
+            return found_day
     elif dated:
         found = _formats(texts, list(_TIMES))
         if found:
@@ -90,6 +114,32 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
         return _dated(Times(column=name, format=found[0], zone=zone), found, texts)
     found = _formats(texts, list(_TIMES[:5]))
     return TimeGuess(Times(column=name, format=found[0]), f"reads as {found[0]}") if found else None
+
+
+def _off_the_median(values: pl.Series) -> int:
+    """How many steps from row to row are not the usual one."""
+    steps = values.diff().drop_nulls()
+    usual = float(steps.median() or 0.0)       # type: ignore[arg-type]
+    return int(((steps - usual).abs() > 0.1 * abs(usual)).sum())
+
+
+def _with_day(day: pl.Series, time: pl.Series, name: str, zone: str | None) -> TimeGuess | None:
+    """A day in a column of its own, written out, or as a number: digits run together, or as spreadsheets count."""
+    reads: dict[str, pl.Series] = {}
+    for day_form in (*_DATES, *_DAYS_AS_NUMBERS):
+        texts = with_day(day, time, day_form)
+        texts = texts.filter(texts.is_not_null())
+        reads |= {form: texts for form in _formats(texts, [f"{day_form} {one}" for one in _TIMES])[:1]}
+    if not reads:
+        return None
+    us = {form: read_texts(texts, form, None).us for form, texts in reads.items()}
+    first, *others = reads
+    others = [form for form in others if not us[form].equals(us[first])]
+    spans = {form: _span(us[form]) for form in (first, *others)}
+    best = min(spans, key=lambda form: spans[form])
+    doubt = f"{' and '.join((first, *others))} {'both' if len(others) == 1 else 'all'} read: which is the day?"
+    return TimeGuess(Times(column=name, date_column=day.name, format=best, zone=zone), f"reads as {best}",
+                     doubt if others else "")
 
 
 def _dated(times: Times, found: list[str], texts: pl.Series) -> TimeGuess:

@@ -15,7 +15,10 @@ ISO = "%Y-%m-%d %H:%M:%S%.f"
 _OFFSET = r":\d{2}(?:\.\d+)?\s*(Z|z|[+-]\d{2}:?\d{2})$"
 _DAY_US = 86_400_000_000
 _EXCEL_EPOCH_DAYS = 25_569              # 1970-01-01 counted from 1899-12-30, as spreadsheets do
+SPREADSHEET_DAYS = (30_000, 80_000)     # 1982 and 2119
 _STEPS_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "min": 60e6, "h": 3600e6, "unix_s": 1e6, "unix_ms": 1e3, "unix_us": 1.0}
+_PARTS = re.compile(r"%\.?[A-Za-z]")
+_DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
 _GOOD = 0.5                             # fewer readable times than this share: the format is wrong
 
 
@@ -72,13 +75,58 @@ def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> Clock:
 
 def _joined(table: RawTable, times: Times) -> pl.Series:
     assert times.column is not None
-    column = table.frame[times.column].cast(pl.String)
+    day_form, _, time_form = (times.format or ISO).rpartition(" ")
+    column = texts_for(table.frame[times.column], time_form)
     if times.date_column is None:
         return column
-    day = table.frame[times.date_column]
+    return with_day(table.frame[times.date_column], column, day_form)
+
+
+def with_day(day: pl.Series, time: pl.Series, day_form: str) -> pl.Series:
+    """Texts of a day and of a time of day as one; `day_form`: how the day is written."""
     if day.dtype.is_temporal():
-        day = day.dt.strftime("%Y-%m-%d")
-    return day.cast(pl.String).str.strip_chars() + " " + column.str.strip_chars()
+        texts = day.dt.strftime("%Y-%m-%d")
+    else:
+        texts = texts_for(day, day_form) if not _is_spreadsheet_day(day, day_form) else _of_spreadsheet(day)
+    both = pl.DataFrame({"day": texts.str.strip_chars(), "time": time.str.strip_chars()})
+    return both.select((pl.col("day") + " " + pl.col("time")).alias(time.name)).to_series()
+
+
+def texts_for(series: pl.Series, form: str) -> pl.Series:
+    """Texts as they stand. Numbers that stand for digits run together (%Y%m%d, %H%M%S) with the zeros before them."""
+    width = sum(_DIGITS.get(part, 0) for part in _PARTS.findall(form))
+    if not width or _PARTS.sub("", form):
+        return series.cast(pl.String)
+    if "%.f" in form and series.dtype == pl.Float64:
+        ms = (series * 1000.0).round(0).cast(pl.Int64, strict=False).cast(pl.String).str.zfill(width + 3)
+        return ms.str.head(-3) + "." + ms.str.tail(3)
+    whole = _whole(series)
+    return series.cast(pl.String) if whole is None else whole.cast(pl.String).str.zfill(width)
+
+
+def _whole(series: pl.Series) -> pl.Series | None:
+    """Whole numbers, of which none is below 0; None where the column holds others."""
+    if series.dtype == pl.String:
+        texts = series.str.strip_chars()
+        series = texts.set(texts == "", None).cast(pl.Float64, strict=False)
+        if series.null_count() > (texts == "").sum() + texts.null_count():
+            return None
+    known = series.drop_nulls()
+    if not known.len() or not ((known == known.round(0)) & (known >= 0)).all():
+        return None
+    return series.cast(pl.Int64, strict=False)
+
+
+def _is_spreadsheet_day(series: pl.Series, form: str) -> bool:
+    """Numbers where the form has a day with signs between: days as spreadsheets count them."""
+    return bool(_PARTS.sub("", form)) and _whole(series) is not None
+
+
+def _of_spreadsheet(day: pl.Series) -> pl.Series:
+    whole = _whole(day)
+    assert whole is not None
+    whole = whole.set(~whole.is_between(*SPREADSHEET_DAYS).fill_null(True), None)
+    return (whole - _EXCEL_EPOCH_DAYS).cast(pl.Int32, strict=False).cast(pl.Date).dt.strftime("%Y-%m-%d")
 
 
 def _parsed(texts: pl.Series, form: str) -> pl.Series:
