@@ -23,6 +23,8 @@ from drivers.files.lock import stands, take_lock
 
 AGAIN_S = 0.02
 MENDED_S = 0.2
+SETTLED_S = 2.0 * MENDED_S      # a worker whose look at the lock met somebody else's has looked once more
+YOUNG_S = 2.0                   # as long a worker of a busy computer may take to lock a file made anew: ten of its looks
 
 
 class Right:
@@ -45,13 +47,13 @@ class Right:
             self._lock = lock
 
     def confirm(self) -> None:
-        """Before this worker says where it listens: no other says so of itself. Where the lock's file was not there it
-        may have been removed under a worker, which says again within `MENDED_S` where it listens: it is waited for.
+        """Before this worker says where it listens: no other says so of itself. A lock's file that is new may have been
+        removed under a worker, which says again within `MENDED_S` where it listens: it is waited for.
 
         Raises BlockingIOError in one line, OSError.
         """
         if self._new:
-            time.sleep(max(0.0, self._taken_s + 2.0 * MENDED_S - time.monotonic()))
+            time.sleep(max(0.0, self._taken_s + SETTLED_S - time.monotonic()))
         self._refused = True                # until it is known that the run file is nobody else's
         _refuse_second(self.path)
         self._refused = False
@@ -73,9 +75,9 @@ def held(path: Path) -> Iterator[Right]:
     Raises BlockingIOError in one line where another worker has that right, OSError.
     """
     private_folder(path.parent)
-    # A console that looked may have made the lock's file anew: where no file says who listens, nobody may be believed.
-    new = not path.with_suffix(".lock").exists() or not path.exists()
-    right = Right(path, _lock(path), new)
+    missing = not path.with_suffix(".lock").exists()
+    lock = _lock(path)
+    right = Right(path, lock, missing or _young(lock))
     try:
         _refuse_second(path)
     except BlockingIOError:
@@ -135,6 +137,12 @@ def _lock(path: Path) -> io.FileIO:
             raise BlockingIOError(f"a control worker runs already{_holder(path)}")
         time.sleep(AGAIN_S)
     return lock
+
+
+def _young(lock: io.FileIO) -> bool:
+    """Whether a worker under which the lock's file was removed may not have locked this one yet: a console that looked
+    makes it anew. A file of the future, as the computer's clock has it, is young."""
+    return time.time() - os.fstat(lock.fileno()).st_ctime < YOUNG_S
 
 
 def _refuse_second(path: Path) -> None:
