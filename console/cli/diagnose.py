@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from console.cli.adopting import adopted, refuse_picks
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError
 from console.cli.progress_line import ProgressLine
@@ -33,7 +34,10 @@ def diagnose(
     as_json: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="The result as JSON; - for standard "
                                                  "output.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
-    adopt: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="A machine file with the findings.")] = None,
+    adopt: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="A machine file with the findings; what is "
+                                               "undecided is left out.")] = None,
+    pick: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Of --adopt: an undecided cause, by its name, "
+                                                   "to be adopted all the same (repeatable).")] = None,
     closed_loop: Annotated[float | None, typer.Option(min=60.0, metavar="SECONDS", help="Also simulate a job this "
                                                       "long, twice, on a machine that has the named effects: "
                                                       "control without and with knowing them.")] = None,
@@ -45,12 +49,14 @@ def diagnose(
 ) -> None:
     """Find what is wrong with the machine: the cause, its size, how sure it is, what it costs and what to do.
 
-    Exit code 3: nothing of the data could be judged, or --adopt found nothing to adopt.
+    Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
+    picked = tuple(pick or ())
+    refuse_picks(picked, adopt)
     loaded = load(machine, MACHINE).model
     setup = None if closed_loop is None else _setup(machine, job or "demo")
     reads = [*(file for path in data for file in log_files(path)), named(machine, MACHINE.folder)]
@@ -59,7 +65,7 @@ def diagnose(
         found, tools = _run(data, loaded, seed)
     else:
         found, tools = _tables(data, loaded, kind, seed)
-    found, refused = (found, None) if adopt is None else _adopted(found, loaded, data, adopt)
+    found, refused = (found, None) if adopt is None else adopted(found, loaded, data, adopt, picked)
     _write(found, as_json, report, tools)       # whatever became of the adoption
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
@@ -129,46 +135,6 @@ def _progress() -> Any:
         else:
             line.tell(f"{100 * share:3.0f} % {word} (Ctrl-C cancels)")
     return tell if line.shown else None
-
-
-def _adopted(found: Diagnosis, machine: Machine, data: list[Path],
-             out: Path) -> tuple[Diagnosis, ValueError | typer.Exit | None]:
-    """The diagnosis with the machine file that was written, or how the command ends where none was."""
-    from control.diagnosis.extend import adoptable, adoptable_terms
-    if not adoptable(found) and not adoptable_terms(found) and all(cause.scope is None for cause in found.causes):
-        typer.echo(f"{out}: not written: no effect and no term was found that a machine file could take up", err=True)
-        return found, typer.Exit(NOT_JUDGED)
-    try:
-        return _adopt(found, machine, data, out), None
-    except ValueError as error:
-        return found, error
-
-
-def _adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path) -> Diagnosis:
-    import dataclasses
-
-    from console.reports.history_words import side_by_side
-    from console.reports.term_words import compensation
-    from console.reports.words import name_of
-    from control.diagnosis.extend import extend, not_adoptable, refuse_to_adopt, term_not_adoptable
-    from drivers.files.config import save, sha256_of
-    from drivers.files.kinds import MACHINE
-    for cause in found.causes:
-        refuse_to_adopt(cause)
-        if why := not_adoptable(cause):
-            typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
-        elif cause.rivals:
-            typer.echo(f"note: {cause.id} is adopted, though this data cannot tell it from "
-                       f"{', '.join(name_of(rival.id) for rival in cause.rivals)}", err=True)
-    for one in found.terms:
-        why = term_not_adoptable(one)
-        word = f"is not adopted: {why}" if why else f"is adopted. {compensation(one.term)}"
-        typer.echo(f"note: term {one.term['id']} {word}", err=True)
-    extended = extend(machine, found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
-    save(out, extended, MACHINE)
-    typer.echo(f"{out}, before -> after (topdress history {out} --undo --out FILE takes it back):", err=True)
-    typer.echo("\n".join(side_by_side(extended.history[-1])), err=True)
-    return dataclasses.replace(found, extended_machine=str(out))
 
 
 def _setup(machine: str, job: str) -> Setup:

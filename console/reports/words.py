@@ -65,6 +65,11 @@ def tied(cause: _Cause) -> bool:
     return any(rival.id not in (UNKNOWN, cause.id) for rival in cause.rivals)
 
 
+def undecided(cause: _Cause) -> bool:
+    """Whether no machine file takes a cause up unless somebody picks it by its name."""
+    return tied(cause) or not headlined(cause)
+
+
 def when(onset_s: float | None, until_s: float | None, grows: bool, value: float | None, unit: str) -> str:
     """Which part of the log an effect of size `value` is in, s; "" where it was there all along."""
     begin, end = f"{onset_s or 0.0:.0f}", f"{until_s or 0.0:.0f}"

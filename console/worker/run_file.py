@@ -24,7 +24,7 @@ from drivers.files.lock import stands, take_lock
 AGAIN_S = 0.02
 MENDED_S = 0.2
 SETTLED_S = 2.0 * MENDED_S      # a worker whose look at the lock met somebody else's has looked once more
-YOUNG_S = 2.0                   # as long a worker of a busy computer may take to lock a file made anew: ten of its looks
+YOUNG_S = 2.0                   # on a busy computer a worker takes as long to lock a file made anew: ten of its looks
 
 
 class Right:

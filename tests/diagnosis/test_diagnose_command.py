@@ -4,13 +4,15 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 from console.cli import app
-from console.cli.diagnose import _adopt
+from console.cli.adopting import adopt
 from console.services.diagnosis_view import sorted_out
 from control.diagnosis.result import UNKNOWN, Rival
 from control.diagnosis.tables import diagnose_tables
@@ -53,12 +55,57 @@ def test_with_nothing_to_adopt_the_diagnosis_is_printed_and_written(tmp_path: Pa
     assert asked.stdout.strip() and json.loads(result.read_text())["extended_machine"] is None
 
 
-def test_an_effect_of_all_rows_is_adopted_and_its_rivals_are_said(tmp_path: Path) -> None:
-    table = lag_table(tmp_path / "one.csv", 0.3)
+def diagnosed(tmp_path: Path, *more: str) -> tuple[Result, dict[str, Any]]:
+    """A table that cannot tell two causes apart; what the command said, and its JSON."""
+    table, told = lag_table(tmp_path / "one.csv", 0.3), tmp_path / "f.json"
+    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(tmp_path / "new.yaml"), "--json", str(told),
+                                     *more])
+    return asked, json.loads(told.read_text())
+
+
+def test_what_the_data_cannot_tell_apart_is_not_adopted(tmp_path: Path) -> None:
+    asked, told = diagnosed(tmp_path)
+    assert asked.exit_code == 3 and not (tmp_path / "new.yaml").exists(), asked.output
+    own = told["causes"][0]["id"]
+    rivals = [one["id"] for one in told["causes"][0]["rivals"] if one["id"] != own]
+    notes = [line for line in asked.stderr.splitlines() if line.startswith("note:")]
+    assert notes == [f"note: {own} is not adopted: this data cannot tell it from {', '.join(rivals)}; --pick {own} "
+                     "adopts it all the same"]
+    assert "new.yaml: not written: what was found is undecided, and nothing of it was picked" in asked.stderr
+    assert asked.stdout.strip() and told["verdict"] == "ambiguous" and told["extended_machine"] is None
+
+
+def test_what_is_picked_by_its_name_is_adopted(tmp_path: Path) -> None:
+    own = diagnosed(tmp_path)[1]["causes"][0]["id"]
+    asked, told = diagnosed(tmp_path, "--pick", own, "--force")
     out = tmp_path / "new.yaml"
-    asked = CliRunner().invoke(app, ["diagnose", str(table), "--adopt", str(out)])
-    assert asked.exit_code == 0 and out.exists(), asked.output
-    assert "is adopted, though this data cannot tell it from" in asked.output
+    assert asked.exit_code == 0 and told["extended_machine"] == str(out), asked.output
+    assert f"note: {own} is adopted as picked, though this data cannot tell it from" in asked.stderr
+    assert f"topdress history {out} --undo --out FILE takes it back" in asked.stderr
+    assert [one.id for one in load(out, MACHINE).model.adopted] == [own]
+    assert out.read_text().startswith(f"# {own}: picked by name (diagnose --pick), though this data cannot tell it")
+
+
+def test_a_rival_whose_size_nobody_knows_cannot_be_picked(tmp_path: Path) -> None:
+    cause = diagnosed(tmp_path)[1]["causes"][0]
+    rival = next(one["id"] for one in cause["rivals"] if one["id"] != cause["id"])
+    asked, told = diagnosed(tmp_path, "--pick", rival, "--force")
+    assert asked.exit_code == 2 and not (tmp_path / "new.yaml").exists()
+    assert f"--pick {rival}: its size is not known before the run that tells it from its rivals" in asked.stderr
+    assert asked.stdout.strip() and told["extended_machine"] is None
+    asked, _told = diagnosed(tmp_path, "--pick", "flow.gain", "--force")
+    assert asked.exit_code == 2
+    assert f"--pick flow.gain: not found in this data; undecided: {cause['id']}" in asked.stderr
+
+
+@pytest.mark.parametrize(("more", "line"), [
+    (["--pick", "lag.offset"], "--pick lag.offset: only --adopt takes up a cause"),
+    (["--pick", "lag.ofset", "--adopt", "new.yaml"], "--pick lag.ofset: allowed are the names that `topdress effects` "
+     "lists"),
+])
+def test_a_pick_that_cannot_be_is_refused_before_the_work(tmp_path: Path, more: list[str], line: str) -> None:
+    asked = CliRunner().invoke(app, ["diagnose", str(lag_table(tmp_path / "one.csv", 0.3)), *more])
+    assert (asked.exit_code, asked.stdout, asked.stderr.strip()) == (2, "", line)
 
 
 def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path: Path) -> None:
@@ -67,10 +114,10 @@ def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path:
     assert cause.scope == "two.csv blue" and any("two.csv blue only" in text for text in found.findings)
     reworded = replace(found, findings=("only the blue tractor's rows have it",))
     with pytest.raises(ValueError, match=r"holds for two\.csv blue only, not for the machine"):
-        _adopt(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
+        adopt(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
     assert not (tmp_path / "new.yaml").exists()
     assert sorted_out(reworded) == ((), ("lag.offset: holds in the rows of two.csv blue only",))
-    _adopt(replace(found, causes=(replace(cause, scope=None),)), Machine(), [tmp_path / "two.csv"],
+    adopt(replace(found, causes=(replace(cause, scope=None, rivals=()),)), Machine(), [tmp_path / "two.csv"],
            tmp_path / "new.yaml")                         # though a sentence still says where it holds
     assert (tmp_path / "new.yaml").exists()
 
@@ -81,7 +128,7 @@ def test_what_is_only_suspected_or_grew_is_not_adopted(tmp_path: Path, capsys: p
     sure = replace(found.causes[0], id="lag.offset", probability=1.0, rivals=())
     suspected = replace(sure, id="shaft.gain", probability=0.5, rivals=(Rival(UNKNOWN, 0.5),))
     grown = replace(sure, id="lag.rebound", onset_s=10.0, grows=True)
-    _adopt(replace(found, causes=(sure, suspected, grown)), Machine(), [table], tmp_path / "new.yaml")
+    adopt(replace(found, causes=(sure, suspected, grown)), Machine(), [table], tmp_path / "new.yaml")
     said = capsys.readouterr().err
     assert "shaft.gain is not adopted: it may be something else" in said
     assert "lag.rebound is not adopted: grew during the run" in said

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from itertools import chain, combinations
 
 from console.app.pages.diagnosis.data import CauseShown, Found, Offer
-from console.reports.words import headlined, tied
+from console.reports.words import undecided as is_undecided
 
 MOST_TOGETHER = 4           # undecided causes of which any may be picked together; of more, one at a time
 
@@ -13,7 +13,7 @@ MOST_TOGETHER = 4           # undecided causes of which any may be picked togeth
 def undecided(found: Found) -> tuple[CauseShown, ...]:
     """Those that could be adopted and are not decided: the data cannot tell them from others, or they are suspected
     only."""
-    return tuple(one for one in found.causes if one.id in found.adoptable and (tied(one) or not headlined(one)))
+    return tuple(one for one in found.causes if one.id in found.adoptable and is_undecided(one))
 
 
 def sure(found: Found) -> tuple[str, ...]:
