@@ -326,6 +326,23 @@ async def test_ctrl_c_ends_all_consoles_within_two_seconds():
         assert not running(pids)
 
 
+@linux
+@pytest.mark.parametrize("asleep", [False, True], ids=["reads", "asleep"])
+async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
+    """It waited half a second for requests that go on, and as long again for those it had cut short."""
+    server = TabletServer(STUBBORN, "127.0.0.1", 0)
+    async with socket_of(server) as (session, address), asyncio.timeout(120.0):
+        tabs = [await session.ws_connect(address) for _ in range(TABS)]
+        while len(group(server)) < 3 * TABS:
+            await asyncio.sleep(0.02)
+        reading = [] if asleep else [asyncio.create_task(tab.receive()) for tab in tabs]
+        await server.on_shutdown(None)
+        assert all([(await one).type is aiohttp.WSMsgType.CLOSE and (await one).data == 1001 for one in reading])
+        for _turn in range(20):
+            await asyncio.sleep(0)
+        assert server.tabs == 0             # no request goes on
+
+
 @posix
 def test_a_tab_ends_with_its_server_however_that_ended():
     program = ("import os, threading, time; from console.cli.tablet import end_with; os.setsid();"
