@@ -19,6 +19,8 @@ from console.app.pages.diagnosis.adoption import offer_of, undecided
 from console.app.pages.diagnosis.data import (
     IMPORT,
     Adoption,
+    ComparedRow,
+    ComparedShown,
     Export,
     Found,
     OpenQuestions,
@@ -118,7 +120,22 @@ class DiagnosisFiles:
         return self._worked(Order(found.path, str(self._folder()), "run", None, self.machine, found.next_run.id,
                                   planted), tell, stop)
 
+    def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
+        order = Order(source.path, str(self._folder()), "run", machine, self.machine, compare=True)
+        self._done(order, tell, stop)
+        made = Path(order.folder) / REPORT
+        stem = f"{Path(source.path).stem}-compared"
+        report = _kept(made, self.own / "reports", stem, ".html") if made.exists() else ""
+        plain = json.loads((Path(order.folder) / RESULT).read_text(encoding="utf-8"))
+        return ComparedShown(tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report)
+
     def _worked(self, order: Order, tell: Tell, stop: Stop) -> Found:
+        self._done(order, tell, stop)
+        plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
+        return found_from(plain)._replace(folder=order.folder)
+
+    def _done(self, order: Order, tell: Tell, stop: Stop) -> None:
+        """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one line."""
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
         trouble = Path(order.folder) / "trouble.txt"
@@ -144,8 +161,6 @@ class DiagnosisFiles:
         if not done:
             lines = trouble.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             raise ValueError(why or (lines[-1] if lines else f"the diagnosis ended with code {child.returncode}"))
-        plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
-        return found_from(plain)._replace(folder=order.folder)
 
     def _folder(self) -> Path:
         if self._scratch is None:

@@ -7,6 +7,7 @@ and a machine file for each choice of what is adopted. Ending the process cancel
 """
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime as dt
 import json
@@ -35,7 +36,8 @@ NICE = 10                       # the control loop comes first
 class Order:
     """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run first and diagnose
     its log instead of `data`. planted: effects of the machine that drives it (grammar of `simulate --effect`).
-    logs: folder of the log that data of kind import becomes first."""
+    logs: folder of the log that data of kind import becomes first. compare: `machine` as it was before its last change
+    and as it is, held against the log."""
 
     data: str
     folder: str
@@ -46,10 +48,14 @@ class Order:
     planted: tuple[str, ...] = ()
     seed: int = 1
     logs: str = ""
+    compare: bool = False
 
 
 def work(order: Order, tell: Tell) -> None:
     """Everything; raises ValueError, OSError or a ConfigError of one line."""
+    if order.compare:
+        compared_before_and_after(order, tell)
+        return
     notes: tuple[str, ...] = ()
     if order.kind == IMPORT:
         from console.services.foreign_files import brought_in
@@ -67,6 +73,26 @@ def work(order: Order, tell: Tell) -> None:
         tell(done + (1.0 - done) * share, stage)
 
     _diagnosed(order, machine, data, name, notes, later)
+
+
+def compared_before_and_after(order: Order, tell: Tell) -> None:
+    """Errors of a machine file on a log before and after its last change, in words and as a page."""
+    from console.reports.compare_page import compare_page
+    from console.reports.compare_text import plain
+    from console.reports.figure import NoPictures
+    from control.diagnosis.runs.compared import compared
+    from control.machine.history import undone
+    from drivers.files.atomic import write_atomically
+    from drivers.files.read_log import read_rows
+    after = machine_of(order)
+    tell(0.0, "reading")
+    found = compared(dict(read_rows(Path(order.data)).columns), undone(after), after,
+                     lambda share, word: tell(0.8 * share, word))
+    logs, old = [(order.data, found)], f"{order.machine}, before its last change"
+    tell(0.85, "report")
+    write_atomically(Path(order.folder) / RESULT, json.dumps(plain(logs)))
+    with contextlib.suppress(NoPictures):
+        write_atomically(Path(order.folder) / REPORT, compare_page(logs, old, str(order.machine)))
 
 
 def machine_of(order: Order) -> Machine:

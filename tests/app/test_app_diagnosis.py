@@ -434,7 +434,7 @@ async def test_every_action_is_in_the_palette(desk):
         await opened(desk, pilot)
         titles = {command.title for command in desk.get_system_commands(desk.screen)}
         wanted = {action.label for action in actions.ACTIONS if action.where == DIAGNOSIS}
-        assert len(wanted) == 14 and wanted <= titles
+        assert len(wanted) == 15 and wanted <= titles
 
 
 # --- words and views -------------------------------------------------------------------------------------------------
@@ -554,3 +554,30 @@ def test_a_curve_with_names_is_drawn_by_places():
     found = sample_found()
     found = found._replace(causes=(found.causes[0]._replace(over=curve),))
     assert diagnosis_shown.over(found, 0).names == ("1", "2")
+
+
+async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown):
+    """C after K: the logs offered are none that the file was made from; errors before and after stand in words."""
+    service.found = sample_found("named")
+    async with desk.run_test(size=(120, 40)) as pilot:
+        await found_shown(desk, pilot)
+        await pilot.press("c")
+        await pilot.pause()
+        assert "adopt something first" in desk.notice_text
+        await pilot.press("k", "enter")
+        await pilot.pause()
+        assert "C there says, on another log," in "\n".join(shown(desk))
+        await pilot.press("escape", "f9")
+        await settled(desk, pilot)
+        assert "C compare" in " ".join(" ".join(shown(desk)).split())
+        await pilot.press("c")
+        await pilot.pause()
+        offered = [choice.value for choice in desk.screen.choices]
+        assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"
+        await pilot.press("enter")
+        await settled(desk, pilot)
+        assert service.asked[-1] == f"compare /data/machines/huanghai-2026-03-18.yaml {SOURCES[2].name}"
+        text = desk.screen.text
+        assert "shaft: 1.92 -> 0.290 r/min   better: 85 % less error" in text
+        assert "no difference beyond chance" in text and "worse: 25 % more error" in text
+        assert "/data/reports/compared.html" in text

@@ -221,3 +221,29 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
     assert job.simulated.slope_deg == 4.0 and not job.flow_trim and job.title == slope.plan
     stairs = Path(files.write_run(found)).read_text(encoding="utf-8")
     assert "are the operator's to set" in stairs
+
+
+def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
+    """By the real process: a drive that turns 5 % faster, and a file that took that up."""
+    from control.machine.history import noted
+    from control.machine.machine import with_effect
+    from drivers.files.config import save
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 120.0, 0.02)
+    command = np.repeat(rng.uniform(100.0, 600.0, 60).round(), 100)
+    read = 1.05 * np.concatenate((command[:10], command[:-10])) + 2.0 * rng.standard_normal(len(time_s))
+    log = tmp_path / "other.csv"
+    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(
+        f"{t:.2f},{c:g},{y:.2f}\n" for t, c, y in zip(time_s, command, read, strict=True)))
+    before = load("drive_alone", MACHINE).model
+    after, place = with_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
+    save(place, noted(before, after, data="run.csv", date="2026-07-09"), MACHINE)
+    service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
+    found = service.compare(str(place), service.source(str(log)), lambda *said: told.append(said), Stop())
+    shaft = found.rows[0]
+    assert (shaft.channel, shaft.unit) == ("shaft", "r/min") and shaft.new < shaft.old and shaft.low > 0.0
+    assert Path(found.report).parent == tmp_path / "own" / "reports" and "<svg" in Path(found.report).read_text()
+    assert [share for share, _ in told] == sorted(share for share, _ in told) and len(told) > 2
+    stop = Stop()
+    stop.set()
+    with pytest.raises(Stopped):
+        service.compare(str(place), service.source(str(log)), lambda *said: None, stop)

@@ -159,6 +159,25 @@ class Adoption(NamedTuple):
     why: str = ""
 
 
+class ComparedRow(NamedTuple):
+    """Error (r.m.s.) of one channel before and after; low, high: 90 % interval of before less after, if known."""
+
+    channel: str
+    unit: str
+    old: float
+    new: float
+    low: float | None
+    high: float | None
+
+
+class ComparedShown(NamedTuple):
+    """A machine file before and after a change, held against one log. report: path of the page with pictures, empty
+    where none could be drawn."""
+
+    rows: tuple[ComparedRow, ...]
+    report: str = ""
+
+
 class Stop:
     """Cancels work in another thread: `then` is called at once when it is set, or was."""
 
@@ -230,6 +249,9 @@ class DiagnosisService(Protocol):
 
     def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
         """Drives the separating run on the simulated machine and diagnoses its log."""
+
+    def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
+        """A machine file as it was before its last change, and as it is, on a log that it was not made from."""
 
 
 def to_plain(value: Any) -> Any:

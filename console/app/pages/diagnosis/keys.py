@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
 
 
+MOST_LOGS = 7               # that a choice by digits has room for
+TYPED = "typed"
+COMPARED_S = 10.0           # two predictions of a log and its pictures, on two cores
 DRIVE_S_PER_MIN = 1.5       # simulating a minute and diagnosing it, on two cores
 
 
@@ -178,6 +181,40 @@ def take_back(page: DiagnosisScreen) -> None:
     page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
 
 
+def why_no_comparison(page: DiagnosisScreen) -> str:
+    return "" if page.adopted else _("adopt something first: it is compared on a log that it was not made from")
+
+
+def compare(page: DiagnosisScreen) -> None:
+    """Of the machine file that was adopted here: before and after, on a log of another day."""
+    logs = [one for one in page.sources or () if one.kind == "run" and not one.working
+            and one.path not in [found.path for found in page.found]][:MOST_LOGS]
+    choices = [*(Choice(one.path, f"{one.name}  {one.changed}") for one in logs),
+               Choice(TYPED, _("another file: type its path"))]
+
+    def chosen(path: str | None) -> None:
+        if path == TYPED:
+            page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log of the same machine"), wrong), begun)
+        elif path is not None:
+            begun(path)
+
+    def wrong(text: str) -> str:
+        try:
+            kind = page.served.source(text).kind
+        except ValueError as error:
+            return str(error)
+        return "" if kind == "run" else _("no run log: diagnose it first, then it is one")
+
+    def begun(path: str | None) -> None:
+        if path is not None:
+            source = page.served.source(path)
+            page.begin(_("Before and after, on {name}").format(name=source.name),
+                       partial(page.served.compare, page.adopted, source), COMPARED_S)
+
+    page.app.push_screen(ChoiceDialog(_("On which log? One that the machine file was not made from."), choices, ""),
+                         chosen)
+
+
 @_of_found
 def report(page: DiagnosisScreen, found: Found) -> None:
     page.write(_("The report"), partial(page.served.export, found, "report"))
@@ -230,6 +267,9 @@ ACTIONS = (
            adopt, DIAGNOSIS, 6, why=why_not_found),
     Action("dia_back", "z", "Z", N_("take back"),
            N_("Writes the machine file without what was adopted last; asked once."), take_back, DIAGNOSIS),
+    Action("dia_compare", "c", "C", N_("compare"),
+           N_("Says on another log whether the adopted machine file predicts better than before."), compare, DIAGNOSIS,
+           why=why_no_comparison),
     Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
            why=why_not_found),
     Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,

@@ -19,6 +19,7 @@ from console.app.pages.diagnosis.causes import Causes, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
 from console.app.pages.diagnosis.data import (
     IMPORT,
+    ComparedShown,
     DiagnosisService,
     Found,
     OpenQuestions,
@@ -41,7 +42,7 @@ from console.frame import Frame
 from console.locale import _, in_use
 
 View = Literal["causes", "channels", "over", "time", "run"]
-Work = Callable[[Tell, Stop], Found]
+Work = Callable[[Tell, Stop], Found | ComparedShown]
 
 
 
@@ -66,7 +67,7 @@ class DiagnosisScreen(Page):
         self.see: View = "causes"
         self.said = ""                              # why the last thing did not go
         self.stop: Stop | None = None               # of the work under way
-        self._working: Worker[Found] | None = None
+        self._working: Worker[Found | ComparedShown] | None = None
         self._listing: Worker[tuple[tuple[Source, ...], tuple[str, ...]]] | None = None
         self._brings_in = False                     # a new file will be there
         self._title = ""
@@ -183,6 +184,7 @@ class DiagnosisScreen(Page):
             at = views.index(self.see) + 1 if self.see in views else 1
             wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
                       ("dia_adopt", "", bool(found.adoptable), found.verdict in ("named", "unexplained")),
+                      *([("dia_compare", "", True, True)] if self.adopted else []),
                       ("dia_back", "", bool(self.adopted), False),
                       ("dia_report", "", True, False), ("dia_data", "", True, False)]
             if found.next_run is not None:
@@ -236,7 +238,8 @@ class DiagnosisScreen(Page):
             text = path
             if machine:
                 self.adopted = path
-                text = f"{path}\n{_('Z on the Diagnosis page takes the last change of it back.')}"
+                text = "\n".join((path, _("Z on the Diagnosis page takes the last change of it back."),
+                                  _("C there says, on another log, whether it predicts better than before.")))
             self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
         self.look()
 
@@ -305,8 +308,10 @@ class DiagnosisScreen(Page):
             self._listing = None
             self.look()
 
-    def _worked(self, worker: Worker[Found], state: WorkerState) -> None:
-        if state is WorkerState.SUCCESS and worker.result is not None:
+    def _worked(self, worker: Worker[Found | ComparedShown], state: WorkerState) -> None:
+        if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
+            self._show_compared(worker.result)
+        elif state is WorkerState.SUCCESS and isinstance(worker.result, Found):
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
@@ -321,6 +326,11 @@ class DiagnosisScreen(Page):
             if self._brings_in:
                 self.sources, self._brings_in = None, False
             self.look()
+
+    def _show_compared(self, found: ComparedShown) -> None:
+        where = [_("Pictures: {path}").format(path=found.report)] if found.report else []
+        self.app.push_screen(TextDialog(_("Before and after, on a log that it was not made from"),
+                                        "\n".join([*words.compared(found), *where])))
 
     def ask(self, open_: OpenQuestions) -> None:
         """What is unsure about a file of another machine, and where it can be put right."""

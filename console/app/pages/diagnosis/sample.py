@@ -8,6 +8,8 @@ from console.app.pages.diagnosis.data import (
     Adoption,
     CauseShown,
     ChannelShown,
+    ComparedRow,
+    ComparedShown,
     Curve,
     Export,
     Found,
@@ -114,6 +116,13 @@ class MadeUpDiagnosis:
         self.asked.append(f"drive {found.next_run.id if found.next_run else ''}")
         self._work(tell, stop)
         return sample_found("named")
+
+    def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
+        self.asked.append(f"compare {machine} {source.name}")
+        self._work(tell, stop)
+        return ComparedShown((ComparedRow("shaft", "r/min", 1.92, 0.29, 1.5, 1.8),
+                              ComparedRow("gate", "mm", 0.1, 0.1, 0.0, 0.0),
+                              ComparedRow("flow", "kg/s", 0.012, 0.015, -0.004, -0.002)), "/data/reports/compared.html")
 
     def _work(self, tell: Tell, stop: Stop) -> None:
         tell(0.5, "metering")

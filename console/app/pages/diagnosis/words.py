@@ -4,7 +4,15 @@ from __future__ import annotations
 import re
 from math import floor, log10
 
-from console.app.pages.diagnosis.data import IMPORT, CauseShown, Curve, Found, LeftShown
+from console.app.pages.diagnosis.data import (
+    IMPORT,
+    CauseShown,
+    ComparedRow,
+    ComparedShown,
+    Curve,
+    Found,
+    LeftShown,
+)
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
@@ -254,6 +262,23 @@ def plan_steps(found: Found) -> tuple[str, ...]:
 
 def curve_title(curve: Curve) -> str:
     return _("error of {channel}, {unit}").format(channel=channel_word(curve.channel), unit=curve.unit)
+
+
+def compared(found: ComparedShown) -> list[str]:
+    """A line for each channel: error before and after, and which is better beyond chance."""
+    lines = [f"{channel_word(one.channel)}: {number(one.old)} -> {number(one.new)} {one.unit}   {_better(one)}"
+             for one in found.rows]
+    return lines or [_("no channel of this log could be held against both")]
+
+
+def _better(one: ComparedRow) -> str:
+    if one.low is None or one.high is None:
+        return _("the log is too short to say")
+    if one.low <= 0.0 <= one.high:
+        return _("no difference beyond chance")
+    share = f"{100.0 * abs(1.0 - one.new / one.old):.0f}" if one.old > 0.0 else "-"
+    words = _("better: {percent} % less error") if one.low > 0.0 else _("worse: {percent} % more error")
+    return words.format(percent=share)
 
 
 def beyond_noise(error: float, noise: float) -> float:

@@ -1,0 +1,336 @@
+"""Every recording of a real drive: what a diagnosis says of it, and whether the file made of it predicts the next.
+
+    python benchmarks/diagnosis/drives.py --out drives.json [--only sweep] [--no-rival] [--against OLD.json]
+
+The recordings are strangers' (../shared/data/drives; without them nothing is run). Each wheel, motor and direction is a
+case: imported with an import file, diagnosed against a machine file with what a data sheet says, adopted. What is there
+by eye stands in `CASES`; nothing is fitted to that. Then pairs: fitted to one recording, judged on every row of
+another of the same machine or kind, as the nominal machine file, the adopted one, and a rival (least squares over
+eight forms of the command, a lag, a dead time: ../shared/prototypes/drive_peer) predict it.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT)]
+
+import numpy as np  # noqa: E402
+import yaml  # noqa: E402
+
+SHARED = ROOT.parent / "shared"
+DRIVES = SHARED / "data" / "drives"
+PEER = SHARED / "prototypes" / "drive_peer" / "peer.py"
+
+# What a data sheet says of each machine: full speed in r/min at the full command, times in s, noise of the reading.
+GEAR_MOTOR = {"full_rpm": 650.0, "tau_s": 0.06, "dead_s": 0.02, "noise_rpm": 2.0}
+FOOTBALL = {"full_rpm": 1500.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 4.4}        # 0.46 rad/s a count
+WHEEL_IN_AIR = {"full_rpm": 600.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 2.2}     # 0.23 rad/s a count
+SWEPT = {"full_rpm": 1050.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 1.8}           # 0.18 rad/s a count
+
+ZONE, CURVE, GAIN, SLOW = "dead zone", "curve", "gain", "slow"
+# Names and terms that say each of them. A curve over the command is said by a term over it; two that stand for each
+# other over half of a range are not told apart by eye either.
+FORMS = ("slope", "bend", "hinge", "saturation", "dead_zone", "threshold", "side", "table")
+CURVES = tuple(f"shaft.{form}_shaft_rpm" for form in FORMS)      # terms over the command that remember nothing
+SAYS = {
+    ZONE: ("shaft.dead_band", "shaft.dead_zone", *CURVES),
+    CURVE: ("shaft.saturation", "shaft.dead_zone", *CURVES),
+    GAIN: ("shaft.gain", "shaft.backwards", *CURVES),
+    SLOW: ("shaft.slow", "shaft.dead_time", "shaft.memory", "shaft.second_order"),
+}
+NEVER_BY_EYE = ("shaft.coarse_encoder",)        # true of every encoder, and no fault: right beside anything
+
+
+LEAST_ROWS = 60
+
+
+class Case(NamedTuple):
+    """One recording of one wheel. name : "kind/recording/wheel/direction"; what is paired has the kind and wheel of
+    `pair`. file, columns : as the import file says them. rows : settled answers or not. sheet : the data sheet.
+    truth : what is there by eye."""
+
+    name: str
+    pair: str
+    file: str
+    command: dict[str, Any]
+    reading: dict[str, Any]
+    sheet: dict[str, float]
+    truth: tuple[str, ...]
+    time: dict[str, Any]
+    settled: bool
+    side: int = 0               # 1, -1: rows of one direction alone, turned forwards; 0: all
+    names: tuple[str, ...] = ()
+
+
+def _wheels() -> list[Case]:
+    """The two-wheeled robot: staircases of its command, and runs in closed loop."""
+    found = []
+    ms = {"column": "time", "counts": "ms"}
+    for wheel in ("left", "right"):
+        for run in (1, 2, 3):
+            for word, side in (("forwards", 1), ("backwards", -1), ("both", 0)):
+                if run > 1 or side == 1:
+                    found.append(Case(f"stairs/{run}/{wheel}/{word}", f"stairs/{wheel}/{word}",
+                                      f"wheelSpeedCalibration{run}.csv", {"from": "motorCommand", "scale": 2.5},
+                                      {"from": f"{wheel}SpeedRpm"}, GEAR_MOTOR, (ZONE, CURVE, GAIN), ms, True, side))
+        for run in (1, 2, 3):
+            when = {"column": "time", "counts": "ms" if run == 1 else "s"}
+            file = f"testPid{run}.csv"
+            found.append(Case(f"motor/{run}/{wheel}/forwards", f"motor/{wheel}", file,
+                              {"from": f"{wheel}Command", "scale": 2.5}, {"from": f"{wheel}Speed"}, GEAR_MOTOR,
+                              (ZONE, CURVE, GAIN, SLOW), when, False))
+            found.append(Case(f"loop/{run}/{wheel}/forwards", f"loop/{wheel}", file, {"from": "targetSpeed"},
+                              {"from": f"{wheel}Speed"}, GEAR_MOTOR, (GAIN, SLOW), when, False))
+    return found
+
+
+def _football() -> list[Case]:
+    """The football robots: duty cycle, a wheel in the air, sweeps."""
+    found = []
+    for run in (1, 2):
+        found.append(Case(f"duty/{run}/motor/both", "duty", f"duty_run{run}.csv",
+                          {"from": "c1", "scale": 15.0}, {"from": "c2", "unit": "rad/s"}, FOOTBALL, (ZONE, GAIN, SLOW),
+                          {"counts": "rows", "step_s": 0.005}, False, 0, ("c1", "c2")))
+    for wheel in (1, 2, 3, 4):
+        found.append(Case(f"air/1/wheel {wheel}/both", "air", "wheel_air.csv", {"from": "c1", "unit": "rad/s"},
+                          {"from": f"c{1 + wheel}", "unit": "rad/s"}, WHEEL_IN_AIR, (SLOW,),
+                          {"counts": "rows", "step_s": 0.005}, False, 0, ("c1", "c2", "c3", "c4", "c5")))
+    for robot in (2, 3, 4, 5):
+        for motor, sides in (("m1", (0,)), ("m2", (0,)), ("m3", (0,)), ("m4", (0,)), ("mean", (1, -1))):
+            for side in sides:
+                word = {0: "both", 1: "forwards", -1: "backwards"}[side]
+                found.append(Case(f"sweep/{robot}/{motor}/{word}", f"sweep/{motor}/{word}", f"sweep_robot{robot}.csv",
+                                  {"from": "pwm", "scale": 15.0}, {"from": motor, "unit": "rad/s"}, SWEPT, (ZONE, GAIN),
+                                  {"counts": "rows", "step_s": 1.0}, True, side))
+    return found
+
+
+CASES = [*_wheels(), *_football()]
+
+
+def machine_text(case: Case) -> str:
+    """The machine file: what a data sheet says, and no more."""
+    s = case.sheet
+    return yaml.safe_dump({
+        "format": "topdress-machine/1", "id": case.pair.split("/")[0],
+        "shaft": {"dead_time_s": s["dead_s"], "time_constant_s": s["tau_s"], "acceleration_rpm_s": 5000.0,
+                  "nominal_supply_v": 7.4},
+        "flow": {"full_rpm": s["full_rpm"]}, "fall": {"full_rpm": s["full_rpm"]},
+        "limits": {"shaft_low_rpm": 0.0, "shaft_high_rpm": s["full_rpm"]},
+        "set_points": {"shaft_rpm": 0.5 * s["full_rpm"]}, "noise": {"shaft_rpm": s["noise_rpm"]},
+        "tolerance": {"shaft_percent": 0.5, "time_constant_s": 0.015}})
+
+
+def import_text(case: Case) -> str:
+    """The import file that a user writes."""
+    said: dict[str, Any] = {"format": "topdress-import/1", "time": case.time,
+                            "columns": {"shaft_rpm_cmd": case.command, "shaft_rpm": case.reading},
+                            "rows": "answer_in_row" if case.settled else "answer_next_row", "extra": "drop"}
+    if case.names:
+        said["source"] = {"names": list(case.names)}
+    return yaml.safe_dump(said)
+
+
+def _one_side(case: Case, folder: Path) -> Path:
+    """The rows of one direction as a file of their own, turned forwards."""
+    source = DRIVES / case.file
+    if not case.side:
+        return source
+    lines = source.read_text().splitlines()
+    heads = [name.strip() for name in lines[0].split(",")]
+    command, reading = heads.index(case.command["from"]), heads.index(case.reading["from"])
+    kept = [lines[0]]
+    for line in lines[1:]:
+        cells = line.split(",")
+        if case.side * float(cells[command]) >= 0.0:
+            for at in (command, reading):
+                cells[at] = f"{case.side * float(cells[at]):g}"
+            kept.append(",".join(cells))
+    place = folder / source.name
+    place.write_text("\n".join(kept) + "\n")
+    return place
+
+
+class Ran(NamedTuple):
+    """A case that was run: files, what was said."""
+
+    log: Path
+    nominal: Path
+    adopted: Path | None
+    said: dict[str, Any]
+
+
+def run(case: Case, folder: Path) -> Ran:
+    """Import, diagnosis, adoption, by the functions behind the commands."""
+    from control.diagnosis.extend import adoptable, adoptable_terms, extend
+    from control.diagnosis.runs.diagnose import diagnose_run
+    from drivers.files.config import load, save
+    from drivers.files.imports.convert import convert
+    from drivers.files.imports.join import joined
+    from drivers.files.imports.log_file import write_imported
+    from drivers.files.imports.mapping import IMPORT
+    from drivers.files.imports.read import read_raw
+    from drivers.files.kinds import MACHINE
+    from drivers.files.read_log import read_rows
+    place = folder / case.name.replace("/", "_").replace(" ", "_")
+    place.mkdir()
+    (place / "import.yaml").write_text(import_text(case))
+    (place / "machine.yaml").write_text(machine_text(case))
+    mapping = load(str(place / "import.yaml"), IMPORT).model
+    log, adopted = place / "log.csv", place / "adopted.yaml"
+    imported = joined([convert(read_raw(_one_side(case, place), mapping.source), mapping)], mapping.join)
+    write_imported(log, imported, mapping, place / "import.yaml")
+    machine = load(str(place / "machine.yaml"), MACHINE).model
+    begun = time.process_time()
+    try:
+        found = diagnose_run(dict(read_rows(log).columns), machine, path=str(log))
+    except ValueError as error:
+        return Ran(log, place / "machine.yaml", None, {
+            "verdict": "refused", "names": [], "p": [], "terms": [], "why": str(error), "cpu_s": 0.0})
+    said = {"verdict": found.verdict, "names": [one.id for one in found.causes],
+            "p": [round(one.probability, 3) for one in found.causes],
+            "sizes": [one.size.value for one in found.causes],
+            "open": [one.id for one in found.causes if one.rivals],
+            "terms": [one.term["id"] for one in found.terms],
+            "left": [f"{one.channel}.{one.variable}" for one in found.unexplained],
+            "cpu_s": round(time.process_time() - begun, 1)}
+    there = bool(adoptable(found) or adoptable_terms(found))
+    if there:
+        save(adopted, extend(machine, found), MACHINE)
+    return Ran(log, place / "machine.yaml", adopted if there else None, said)
+
+
+def judged(case: Case, said: dict[str, Any]) -> str:
+    """right, honest, wrong or false none, held against what is there by eye."""
+    if said["verdict"] == "none":
+        return "false none" if case.truth else "right"
+    claims = [*said["names"], *said["terms"]] if said["verdict"] == "named" else list(said["terms"])
+    claims = [one for one in claims if one not in said.get("open", ()) and not one.startswith(NEVER_BY_EYE)]
+    if not claims:
+        return "honest"
+    known = [word for kind in case.truth for word in SAYS[kind]]
+    return "right" if all(any(word in one for word in known) for one in claims) else "wrong"
+
+
+def error_on(log: Path, machine_file: Path, settled: bool) -> float:
+    """r.m.s. of measured less predicted over every row of a log, r/min; the machine file predicts as it stands."""
+    from control.diagnosis.runs.channels import drive_rows
+    from control.diagnosis.runs.hypothesis import schedule, stages_of
+    from control.diagnosis.runs.log import gate
+    from control.diagnosis.runs.stages import whole_drives
+    from control.machine.over_log import MOST_STEP_S
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    from drivers.files.read_log import read_rows
+    machine = load(str(machine_file), MACHINE).model
+    columns = {name: np.asarray(values) for name, values in read_rows(log).columns.items()}
+    rows = len(columns["time_s"])
+    if rows < LEAST_ROWS:           # a short table of settled answers is predicted by being read again and again
+        later = columns["time_s"][-1] + 1.0
+        columns = {name: np.concatenate([values + k * later if name == "time_s" else values
+                                         for k in range(1 + LEAST_ROWS // rows)]) for name, values in columns.items()}
+    clean = gate(columns)
+    drive = whole_drives(clean, machine)["shaft"]
+    predicted = drive_rows(drive)(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
+    off = clean.columns["shaft_rpm"] - predicted
+    off = off[1:rows] if settled else off
+    return float(np.sqrt(np.nanmean(np.square(off))))
+
+
+def rival_on(fit: Path, held: Path, tau_s: float) -> tuple[float, str]:
+    """The rival's error on the log that it was not fitted to, r/min, and its form."""
+    done = subprocess.run([sys.executable, str(PEER), str(fit), str(held), "--tau", str(tau_s)], capture_output=True,
+                          text=True, check=True)
+    words = done.stdout.splitlines()[0].split("held", 1)[1].split()
+    return float(words[0]), " ".join(words[1:]).split("{")[0].strip()
+
+
+def pairs(ran: dict[str, Ran]) -> list[tuple[Case, Case]]:
+    """Each recording fitted to, and the others of its kind judged: where there are many, the next one."""
+    found = []
+    by_pair: dict[str, list[Case]] = {}
+    for case in CASES:
+        if case.name in ran:
+            by_pair.setdefault(case.pair, []).append(case)
+    for several in by_pair.values():
+        for k, case in enumerate(several):
+            others = [one for one in several if one is not case] if len(several) < 4 else [
+                several[(k + 1) % len(several)]]
+            found += [(case, other) for other in others]
+    return found
+
+
+def main() -> int:
+    args = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    args.add_argument("--out", type=Path, default=None, help="figures as JSON")
+    args.add_argument("--only", default="", help="cases whose name holds this")
+    args.add_argument("--no-rival", action="store_true")
+    args.add_argument("--no-pairs", action="store_true")
+    args.add_argument("--against", type=Path, default=None, help="the --out of another run")
+    given = args.parse_args()
+    if not DRIVES.is_dir():
+        print(f"{DRIVES}: not there: nothing to run")
+        return 0
+    before = json.loads(given.against.read_text()) if given.against else {"cases": {}, "pairs": {}}
+    told: dict[str, Any] = {"cases": {}, "pairs": {}}
+    with tempfile.TemporaryDirectory(prefix="drives-") as name:
+        ran = _run_cases(given.only, Path(name), told, before)
+        if not given.no_pairs:
+            _run_pairs(ran, told, before, given.no_rival)
+    if given.out:
+        given.out.write_text(json.dumps(told, indent=1) + "\n")
+    return 0
+
+
+def _run_cases(only: str, folder: Path, told: dict[str, Any], before: dict[str, Any]) -> dict[str, Ran]:
+    ran: dict[str, Ran] = {}
+    for case in CASES:
+        if only in case.name:
+            ran[case.name] = one = run(case, folder)
+            how = judged(case, one.said)
+            told["cases"][case.name] = {**one.said, "judged": how, "adopted": one.adopted is not None}
+            was = before["cases"].get(case.name, {}).get("judged", "")
+            print(f"{case.name:28s} {how:10s} {'file' if one.adopted else '    '} {one.said['verdict']:12s} "
+                  f"{', '.join([*one.said['names'], *one.said['terms']]) or one.said.get('why', '-')[:60]}"
+                  f"{f'   (was {was})' if was not in ('', how) else ''}", flush=True)
+    counts = {word: sum(one["judged"] == word for one in told["cases"].values())
+              for word in ("right", "honest", "wrong", "false none")}
+    files = sum(one["adopted"] for one in told["cases"].values())
+    print(f"\n{len(ran)} cases: " + ", ".join(f"{word} {count}" for word, count in counts.items())
+          + f"; a file adopted {files}; processor {sum(one['cpu_s'] for one in told['cases'].values()):.0f} s\n")
+    return ran
+
+
+def _run_pairs(ran: dict[str, Ran], told: dict[str, Any], before: dict[str, Any], no_rival: bool) -> None:
+    print(f"{'fitted to -> judged on':52s} {'nominal':>8s} {'adopted':>8s} {'rival':>8s}")
+    for case, other in pairs(ran):
+        key = f"{case.name} -> {other.name}"
+        one, held = ran[case.name], ran[other.name]
+        nominal = error_on(held.log, one.nominal, other.settled)
+        adopted = None if one.adopted is None else error_on(held.log, one.adopted, other.settled)
+        known = before["pairs"].get(key, {})
+        rival, form = known.get("rival"), known.get("form", "")
+        if rival is None and not no_rival:
+            rival, form = rival_on(one.log, held.log, case.sheet["tau_s"])
+        told["pairs"][key] = {"nominal": nominal, "adopted": adopted, "rival": rival, "form": form}
+        print(f"{key:52s} {nominal:8.1f} {'-' if adopted is None else f'{adopted:.1f}':>8s} "
+              f"{'-' if rival is None else f'{rival:.1f}':>8s}  {form}", flush=True)
+    done = list(told["pairs"].values())
+    with_rival = [one for one in done if one["rival"] is not None]
+    near = sum(one["adopted"] is not None and one["adopted"] <= 1.1 * one["rival"] for one in with_rival)
+    worse = sum(one["adopted"] is not None and one["adopted"] > one["nominal"] for one in done)
+    adopted_in = sum(one["adopted"] is not None for one in done)
+    print(f"\n{len(done)} pairs: within 1.1 of the rival {near} of {len(with_rival)}; adopted {adopted_in}; "
+          f"adopted and above nominal {worse}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
