@@ -12,8 +12,8 @@ from textual_serve.app_service import AppService
 
 from console.serve import SERVER
 
-QUIT_S = 0.6                # a console that was told to end does so within this, or is told by the system ...
-TERMINATE_S = 0.3           # ... and within this, or is killed: together half of the 2 s in which all have ended
+QUIT_S = 0.5                # idle a console that was told to end takes 0.2 s; after this the system tells it ...
+TERMINATE_S = 0.2           # ... and within this, or is killed: together half of the 2 s in which all have ended
 
 
 class TabConsole(AppService):
