@@ -22,6 +22,9 @@ def import_log(
                                                  "--guess: where to write it; default beside output or file.")] = None,
     guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "
                                         "nothing.")] = False,
+    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one: what "
+                                                "100 % or the full count of a command is, where the file does not "
+                                                "say.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside. "
                                              "LOG.parquet: all in one small file; a run log becomes one too, and is "
                                              "read back equal.")] = None,
@@ -32,15 +35,16 @@ def import_log(
     twice = next((path for k, path in enumerate(files) if path.resolve() in [one.resolve() for one in files[:k]]), None)
     if twice is not None:
         raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
+    full = _full(machine)
     try:
         if guess:
-            _guess(files, _place_of_guess(files, mapping, out), force)
+            _guess(files, _place_of_guess(files, mapping, out), full, force)
         elif out is None:
             raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
         elif _is_copy(files, mapping, out):
             _copy(files[0], out, force)
         else:
-            _import(files, mapping, out, force)
+            _import(files, mapping, out, full, force)
     except ImportTrouble as trouble:
         for line in trouble.lines:
             typer.echo(line, err=True)
@@ -56,22 +60,33 @@ def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -
     return beside.with_name(f"{beside.stem}.import.yaml")
 
 
-def _guess(files: list[Path], place: Path, force: bool) -> None:
+def _full(machine: str | None) -> dict[str, float]:
+    """The most of each drive's columns, by a machine file."""
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    if machine is None:
+        return {}
+    limits = load(machine, MACHINE).model.limits
+    return {"shaft_rpm_cmd": limits.shaft_high_rpm, "shaft_rpm": limits.shaft_high_rpm,
+            "opening_mm_cmd": limits.opening_high_mm, "opening_mm": limits.opening_high_mm}
+
+
+def _guess(files: list[Path], place: Path, full: dict[str, float], force: bool) -> None:
     from drivers.files.atomic import write_atomically
     from drivers.files.imports.mapping_text import first_import_file
     refuse_collisions(_read(files), [Output((place,))], force)
-    raw, found = _guessed(files)
+    raw, found = _guessed(files, full)
     write_atomically(place, first_import_file(found, files, place))
     typer.echo(f"{place}: {found.unsure}")
     for line in found.questions(raw.path):
         typer.echo(line)
 
 
-def _guessed(files: list[Path]) -> tuple[RawTable, Guess]:
+def _guessed(files: list[Path], full: dict[str, float]) -> tuple[RawTable, Guess]:
     from drivers.files.imports.guess import guess
     from drivers.files.imports.read import read_raw
     raw = read_raw(files[0])
-    return raw, guess(raw)
+    return raw, guess(raw, full)
 
 
 def _read(files: list[Path]) -> list[Path]:
@@ -80,14 +95,14 @@ def _read(files: list[Path]) -> list[Path]:
     return [one for path in files for one in files_of(path)]
 
 
-def _import(files: list[Path], mapping_file: Path | None, out: Path, force: bool) -> None:
+def _import(files: list[Path], mapping_file: Path | None, out: Path, full: dict[str, float], force: bool) -> None:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import is_import_of, write_imported
     from drivers.files.imports.read import read_raw
     reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
     refuse_collisions(reads, [Output(_written(out), lambda: is_import_of(out, files))], force)
-    first, mapping = _mapping(files, mapping_file)
+    first, mapping = _mapping(files, mapping_file, full)
     parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
              for path in files]
     log = joined(parts, mapping.join)
@@ -132,14 +147,14 @@ def _copy(source: Path, out: Path, force: bool) -> None:
     typer.echo(f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB")
 
 
-def _mapping(files: list[Path], place: Path | None) -> tuple[RawTable | None, ImportFile]:
+def _mapping(files: list[Path], place: Path | None, full: dict[str, float]) -> tuple[RawTable | None, ImportFile]:
     """The import file; without one, the guess where nothing of it is unsure, and the file by which it was made."""
     from drivers.files.config import load
     from drivers.files.imports.mapping import IMPORT
     from drivers.files.imports.trouble import ImportTrouble
     if place is not None:
         return None, load(place, IMPORT).model
-    raw, found = _guessed(files)
+    raw, found = _guessed(files, full)
     if not found.sure:
         raise ImportTrouble(*found.questions(raw.path), f"{raw.path}: not imported: --guess writes an import file in "
                             "which these lines can be put right")

@@ -24,7 +24,7 @@ CATALOGUE: dict[str, Entry] = catalogue(STAGES)
 # Ranges that a machine could have: the widest booms and discs spread 54 m, the smallest bench has one row.
 Width = Annotated[float, Field(ge=0.1, le=60)]
 Height = Annotated[float, Field(gt=0, le=10)]
-Turning = Annotated[float, Field(gt=0, le=2000)]            # r/min
+Turning = Annotated[float, Field(gt=0, le=1e5)]             # r/min: fans and small motors of rigs turn so fast
 Opening = Annotated[float, Field(gt=0, le=500)]             # mm, as `gate.full_mm`
 Resolution = Annotated[float, Field(ge=1e-4, le=50)]        # of a drive's set-point
 Share = Annotated[float, Field(ge=1e-6, le=100)]            # %
@@ -52,7 +52,7 @@ class Geometry(Part):
 class Limits(Part):
     """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest there is none."""
 
-    shaft_low_rpm: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    shaft_low_rpm: Annotated[float, Field(ge=0, le=1e5)] = 10.0
     shaft_high_rpm: Turning = 100.0
     shaft_resolution_rpm: Resolution = 0.1
     opening_low_mm: Annotated[float, Field(ge=0, le=500)] = 5.0
@@ -69,7 +69,7 @@ class SetPoints(Part):
 class Noise(Part):
     """One standard deviation of what each sensor adds."""
 
-    shaft_rpm: Annotated[float, Field(ge=0, le=100)] = 0.3
+    shaft_rpm: Annotated[float, Field(ge=0, le=1e4)] = 0.3
     opening_mm: Annotated[float, Field(ge=0, le=50)] = 0.1
     gnss_mps: Annotated[float, Field(ge=0, le=5)] = 0.03
     wheel_mps: Annotated[float, Field(ge=0, le=5)] = 0.02

@@ -13,7 +13,7 @@ from .elements import DelayLine, line_held, line_put, line_start, stepped
 class Shaft(NamedTuple):
     dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.373
     time_constant_s: Annotated[float, Field(ge=1e-4, le=5)] = 0.05
-    acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=5000)] = 200.0
+    acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=1e7)] = 200.0
     nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
     gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
@@ -34,7 +34,7 @@ class Shaft(NamedTuple):
         "lag paper, table 2: 0.383 s to 2 r/min", ("run", "response"),
         "Look at the bus cycle and the drive's filter setting.",
         "Steps of the shaft command, large and small: a dead time is the same for both.", probes=(0.01,))] = 0.0
-    dead_band_rpm: Annotated[float, Field(ge=0, le=1e4), Effect(
+    dead_band_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
         "shaft.dead_band", "r/min", "Shaft does not turn below some command",
         "Static friction holds the shaft until the duty cycle overcomes it.",
         "brushed motors with worm gears: 5-20 r/min", ("run",),

@@ -46,7 +46,7 @@ def table(header: str, *columns: object) -> str:
     (table("time_s,lat,lon,speed m/s", LAT, [119.0] * 80, [7.2] * 80), ["columns.speed_mps: in m/s, as the header"]),
     (table("time_s,speed", [1.2] * 80), ["columns.speed_mps: no unit in the header: taken for m/s"]),
     (table("time_s,hopper kg", range(100, 180)), ["columns.hopper_kg: it grows nearly all the time"]),
-    (table("time_s,shaft rpm", [5000] * 80), ["columns.shaft_rpm: 80 of 80 values such as 5000 are beyond"]),
+    (table("time_s,shaft rpm", [500000] * 80), ["columns.shaft_rpm: 80 of 80 values such as 500000 are beyond"]),
     (table("k,shaft rpm", COMMAND), ["time: no column is called a time; k alone grows evenly"]),
     (table("x,when,shaft rpm", [f"03/04/2026 10:00:{k % 60:02d}" if k < 60 else f"03/04/2026 10:01:{k - 60:02d}"
                                 for k in ROWS], COMMAND), ["time: column when is not called a time, but reads as one"]),

@@ -21,6 +21,7 @@ KMH_RATIO = (3.2, 4.0)      # of two speeds, of which one is in km/h
 SAME_TIME_S = 1e-6          # rows closer than this repeat a time
 GAP_STEPS = 1.5             # of the median: a longer one has rows missing
 LONGEST_STEP_S = 600.0      # between rows (median): the slowest staircase of settings stands so long on one of them
+SELDOM_STEP_S = 60.0        # ... and few loggers are so slow
 MIXED_STEP = 0.25           # off the median by this share, in MIXED_ROWS of the rows: the sample time is mixed
 MIXED_ROWS = 0.2
 HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
@@ -139,8 +140,11 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
     step = float(np.median(steps))
     if step > LONGEST_STEP_S:
         whole_s = time[order[-1]] - time[order[0]]
-        raise ValueError(f"column time_s: {len(order)} rows are {step:.3g} s apart, {whole_s:.3g} s in all: allowed up "
-                         f"to {LONGEST_STEP_S:g} s between rows: are the times in another unit?")
+        raise ValueError(f"column time_s: {len(order)} rows are {step:,.0f} s apart, {whole_s:,.0f} s in all: allowed "
+                         f"up to {LONGEST_STEP_S:g} s between rows: are the times in another unit?")
+    if step > SELDOM_STEP_S:
+        findings.append(f"column time_s: {time[order[-1]] - time[order[0]]:,.0f} s for {len(order)} rows, one each "
+                        f"{step:,.0f} s: are the times in another unit?")
     missing = int(np.round(steps / step - 1.0)[steps > GAP_STEPS * step].sum())
     if missing:
         share = 100.0 * missing / (len(order) + missing)

@@ -90,6 +90,9 @@ def _column(raw: RawTable, name: str, column: Column, mapping: ImportFile, findi
         _said_bad(raw, column.source, found, findings)
     values = _inside(raw, column, found.values, findings)
     converted = _in_log_unit(values * column.scale + column.offset, name, column)
+    if quantity_of(name) == "rate" and column.unit is not None and (unit := unit_named(column.unit)) is not None \
+            and unit.quantity == "volume":
+        converted = converted * (mapping.density_kg_l or 1.0)
     return converted.round_sig_figs(DIGITS).alias(name) if column.scale != 1.0 or column.unit else converted.alias(name)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from drivers.files.imports.header import Layout, is_value, layout_of
 from drivers.files.imports.mapping import Delimiter, Source
-from drivers.files.imports.trouble import ImportTrouble, listed
+from drivers.files.imports.trouble import ImportTrouble
 
 SAMPLE_LINES = 300
 SAMPLE_BYTES = 400_000
@@ -77,10 +77,6 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
         first = lines[0][:40].strip() if lines else ""
         raise ImportTrouble(f"{label}: no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
                             "allowed is a table with a header row and rows of numbers")
-    if best[1].layout.header < 0 and not said.names:
-        first = listed(best[1].rows[best[1].layout.body], 4)
-        raise ImportTrouble(f"{label}: no header row: the first row is {first}: allowed is a row that names the "
-                            "columns, or source.names in the import file")
     return best[1]
 
 

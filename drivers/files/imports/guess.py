@@ -1,21 +1,32 @@
 """A first import file by looking at a table: by names, by units, by ranges, by physics. What is not sure is said."""
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from control.log_row import COLUMNS
 from drivers.files.imports.guess_checks import check
-from drivers.files.imports.guess_columns import candidates_of, chosen_of, column_of, extras_with_sentinels
+from drivers.files.imports.guess_columns import (
+    candidates_of,
+    chosen_of,
+    column_of,
+    extras_with_sentinels,
+    unnamed_drive,
+)
 from drivers.files.imports.guess_time import guess_times
 from drivers.files.imports.guessed import Doubt, Guess
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Column, ImportFile, Working
 from drivers.files.imports.raw import RawTable
+from drivers.files.imports.text import NO_HEADER
 from drivers.files.imports.words import EITHER_WAY, ON, folded, says, subject_of
 
 
-def guess(raw: RawTable) -> Guess:
-    """Raises ImportTrouble where the table has no times that can be read at all."""
+def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
+    """full : the most of a log column by its machine file, in the log's unit, where that is known: what 100 % of a duty
+    cycle is. Raises ImportTrouble where the table has no times that can be read at all."""
     time = guess_times(raw)
-    out = Guess(ImportFile(source=raw.source, time=time.times, columns={}))
+    out = Guess(ImportFile(source=raw.source, time=time.times, columns={}), full=full or {})
+    out.doubts += [Doubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER]
     out.reasons[("time",)] = time.why
     if time.doubt:
         out.doubts.append(Doubt(("time",), time.doubt))
@@ -30,7 +41,8 @@ def guess(raw: RawTable) -> Guess:
     working = _working(raw, columns, out, used)
     out.mapping = ImportFile(source=raw.source, time=time.times, columns=columns, working=working)
     check(raw, out, chosen)
-    if not any(name in COLUMNS for name in out.mapping.columns):
+    unnamed_drive(raw, out, used)
+    if not any(name in COLUMNS for name in out.mapping.columns) and "shaft_rpm_cmd" not in out.open:
         out.doubts.append(Doubt(("columns",), "no column was recognised: say which column of the file is which"))
     return out
 

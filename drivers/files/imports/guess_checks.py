@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.files.imports import physics
 from drivers.files.imports.convert import convert
+from drivers.files.imports.guess_columns import per_count
 from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess
 from drivers.files.imports.mapping import Column
 from drivers.files.imports.raw import RawTable
@@ -21,6 +22,7 @@ LOOKED_AT = 50_000              # rows, for what the converted numbers say
 SLIP = (0.7, 1.6)               # a wheel's speed over the ground's, on any ground
 ALIKE = 0.1                     # command and reading so near one another are in the same unit
 BEYOND = 0.02                   # of the largest value: readings about zero are noisy
+CLOSEST_S, FARTHEST_S = 5e-5, 60.0      # between rows (median): the quickest logger of a drive, the slowest
 DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")        # commands that a row may hold with their settled answer
 
 
@@ -35,10 +37,22 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, Candidate]) -> None:
     time_s = (tried.frame["us"] - tried.frame["us"][0]).to_numpy() / 1e6
     columns = {name: tried.frame[name].to_numpy() for name in tried.frame.columns
                if tried.frame[name].dtype == pl.Float64}
+    _spacing(time_s, out)
     _speeds(time_s, columns, out, chosen)
     _ranges(columns, out)
     _commands(time_s, columns, out, chosen)
     _hopper(columns, out)
+
+
+def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
+    """Rows so far apart, or so close, that the times are rather told in another unit."""
+    if len(time_s) < 3 or out.mapping.time.counts == "rows" or any(doubt.key == ("time",) for doubt in out.doubts):
+        return
+    step_s = float(np.median(np.diff(time_s)))
+    if not CLOSEST_S <= step_s <= FARTHEST_S:
+        whole, each = (f"{span:,.0f}" if span >= 100.0 else f"{span:.3g}" for span in (float(time_s[-1]), step_s))
+        out.doubts.append(Doubt(("time",), f"{whole} s for {len(time_s)} rows, one each {each} s: are the times in "
+                                "another unit?"))
 
 
 def _speeds(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]], out: Guess,
@@ -101,7 +115,8 @@ def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64
         one = chosen.get(command)
         if one is not None and one.unit is None and not one.implied and command in DRIVEN:
             bare = not says(folded(one.source), QUANTITIES)
-            _scaled(command, physics.slope(columns[command], columns[reading]), bare, out)
+            _scaled(command, physics.slope(columns[command], columns[reading]), bare,
+                    float(np.nanmax(np.abs(columns[command]))), out)
         found = physics.answer(columns[command], columns[reading])
         if found is not None and found.strength >= physics.LEAST_CORRELATION:
             if found.lag < 0 and command in DRIVEN:      # a rate may come before its target: a look-ahead set too long
@@ -121,8 +136,8 @@ def _answer_in_row(out: Guess, text: str) -> None:
         out.doubts.append(Doubt(("rows",), text))
 
 
-def _scaled(command: str, factor: float, bare: bool, out: Guess) -> None:
-    """`bare`: its name says no quantity, so that it may count anything, as PWM does."""
+def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) -> None:
+    """`most`: its largest number. `bare`: its name says no quantity, so that it may count anything, as PWM does."""
     key = ("columns", command)
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
@@ -133,10 +148,14 @@ def _scaled(command: str, factor: float, bare: bool, out: Guess) -> None:
                                 "the same unit"))
         return
     column = out.mapping.columns[command]
+    why = "the usual ratio of its reading to it; what the maker says of it is better"
+    if command in out.full:
+        factor = per_count(most, out.full[command])
+        why = f"so that its full count is {out.full[command]:g} r/min, as the machine file says" \
+            if command == "shaft_rpm_cmd" else "so that its full count is the machine file's"
     changed = {**out.mapping.columns, command: column.model_copy(update={"scale": float(f"{factor:.4g}")})}
     out.mapping = out.mapping.model_copy(update={"columns": changed})
-    out.doubts.append(Doubt(key, f"no unit in the header: scaled by {factor:.4g}, the usual ratio of its reading to "
-                            "it; what the maker says of it is better"))
+    out.doubts.append(Doubt(key, f"no unit in the header: scaled by {factor:.4g}, {why}"))
 
 
 def _hopper(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:

@@ -153,6 +153,10 @@ def column_of(one: Candidate, out: Guess) -> Column | None:
         return Column.of(one.source, unit=one.unit.name, missing=_missing(one, one.unit.factor))
     if one.unit.name == "%" and quantity == "angle":
         return Column.of(one.source, unit="slope %", missing=_missing(one))
+    if one.unit.name == "%" and one.target in out.full:
+        out.reasons[key] = f"100 % is {out.full[one.target]:g} {_LOG_UNITS[quantity or '']} by the machine file"
+        return Column.model_validate({"from": one.source, "unit": "%", "full": out.full[one.target],
+                                      "missing": _missing(one)})
     if one.unit.name == "%" and quantity is not None:
         out.doubts.append(Doubt(key, f"{one.source} is in %: the file does not say what 100 % is in "
                                 f"{_LOG_UNITS[quantity]}"))
@@ -161,6 +165,12 @@ def column_of(one: Candidate, out: Guess) -> Column | None:
     if quantity == "rate" and one.unit.quantity == "flow":
         out.doubts.append(Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file"))
         out.open[one.target] = f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}     # and, on top, width_m: "
+        return None
+    if quantity == "rate" and one.unit.quantity == "volume":
+        out.doubts.append(Doubt(key, f"{one.source} is a volume: the product's density, density_kg_l, is not in the "
+                                "file"))
+        out.open[one.target] = (f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}"
+                                "     # and, on top, density_kg_l: ")
         return None
     return None
 
@@ -192,6 +202,48 @@ def _without_unit(one: Candidate, quantity: str | None, out: Guess) -> Column | 
     spread = f"{known.min():g} to {known.max():g}" if known.size else "no values"
     out.doubts.append(Doubt(key, f"no unit in the header: taken for {unit} ({spread})"))
     return Column.of(one.source, unit=unit, missing=missing)
+
+
+def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None:
+    """Of a file in which no drive has both its columns: which column moves others, a doubt and open lines for it.
+
+    A command says so by its name (PWM, duty), or is held for many rows while others change behind it.
+    """
+    if any({command, reading} <= out.mapping.columns.keys() | out.open.keys() for command, reading in PAIRS):
+        return
+    values = {name: one for name in raw.names if name not in set(used) and (one := _values(raw, name)).size
+              and np.nanmin(one) < np.nanmax(one)}
+    named_so = [name for name in values if says(folded(named(name)[0]), RAW_COMMAND)]
+    if not named_so and any(name in COLUMNS for name in (*out.mapping.columns, *out.open)):
+        return
+    held = sorted(values, key=lambda name: float(np.mean(np.diff(values[name]) != 0.0)))
+    for command in [*named_so, *held[:1]]:
+        followers = [name for name in values if name != command and _follows(values[command], values[name])]
+        if followers:
+            out.doubts.append(Doubt(("columns",), f"{', '.join(followers[:6])} follow{'s' * (len(followers) == 1)} "
+                                    f"{command}: is that the command of a drive and this its reading?"))
+            full = f", scale: {per_count(float(np.nanmax(np.abs(values[command]))), out.full['shaft_rpm_cmd']):.4g}" \
+                if "shaft_rpm_cmd" in out.full else ", scale: "
+            out.open.setdefault("shaft_rpm_cmd", f"{{from: {_quoted(command)}{full}}}     # r/min for one of it")
+            out.open.setdefault("shaft_rpm", f"{{from: {_quoted(followers[0])}, unit: rad/s}}     # or r/min")
+            return
+
+
+FOLLOWS = 0.8               # correlation of a reading with the command that moves it, a few rows before
+FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)    # of drives' duty cycles
+
+
+def _follows(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
+    both = np.isfinite(command) & np.isfinite(reading)
+    if both.sum() < 10 or np.std(command[both]) == 0.0 or np.std(reading[both]) == 0.0:
+        return False
+    return bool(np.corrcoef(command[both], reading[both])[0, 1] > FOLLOWS)
+
+
+def per_count(most: float, full: float) -> float:
+    """What one of a command that counts is worth: its largest number `most` is within the least usual full count, which
+    is worth `full`."""
+    return full / next((count for count in FULL_COUNTS if most <= count), most)
 
 
 def _missing(one: Candidate, factor: float = 1.0) -> tuple[float, ...]:

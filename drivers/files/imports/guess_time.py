@@ -14,7 +14,7 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import read_texts, texts_for, with_day
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.units import unit_named
-from drivers.files.imports.words import DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says
+from drivers.files.imports.words import DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says, subject_of
 
 _DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y.%m.%d", "%Y年%m月%d日",
           "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d-%m-%y", "%m-%d-%y", "%y-%m-%d", "%Y%m%d")
@@ -51,7 +51,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
         if raw.frame[name].dtype == pl.String and (found := _of_texts(raw, name, names[name], dated)) is not None:
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
     for name in raw.names:
-        if _runs_evenly(raw, name) and (found := _of_numbers(raw, name)) is not None:
+        if not _tells_place(names[name]) and _runs_evenly(raw, name) and (found := _of_numbers(raw, name)) is not None:
             return found._replace(doubt=f"no column is called a time; {name} alone grows evenly from row to row")
     return TimeGuess(Times(counts="rows", step_s=1.0), "no column tells the time",
                      "no column tells the time: rows counted, one each second; say how far apart they are")
@@ -242,6 +242,12 @@ def _by_step(step: float, whole: bool) -> _Counted:
         return _Counted("ms", "whole numbers",
                         f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?")
     return _Counted("s", f"numbers with steps of {step:g}")
+
+
+def _tells_place(plain: str) -> bool:
+    """A machine that drives straight on has a longitude that grows evenly: no time for that."""
+    subject = subject_of(plain, None)
+    return subject is not None and subject.id in ("latitude", "longitude", "altitude")
 
 
 def _runs_evenly(raw: RawTable, name: str) -> bool:

@@ -1,6 +1,7 @@
 """What a guess holds: the import file, what of it is unsure, and why the rest is as it is."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -25,12 +26,14 @@ class Doubt(NamedTuple):
 
 @dataclass
 class Guess:
-    """`reasons`: why each key is as it is. `open`: columns that need a number from outside the file, as YAML text."""
+    """`reasons`: why each key is as it is. `open`: columns that need a number from outside the file, as YAML text.
+    `full`: what a machine file says is the most of a column, in the log's unit."""
 
     mapping: ImportFile
     doubts: list[Doubt] = field(default_factory=list)
     reasons: dict[Key, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
+    full: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sure(self) -> bool:

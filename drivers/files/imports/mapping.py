@@ -141,6 +141,8 @@ class ImportFile(Part):
     missing: Annotated[Missing, Field(description="stand for not known in every column")] = ()
     width_m: Annotated[float | None, Field(gt=0.0, le=100.0, json_schema_extra={"unit": "m"},
                                            description="working width, for rates told as a flow of mass")] = None
+    density_kg_l: Annotated[float | None, Field(gt=0.0, le=5.0, json_schema_extra={"unit": "kg/l"},
+                                                description="of the product, for rates told as a volume")] = None
     extra: Annotated[Literal["keep", "drop"], Field(description="columns that nothing here names")] = "keep"
     join: Join = Join()
 
@@ -148,7 +150,7 @@ class ImportFile(Part):
     def _fits_the_log(self) -> ImportFile:
         for name, column in self.columns.items():
             _check_name(name)
-            _check_unit(name, column, self.width_m)
+            _check_unit(name, column, self.width_m, self.density_kg_l)
         if self.working is not None and MADE_BY_WORKING in self.columns:
             raise ValueError("working: columns.state stands there too: allowed is one of them")
         return self
@@ -176,7 +178,17 @@ def _check_name(name: str) -> None:
                          f"names that begin with {EXTRA_START}{nearest(name, COLUMNS)}")
 
 
-def _check_unit(name: str, column: Column, width_m: float | None) -> None:
+BY_ANOTHER = ("flow", "volume")       # quantities of which a rate is made with another figure
+
+
+def _check_rate(where: str, column: Column, quantity: str, width_m: float | None, density_kg_l: float | None) -> None:
+    if quantity == "flow" and width_m is None:
+        raise ValueError(f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width")
+    if quantity == "volume" and density_kg_l is None:
+        raise ValueError(f"{where}.unit {column.unit}: a volume: allowed with density_kg_l, the product's density")
+
+
+def _check_unit(name: str, column: Column, width_m: float | None, density_kg_l: float | None) -> None:
     where = f"columns.{name}"
     if name in TEXT_COLUMNS and (column.constant is not None or column.unit is not None):
         raise ValueError(f"{where}: a column of texts: allowed is from alone")
@@ -191,9 +203,8 @@ def _check_unit(name: str, column: Column, width_m: float | None) -> None:
             raise ValueError(f"{where}: unit %: allowed with full, what 100 % is in the log's unit"
                              + (" (of a slope: unit slope %)" if quantity == "angle" else ""))
         return
-    if quantity == "rate" and unit.quantity == "flow":
-        if width_m is None:
-            raise ValueError(f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width")
+    if quantity == "rate" and unit.quantity in BY_ANOTHER:
+        _check_rate(where, column, unit.quantity, width_m, density_kg_l)
         return
     if unit.quantity != quantity:
         allowed = ", ".join(names_of(quantity)) if quantity is not None else "none"

@@ -22,12 +22,13 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
     """Reads back as the guess's own mapping."""
     mapping = guess.mapping
     lines = [f"# {line}" for line in head]
-    lines += [f"format: {IMPORT.format}", "", "source:", *_pairs(_told(plain(mapping.source)), 2)]
+    lines += [f"format: {IMPORT.format}", "", *_doubts(guess, ("source", "names"), 0), "source:",
+              *_pairs(_told(plain(mapping.source)), 2)]
     lines += ["", *_doubts(guess, ("time",), 0), "time:" + _reason(guess, ("time",)),
               *_pairs(_told(plain(mapping.time)), 2)]
     if mapping.time.zone is None and mapping.time.counts in ("text", "excel_day"):
         lines.append("  # zone: Europe/Berlin     (times without a zone: the log then tells no UTC)")
-    lines += ["", *_doubts(guess, ("columns",), 0), "columns:" + ("" if mapping.columns else " {}")]
+    lines += ["", *_doubts(guess, ("columns",), 0), "columns:" + ("" if mapping.columns or guess.open else " {}")]
     for name, column in mapping.columns.items():
         key = ("columns", name)
         lines += [*_doubts(guess, key, 2), f"  {name}:{_reason(guess, key)}", *_pairs(_column(column), 4)]

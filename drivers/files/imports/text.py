@@ -13,11 +13,12 @@ from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dia
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.limits import BeyondLimits, check_text
 from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
 
+NO_HEADER = "no_header"         # of a finding
 _QUOTED = re.compile(rb'"[^"]*"')
 
 
@@ -42,6 +43,11 @@ def read_text(path: Path, said: Source) -> RawTable:
         dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
     except csv.Error as error:
         raise ImportTrouble(f"{path}: not readable as a table: {error}") from None
+    if dialect.layout.header < 0 and not said.names:
+        first = dialect.rows[dialect.layout.body]
+        said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
+        findings.append(Finding(NO_HEADER, f"no header row: the first row is {listed(first, 4)}: its columns are "
+                                f"called {listed(said.names or (), 4)}: say in source.names what they are"))
     names, units = _header(dialect, said)
     frame = _frame(path, data, dialect, names, findings)
     found = said.model_copy(update={

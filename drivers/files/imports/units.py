@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
-from drivers.files.prescriptions.words import MASS_UNITS
+from drivers.files.prescriptions.words import MASS_UNITS, VOLUME_UNITS
 
 SLOPE = "slope %"           # 100 m up in 100 m along: no factor, an arc tangent
 
@@ -64,6 +64,9 @@ UNITS = (
     Unit("mg/s", "flow", 1e-6),
     Unit("t/h", "flow", 1000.0 / 3600.0),
     Unit("lb/min", "flow", _POUND_KG / 60.0, ("lbs/min",)),
+    *(Unit(name, "volume", factor, {"l/ha": ("l_ha", "lha", "liter/ha", "litre/ha", "升/公顷"),
+                                    "gal/ac": ("gpa", "gal_ac", "gal/acre")}.get(name, ()))
+      for name, factor in VOLUME_UNITS.items()),
     Unit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
     Unit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
     Unit(SLOPE, "angle", math.nan, ("% slope", "%坡度")),
@@ -80,8 +83,8 @@ UNITS = (
         ("Nm", ("n·m", "n.m", "nm")), ("N", ("newton",)), ("kN", ()), ("bar", ()), ("kPa", ()), ("Pa", ()),
         ("psi", ()), ("MPa", ()), ("degC", ("°c", "℃", "celsius")), ("degF", ("°f", "℉")),
         ("A", ("amp", "ampere", "安")), ("mA", ()), ("W", ()), ("kW", ()), ("Hz", ()), ("kHz", ()),
-        ("l/h", ("lph",)), ("l/min", ()), ("l/ha", ()),
-        ("gal/ac", ("gpa",)), ("ha", ("hectare", "公顷")), ("ac", ("acre", "acres")), ("m2", ()), ("km", ()), ("l", ()),
+        ("l/h", ("lph",)), ("l/min", ()),
+        ("ha", ("hectare", "公顷")), ("ac", ("acre", "acres")), ("m2", ()), ("km", ()), ("l", ()),
         ("counts", ("count", "cnt")), ("mg", ()), ("seeds/ha", ()), ("seeds/ac", ()))),
 )
 

@@ -147,6 +147,7 @@ def subject_of(name: str, quantity: str | None) -> Subject | None:
 
 
 def goes_with(column: str, quantity: str) -> bool:
-    """Whether a log column can be told in a unit of this quantity: a rate also as a flow over the ground covered."""
+    """Whether a log column can be told in a unit of this quantity: a rate also as a flow over the ground covered, or
+    as a volume of known density."""
     own = quantity_of(column)
-    return own is None or own == quantity or (own, quantity) == ("rate", "flow")
+    return own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))
