@@ -65,11 +65,11 @@ def chosen(tree: Path, count: int, seed: int) -> list[Fault]:
 
 def possible(file: str, text: str) -> list[Fault]:
     """Every fault that can be put into one source."""
-    source = _Source(file, text)
+    source = Source(file, text)
     return [fault for node in ast.walk(ast.parse(text)) for fault in _of_node(source, node)]
 
 
-class _Source:
+class Source:
     """Offsets in the text of what the parser counts in lines and bytes."""
 
     def __init__(self, file: str, text: str) -> None:
@@ -101,7 +101,7 @@ class _Source:
             yield self.fault(kind, at, at + len(old), new)
 
 
-def _of_node(source: _Source, node: ast.AST) -> Iterator[Fault]:
+def _of_node(source: Source, node: ast.AST) -> Iterator[Fault]:
     if isinstance(node, ast.BinOp):
         yield from _of_operation(source, node)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
@@ -117,7 +117,7 @@ def _of_node(source: _Source, node: ast.AST) -> Iterator[Fault]:
         yield source.fault("branch", start, end, f"False and ({source.text[start:end]})")
 
 
-def _of_operation(source: _Source, node: ast.BinOp) -> Iterator[Fault]:
+def _of_operation(source: Source, node: ast.BinOp) -> Iterator[Fault]:
     sides = (node.left, node.right)
     if type(node.op) in OTHER_SIGN and not any(isinstance(one, TEXTS) or _is_text(one) for one in sides):
         yield from source.operator("sign", *sides, "+" if isinstance(node.op, ast.Add) else "-",
@@ -127,14 +127,14 @@ def _of_operation(source: _Source, node: ast.BinOp) -> Iterator[Fault]:
                                    OTHER_UNIT[type(node.op)])
 
 
-def _of_call(source: _Source, node: ast.Call) -> Iterator[Fault]:
+def _of_call(source: Source, node: ast.Call) -> Iterator[Fault]:
     name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
     if name in SWAPPED and len(node.args) > 1:
         end = source.span(node.func)[1]
         yield source.fault("bound", end - len(name), end, SWAPPED[name])
 
 
-def _of_compare(source: _Source, node: ast.Compare) -> Iterator[Fault]:
+def _of_compare(source: Source, node: ast.Compare) -> Iterator[Fault]:
     operator, limit = node.ops[0], node.comparators[0]
     if type(operator) not in EDGES:
         return

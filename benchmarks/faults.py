@@ -1,9 +1,10 @@
 """What the tests catch: `python benchmarks/faults.py [--count 40] [--seed 31] [--out faults.jsonl]`.
 
-Puts seeded faults (fault_kinds.py) into a copy of the sources, one at a time, and runs the tests that can import the
-file, nearest first, until one fails: first the quick set (`make test`), then the rest (`make exam`) on what it lets
-through. A test that fails without the fault too catches nothing. Answers are kept in --out as they come: what stands
-there is not asked again.
+Puts seeded faults (fault_kinds.py) into a copy of the sources, one at a time, and runs tests until one fails: first of
+the quick set (`make test`), then of the rest (`make exam`) on what it lets through. Asked are the tests that run the
+fault's line (with --reach: one run of each set sees which they are, fault_reach.py), and then their files; else those
+that can import the file, nearest first. A test that fails without the fault too catches nothing. Answers are kept in
+--out as they come: what stands there is not asked again.
 """
 from __future__ import annotations
 
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fault_kinds import KINDS, ROOMS, Fault, by_kind, chosen
+from fault_reach import can_be_probed, probed, reached_by
 from verdict import exit_code
 
 SETS = {"quick": "not exam", "exam": "exam"}
@@ -30,6 +32,7 @@ COPIED = (*ROOMS, "tests", "benchmarks", "configs", "docs", "schemas", "requirem
 FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "Makefile", "LICENSE")
 STARTS_PROGRAMS = ("subprocess", "start_worker", "benchmark_module", "pexpect")
 NEAR = 12                       # test files that are asked first, without a second process
+FEW = 200                       # tests that run a line are asked by name up to here, else by their files
 LEAST_BY_QUICK = 0.85           # of what is caught at all
 DOTTED = re.compile(r"\b(?:control|drivers|console|benchmarks)(?:\.\w+)+")
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?\.py(?:::.*?)?)(?: - .*)?$", re.M)
@@ -96,6 +99,9 @@ def _distance(test: str, file: str, imports: dict[str, set[str]]) -> int | None:
     return None
 
 
+Reach = dict[str, dict[str, list[str]]]         # set -> fault's id -> tests
+
+
 class Copy:
     """A copy of the sources in which a fault can stand."""
 
@@ -116,14 +122,17 @@ class Copy:
         (self.tree / file).write_text(text, encoding="utf-8")
         os.utime(self.tree / file, (self._written, self._written))
 
+    def run(self, tests: Sequence[str], which: str, jobs: int, *options: str) -> subprocess.CompletedProcess[str]:
+        many = ["-n", str(jobs)] if jobs > 1 else []
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", SETS[which], *many, *options]
+        env = {**os.environ, "PYTHONPATH": str(self.tree), "COLUMNS": "500"}
+        return subprocess.run([*command, *tests], cwd=self.tree, env=env, capture_output=True, text=True,
+                              timeout=self.limit_s)
+
     def failing(self, tests: Sequence[str], which: str, jobs: int = 1) -> str | None:
         """The first test that fails. None: all pass, or none of them is of this set."""
-        many = ["-n", str(jobs)] if jobs > 1 else []
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", SETS[which], *many]
-        env = {**os.environ, "PYTHONPATH": str(self.tree), "COLUMNS": "500"}
         try:
-            done = subprocess.run([*command, *tests], cwd=self.tree, env=env, capture_output=True, text=True,
-                                  timeout=self.limit_s)
+            done = self.run(tests, which, jobs, "-x")
         except subprocess.TimeoutExpired:
             return "no end"
         if done.returncode in (0, 5):
@@ -131,11 +140,11 @@ class Copy:
         found = FAILED.search(done.stdout)
         return found.group(1) if found else (done.stdout + done.stderr).strip()[-200:]
 
-    def catches(self, fault: Fault, tests: Sequence[str], which: str) -> str:
-        """The test that fails with the fault and not without it; "" where none does."""
+    def catches(self, fault: Fault, groups: Iterable[tuple[Sequence[str], int]], which: str) -> str:
+        """The test of these groups (with processes for each) that fails with the fault and not without it, or ""."""
         text = (self.tree / fault.file).read_text(encoding="utf-8")
-        left = list(tests)
-        for some, jobs in ((left[:NEAR], 1), (left[NEAR:], self.jobs)):
+        for tests, jobs in groups:
+            some = list(tests)
             while some:
                 self.write(fault.file, fault.put_into(text))
                 failed = self.failing(some, which, jobs)
@@ -143,23 +152,58 @@ class Copy:
                 if failed is None:
                     break
                 file = failed.partition("::")[0]
-                if file not in some or self.failing([failed], which) is None:
+                if not any(one.partition("::")[0] == file for one in some) or self.failing([failed], which) is None:
                     return failed
-                some = [one for one in some if one != file]         # fails without the fault too
+                some = [one for one in some if one.partition("::")[0] != file]      # fails without the fault too
         return ""
 
+    def reach(self, faults: Sequence[Fault], which: str) -> dict[str, list[str]]:
+        """Fault's id -> tests of a set that run its line; no entry: no test does, or no probe can stand there."""
+        path = self.tree.parent / f"{which}.reached"
+        path.touch()
+        files = {fault.file for fault in faults if can_be_probed(fault)}
+        before = {file: (self.tree / file).read_text(encoding="utf-8") for file in files}
+        for file, text in before.items():
+            here = {number: fault for number, fault in enumerate(faults) if fault.file == file}
+            self.write(file, probed(text, here, path))
+        self.run([], which, self.jobs, "--dist", "loadfile")
+        for file, text in before.items():
+            self.write(file, text)
+        return reached_by(path.read_text(encoding="utf-8").splitlines(), faults)
 
-def asked(copy: Copy, fault: Fault, imports: dict[str, set[str]], sets: Iterable[str], nearest: int) -> Caught:
-    tests = tests_of(copy.tree, fault.file, imports)[:nearest]
+
+def groups_of(reached: Sequence[str] | None, near: Sequence[str], jobs: int, most: int) -> list[tuple[list[str], int]]:
+    """What is asked, in this order: tests that run the line, their files; where none are known, the nearest files."""
+    if reached is None or "" in reached:
+        return [(list(near[:min(NEAR, most)]), 1), (list(near[NEAR:most]), jobs)]
+    files = list(dict.fromkeys(test.partition("::")[0] for test in reached))
+    return [(list(reached), 1)] * (len(reached) <= FEW) + [(files[:most], jobs)]
+
+
+def asked(copy: Copy, fault: Fault, near: Sequence[str], reach: Reach | None, sets: Iterable[str],
+          most: int) -> Caught:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    by, test = "", ""
+    by, test, files = "", "", set[str]()
     for which in sets:
-        test = copy.catches(fault, tests, which)
+        known = None if reach is None or not can_be_probed(fault) else reach[which].get(fault.id, [])
+        groups = groups_of(known, near, copy.jobs, most)
+        files |= {one.partition("::")[0] for tests, _ in groups for one in tests}
+        test = copy.catches(fault, groups, which)
         if test:
             by = which
             break
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return Caught(by, test, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, len(tests))
+    return Caught(by, test, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, len(files))
+
+
+def reach_kept(copy: Copy, faults: Sequence[Fault], sets: Iterable[str], kept: Path) -> Reach:
+    """Tests that run each fault's line, by set; sets that stand in the file `kept` are not run again."""
+    found: Reach = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    for which in sets:
+        if which not in found:
+            found[which] = copy.reach(faults, which)
+            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    return found
 
 
 def table(faults: Sequence[Fault], said: dict[str, Caught]) -> str:
@@ -179,11 +223,13 @@ def main() -> int:
     a.add_argument("--jobs", type=int, default=2, help="processes of pytest for what is not near")
     a.add_argument("--part", type=int, nargs=2, default=(1, 1), metavar=("K", "N"), help="every N-th, from the K-th on")
     a.add_argument("--nearest", type=int, default=1000, help="test files that are asked, at most")
+    a.add_argument("--reach", type=Path, help="file of the tests that run each line: made by one run of each set")
     a.add_argument("--limit-s", type=float, default=1500.0, help="for a set on one fault; beyond it counts as caught")
     a.add_argument("--out", type=Path, default=Path("faults.jsonl"), help="answers, kept as they come")
     args = a.parse_args()
     tree = Path(__file__).resolve().parents[1]
-    faults = chosen(tree, args.count, args.seed)[args.part[0] - 1::args.part[1]]
+    every = chosen(tree, args.count, args.seed)
+    faults = every[args.part[0] - 1::args.part[1]]
     said = {}
     if args.out.exists():
         for line in args.out.read_text().splitlines():
@@ -192,9 +238,11 @@ def main() -> int:
     imports = imports_of(tree)
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:
         copy = Copy(tree, Path(folder), args.jobs, args.limit_s)
+        reach = reach_kept(copy, every, args.sets, args.reach) if args.reach else None
         for number, fault in enumerate(faults, 1):
             if fault.id not in said:
-                said[fault.id] = asked(copy, fault, imports, args.sets, args.nearest)
+                near = tests_of(tree, fault.file, imports)
+                said[fault.id] = asked(copy, fault, near, reach, args.sets, args.nearest)
                 with args.out.open("a") as out:
                     out.write(json.dumps([fault.id, *said[fault.id]]) + "\n")
             one = said[fault.id]
