@@ -28,9 +28,14 @@ $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
 run: $(VENV)/.program
 	$(BIN)/topdress
 
-# The tests of a file share what they look at: one process has them all.
+# Compiled tests and sources are kept even where the shell says not to (some container images do): compiling them anew
+# costs each process of the tests 9 s of processor, and each program that they start up to 1 s.
+unexport PYTHONDONTWRITEBYTECODE
+
+# The tests of a file share what they look at: one process has them all. Three processes for two cores: some wait for
+# a started program or for a screen to come to rest while others compute.
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile
 
 # Hidden examinations, long logs, many kills, minutes of odd files: tests marked `exam`.
 exam: $(VENV)/.installed

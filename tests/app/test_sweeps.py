@@ -15,7 +15,8 @@ class Living:
 
 
 @pytest.fixture
-def thawed():
+def thawed(monkeypatch):
+    monkeypatch.setattr(sweeps, "LIVES", 4000)          # more than pytest itself makes meanwhile
     gc.collect()
     gc.freeze()
     yield

@@ -1,10 +1,13 @@
 """Calibration: the hidden figures come back with intervals, the range is kept, nothing is overwritten."""
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from control.calibration import BenchTable, fit_flow, fit_lag
+from control.machine.fall import lag_paper_s
 from control.machine.machine import Adopted, Machine, with_effect
 from control.machine.start import response_s
 
@@ -88,7 +91,11 @@ def test_lag_line_comes_back_and_rows_beyond_its_range_do_not_bend_it() -> None:
     assert (line.from_rpm, line.to_rpm, line.rows_used) == (10.0, 70.0, 28)
     assert (machine.fall.valid_from_rpm, machine.fall.valid_to_rpm) == (10.0, 70.0)
     assert machine.fall.intercept_s == pytest.approx(line.intercept_s.value - 0.383, abs=1e-3)
-    assert any("90 r/min" in note and "+0." in note for note in line.notes)
+    (note,) = (note for note in line.notes if "90 r/min" in note)
+    off = 2.4 - 0.009 * 90.0 + 0.3 - (line.intercept_s.value + line.slope_s_per_rpm.value * 90.0)
+    said_off, said_before = (float(said) for said in re.findall(r"([+-]?[0-9]+\.[0-9]{3}) s", note))
+    assert said_off == pytest.approx(off, abs=0.03), "the mean of four rows that scatter by 0.02 s"
+    assert said_before == pytest.approx(lag_paper_s(90.0), abs=0.002), "the machine file before is the paper's"
 
 
 def test_lag_line_is_not_extrapolated() -> None:
