@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from drivers.files.imports.guessed import Guess
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
+
+
+class _Given(NamedTuple):
+    """Of the command line: `source` of an import file, and the most of each drive's columns."""
+
+    said: dict[str, str]
+    full: dict[str, float]
 
 
 def import_log(
@@ -28,6 +35,16 @@ def import_log(
     out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside. "
                                              "LOG.parquet: all in one small file; a run log becomes one too, and is "
                                              "read back equal.")] = None,
+    inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "
+                                               "shapefile.")] = None,
+    task: Annotated[str | None, typer.Option(metavar="TASK", help="Of a task set with several that were worked: its id "
+                                             "or title; all its time logs are joined.")] = None,
+    device: Annotated[str | None, typer.Option(metavar="DEVICE", help="Only what this device of a task set logged: its "
+                                               "id or name.")] = None,
+    log: Annotated[str | None, typer.Option("--log", metavar="TLG", help="One time log of a task set: "
+                                            "TLG00001.")] = None,
+    values_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a device contradicts the "
+                                                    "data dictionary on what a rate is worth.")] = None,
     force: Force = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
@@ -35,20 +52,29 @@ def import_log(
     twice = next((path for k, path in enumerate(files) if path.resolve() in [one.resolve() for one in files[:k]]), None)
     if twice is not None:
         raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
-    full = _full(machine)
+    given = _Given(_said(inside, task, device, log, values_from), _full(machine))
     try:
         if guess:
-            _guess(files, _place_of_guess(files, mapping, out), full, force)
+            _guess(files, _place_of_guess(files, mapping, out), given, force)
         elif out is None:
             raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
         elif _is_copy(files, mapping, out):
             _copy(files[0], out, force)
         else:
-            _import(files, mapping, out, full, force)
+            _import(files, mapping, out, given, force)
     except ImportTrouble as trouble:
         for line in trouble.lines:
             typer.echo(line, err=True)
         raise typer.Exit(2) from None
+
+
+def _said(inside: str | None, task: str | None, device: str | None, log: str | None,
+          values_from: str | None) -> dict[str, str]:
+    """What the command line says of the reading, as `source` of an import file has it."""
+    if values_from not in (None, "ddi", "presentation"):
+        raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
+    given = {"inside": inside, "task": task, "device": device, "task_log": log, "values_from": values_from}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -> Path:
@@ -71,22 +97,28 @@ def _full(machine: str | None) -> dict[str, float]:
             "opening_mm_cmd": limits.opening_high_mm, "opening_mm": limits.opening_high_mm}
 
 
-def _guess(files: list[Path], place: Path, full: dict[str, float], force: bool) -> None:
+def _guess(files: list[Path], place: Path, given: _Given, force: bool) -> None:
     from drivers.files.atomic import write_atomically
     from drivers.files.imports.mapping_text import first_import_file
     refuse_collisions(_read(files), [Output((place,))], force)
-    raw, found = _guessed(files, full)
+    raw, found = _guessed(files, given)
     write_atomically(place, first_import_file(found, files, place))
     typer.echo(f"{place}: {found.unsure}")
-    for line in found.questions(raw.path):
+    for line in (*found.questions(raw.path), *_elements(raw)):
         typer.echo(line)
 
 
-def _guessed(files: list[Path], full: dict[str, float]) -> tuple[RawTable, Guess]:
+def _elements(raw: RawTable) -> list[str]:
+    """What the parts of a machine are that columns are called by, where there is a question about them."""
+    return [f"{raw.path}: {finding}" for finding in raw.findings if finding.id == "elements"]
+
+
+def _guessed(files: list[Path], given: _Given) -> tuple[RawTable, Guess]:
     from drivers.files.imports.guess import guess
+    from drivers.files.imports.mapping import Source
     from drivers.files.imports.read import read_raw
-    raw = read_raw(files[0])
-    return raw, guess(raw, full)
+    raw = read_raw(files[0], Source.model_validate(given.said))
+    return raw, guess(raw, given.full)
 
 
 def _read(files: list[Path]) -> list[Path]:
@@ -95,14 +127,14 @@ def _read(files: list[Path]) -> list[Path]:
     return [one for path in files for one in files_of(path)]
 
 
-def _import(files: list[Path], mapping_file: Path | None, out: Path, full: dict[str, float], force: bool) -> None:
+def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _Given, force: bool) -> None:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import is_import_of, write_imported
     from drivers.files.imports.read import read_raw
     reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
     refuse_collisions(reads, [Output(_written(out), lambda: is_import_of(out, files))], force)
-    first, mapping = _mapping(files, mapping_file, full)
+    first, mapping = _mapping(files, mapping_file, given)
     parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
              for path in files]
     log = joined(parts, mapping.join)
@@ -147,15 +179,16 @@ def _copy(source: Path, out: Path, force: bool) -> None:
     typer.echo(f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB")
 
 
-def _mapping(files: list[Path], place: Path | None, full: dict[str, float]) -> tuple[RawTable | None, ImportFile]:
+def _mapping(files: list[Path], place: Path | None, given: _Given) -> tuple[RawTable | None, ImportFile]:
     """The import file; without one, the guess where nothing of it is unsure, and the file by which it was made."""
     from drivers.files.config import load
     from drivers.files.imports.mapping import IMPORT
     from drivers.files.imports.trouble import ImportTrouble
     if place is not None:
-        return None, load(place, IMPORT).model
-    raw, found = _guessed(files, full)
+        mapping = load(place, IMPORT).model
+        return None, mapping.model_copy(update={"source": mapping.source.model_copy(update=given.said)})
+    raw, found = _guessed(files, given)
     if not found.sure:
-        raise ImportTrouble(*found.questions(raw.path), f"{raw.path}: not imported: --guess writes an import file in "
-                            "which these lines can be put right")
+        raise ImportTrouble(*found.questions(raw.path), *_elements(raw), f"{raw.path}: not imported: --guess writes an "
+                            "import file in which these lines can be put right")
     return raw, found.mapping

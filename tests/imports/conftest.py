@@ -51,3 +51,8 @@ def dialects() -> ModuleType:
 @pytest.fixture(scope="session")
 def dresses() -> ModuleType:
     return _beside("dresses")
+
+
+@pytest.fixture(scope="session")
+def task_sets() -> ModuleType:
+    return _beside("task_sets")

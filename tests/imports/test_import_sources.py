@@ -61,8 +61,11 @@ def test_a_cut_task_log_and_one_of_several(topdress: Callable[..., Result], tmp_
     two = task_folder(tmp_path / "b", ("TLG00001", "TLG00002"))
     result = topdress("import", two, "--out", tmp_path / "two.csv")
     assert result.exit_code == 2
-    assert "say source.task_log in the import file; allowed TLG00001, TLG00002" in result.output
+    assert "TLG00002 begins 2026-03-20 08:00:00, before TLG00001 ends 2026-03-20 08:00:49" in result.output
+    assert topdress("import", two, "--log", "TLG00002", "--out", tmp_path / "two.csv").exit_code == 0
     (two / "TLG00001.BIN").unlink()
+    (tmp_path / "two.csv").unlink()
+    (tmp_path / "two.yaml").unlink()
     mapping = tmp_path / "m.yaml"
     mapping.write_text("format: topdress-import/1\nsource: {task_log: TLG00001}\ntime: {column: utc}\ncolumns: {}\n")
     result = topdress("import", two, "--mapping", mapping, "--out", tmp_path / "two.csv")

@@ -31,6 +31,7 @@ Floats = npt.NDArray[np.float64]
 MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
 GAP_STEPS = 2.5             # of a log with fewer rows than one a second
 DEFAULT_EVERY_S = 1.0
+SAME_WIDTH = 0.02           # widths are told rounded, and as driven
 CELL_M = 0.2                # of the bitmap of covered ground
 COVER_STEP_M = 0.5
 NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
@@ -135,6 +136,7 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
     rows = _worked(log, machine)
     if not len(rows.time_s):
         raise ExportError(f"{log.path}: no row of work with a place: allowed is a log with some")
+    _check_width(log, machine)
     product = product or _product(log)
     strips = strips_of(log, machine)
     width_m = machine.geometry.working_width_m
@@ -428,6 +430,16 @@ def _machine(log: RunLog) -> Machine:
         first = error.errors()[0]
         raise ExportError(f"{log.path.with_suffix('.yaml')}: machine: {'.'.join(map(str, first['loc']))}: "
                           f"{first['msg']}") from None
+
+
+def _check_width(log: RunLog, machine: Machine) -> None:
+    """Areas are ways times the machine's width: it must be the one that the imported file tells. Raises ExportError."""
+    imported = log.meta.extra.get("imported") if log.meta is not None else None
+    told = imported.get("width_m") if isinstance(imported, dict) else None
+    width = machine.geometry.working_width_m
+    if isinstance(told, int | float) and abs(width - told) > SAME_WIDTH * told:
+        raise ExportError(f"{log.path}: worked {told:g} m wide, as its file says, and machine {machine.id} is "
+                          f"{width:g} m wide: allowed is a machine file of that width (--machine)")
 
 
 def _product(log: RunLog) -> Product:

@@ -163,6 +163,9 @@ def column_of(one: Candidate, out: Guess) -> Column | None:
         out.open[one.target] = f'{{from: {_quoted(one.source)}, unit: "%", full: }}'
         return None
     if quantity == "rate" and one.unit.quantity == "flow":
+        if out.width_m is not None:
+            out.reasons[key] = f"a flow, over the working width of {out.width_m:g} m that the device says"
+            return Column.of(one.source, unit=one.unit.name, missing=_missing(one))
         out.doubts.append(Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file"))
         out.open[one.target] = f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}     # and, on top, width_m: "
         return None

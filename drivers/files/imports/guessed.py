@@ -34,6 +34,7 @@ class Guess:
     reasons: dict[Key, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
     full: Mapping[str, float] = field(default_factory=dict)
+    width_m: float | None = None        # working width, where the file says one
 
     @property
     def sure(self) -> bool:

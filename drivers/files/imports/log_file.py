@@ -73,7 +73,11 @@ def _meta(log: Joined, mapping: ImportFile, mapping_file: Path | None) -> str:
     utc = None if started is None or not started.len() else started.head(1).cast(pl.Datetime("us")).dt.strftime(
         "%Y-%m-%dT%H:%M:%S%.3fZ")[0]
     found = [str(finding) for part in log.parts for finding in part.findings]
-    told = {"files": files, "mapping": _without_nothing(plain(mapping)), "found": [*found, *map(str, log.findings)]}
+    told: dict[str, object] = {"files": files, "mapping": _without_nothing(plain(mapping)),
+                               "found": [*found, *map(str, log.findings)]}
+    widths = {part.raw.width_m for part in log.parts}
+    if len(widths) == 1 and (width_m := widths.pop()) is not None:
+        told["width_m"] = width_m           # as-applied areas are held against it
     checksums = {} if mapping_file is None else {mapping_file.name: sha256_of(mapping_file)}
     return meta_to_yaml(run_meta(sha256=checksums, started_utc=utc, extra={"imported": told}))
 

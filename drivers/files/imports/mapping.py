@@ -41,7 +41,11 @@ class Source(Part):
     names: Annotated[tuple[Name, ...] | None, Field(description="the columns of a file without a header")] = None
     sheet: Name | None = None
     inside: Annotated[Name | None, Field(description="of a zip or folder with several task sets or shapefiles")] = None
-    task_log: Annotated[Name | None, Field(description="of a task file with several, e.g. TLG00001")] = None
+    task: Annotated[Name | None, Field(description="of a task set with several, its id or title: TSK1")] = None
+    device: Annotated[Name | None, Field(description="of a task set with several, its id or name: DVC1")] = None
+    task_log: Annotated[Name | None, Field(description="one time log of a task set, e.g. TLG00001")] = None
+    values_from: Annotated[Literal["ddi", "presentation"] | None, Field(
+        description="where a task set's device contradicts the data dictionary on what a rate is worth")] = None
 
 
 class Times(Part):

@@ -37,6 +37,8 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
     if mapping.working is not None:
         lines += ["", *_doubts(guess, ("working",), 0), "working:" + _reason(guess, ("working",)),
                   *_pairs(_told(plain(mapping.working)), 2)]
+    if mapping.width_m is not None:
+        lines += ["", f"width_m: {mapping.width_m:g}"]
     lines += ["", *_doubts(guess, ("rows",), 0), f"rows: {mapping.rows}", f"extra: {mapping.extra}"]
     return "\n".join(lines) + "\n"
 

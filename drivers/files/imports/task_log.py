@@ -1,149 +1,234 @@
-"""ISO 11783-10 time logs (TLG): the binary records that a task controller wrote, with what each number is."""
+"""The time logs of an ISO 11783-10 task set as one table: which of them are meant, how their columns are called."""
 from __future__ import annotations
 
+import datetime as dt
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from drivers.files.exports.time_log import FIRST_DAY
-from drivers.files.findings import Finding
-from drivers.files.imports.mapping import Source
+from drivers.files.findings import Finding, many
+from drivers.files.imports.devices import Meaning, Part, parts_of, width_m
+from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique
+from drivers.files.imports.time_logs import TimeLog, Told, frame_of, hectares, time_logs, width_of
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.prescriptions.task_files import TaskFiles, find_task_files, task_tree
+from drivers.files.imports.units import unit_named
+from drivers.files.prescriptions.task_files import find_task_files, task_tree
 from drivers.files.prescriptions.words import PrescriptionError
 
-# The fields of TIM and its PTN that every record tells, in their order in a record: attribute, type as numpy writes it,
-# step, name here, the number that means not known.
-_HEAD = (
-    ("PTN", "A", "<i4", 1e-7, "lat_deg", None), ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
-    ("PTN", "C", "<i4", 0.001, "altitude_m", None), ("PTN", "D", "u1", 1.0, "fix_quality", 15),
-    ("PTN", "E", "<u2", 0.1, "pdop", 0xFFFF), ("PTN", "F", "<u2", 0.1, "hdop", 0xFFFF),
-    ("PTN", "G", "u1", 1.0, "satellites", 0xFF), ("PTN", "H", "<u4", 0.001, "gps time of day s", None),
-    ("PTN", "I", "<u2", 1.0, "gps day", None))
-_TIME = (("ms", "<u4"), ("day", "<u2"))
-UTC = "utc"
+CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
+MOST_LISTED = 60                # logs, a line each
 
 
-class _Data(NamedTuple):
-    """A number of ISO 11783-11: what it is called here, its unit, and how many of that unit one step is."""
+class TaskLogs(NamedTuple):
+    """All that a task set holds of work done."""
 
-    name: str
-    unit: str
-    step: float
-
-
-_KNOWN = {
-    6: _Data("target rate", "mg/m2", 1.0), 7: _Data("applied rate", "mg/m2", 1.0),
-    41: _Data("target flow", "mg/s", 1.0), 42: _Data("applied flow", "mg/s", 1.0),
-    67: _Data("working width", "mm", 1.0), 75: _Data("hopper", "g", 1.0), 141: _Data("work state", "", 1.0),
-    397: _Data("speed", "mm/s", 1.0),
-}
+    root: Element
+    parts: dict[str, Part]
+    logs: list[TimeLog]
 
 
 def read_task_log(path: Path, said: Source) -> RawTable:
-    """A task's time log out of a task file, its folder or a zip. Raises ImportTrouble, OSError.
+    """The time logs of one task out of a task file, its folder or a zip, joined by their times, or those that `said`
+    names. Raises ImportTrouble, OSError.
 
     A number that a record does not hold is the one last told, as logging on change means it.
     """
     try:
-        files = find_task_files(path, said.inside)
-        if files is None:
+        found = task_logs(path, said.inside)
+        if found is None:
             raise ImportTrouble(f"{path}: no TASKDATA.XML there")
-        root = task_tree(files)
-        return _read(path, files, root, said)
+        return _read(path, found, said)
     except PrescriptionError as error:
         raise ImportTrouble(str(error)) from None
 
 
-def _read(path: Path, files: TaskFiles, root: Element, said: Source) -> RawTable:
-    logs = [name for element in root.iter("TLG") if (name := element.get("A"))]
+def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
+    """None: no task file there. Raises PrescriptionError, OSError."""
+    files = find_task_files(path, inside)
+    if files is None:
+        return None
+    root = task_tree(files)
+    parts = parts_of(root)
+    return TaskLogs(root, parts, time_logs(files, root, parts))
+
+
+def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
+    if not found.logs:
+        raise ImportTrouble(f"{path}: no time log (TLG) in its tasks: allowed is a task that was worked (what is to be "
+                            "applied is read by topdress map)")
+    logs = _chosen(path, found, said)
+    findings = [Finding("cut_row", f"{log.name}.bin: {log.lost} bytes at its end are no whole record: left out", rows=1)
+                for log in logs if log.lost]
+    if empty := [log for log in logs if log.trouble]:
+        if len(empty) == len(logs):
+            raise ImportTrouble(*(f"{path}: {log.name}: {log.trouble}" for log in logs))
+        if gone := [log for log in empty if "no record" not in log.trouble]:
+            raise ImportTrouble(*(f"{path}: {log.name}: {log.trouble}: --log takes another" for log in gone))
+        findings.append(Finding("empty_logs", f"{many(len(empty), 'time log')} without a record left out "
+                                f"({listed(log.name for log in empty)})"))
+    logs = sorted((log for log in logs if not log.trouble), key=lambda log: log.first_us)
+    _check_apart(path, found, logs)
+    told = list({(one.ddi, one.element): one for log in logs for one in log.told
+                 if said.device is None or _is_of(one, said.device)}.values())
+    presented = _presented(path, told, said, findings)
+    names = _names(logs, told)
+    frame = _joined(logs, names, presented)
+    units = {names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit for one in told
+             if (one.ddi, one.element) in names}
+    findings += _elements(told, names)
+    if len(logs) > 1:
+        findings.append(Finding("joined_logs", f"{len(logs)} time logs of task {logs[0].task} joined by their times: "
+                                f"{listed(log.name for log in logs)}"))
+    several = len({log.task for log in found.logs}) > 1
+    source = said.model_copy(update={
+        "kind": "isoxml", "task": said.task or (logs[0].task if several and not said.task_log else None),
+        "task_log": said.task_log})
+    return RawTable(path, frame, source, {name: unit for name, unit in units.items() if unit}, 1, tuple(findings),
+                    _width(found, logs, told))
+
+
+def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
+    """Those of one task. Raises ImportTrouble: what there is, a line for each log."""
+    logs = [log for log in found.logs if _fits(said.task_log, log.name)
+            and _fits(said.task, log.task, log.title)
+            and (said.device is None or any(_is_of(one, said.device) for one in log.told))]
+    chosen = [f"{word} {value}" for word, value in (("log", said.task_log), ("task", said.task),
+                                                    ("device", said.device)) if value is not None]
     if not logs:
-        raise ImportTrouble(f"{path}: no time log (TLG) in its tasks: allowed is a task that was worked")
-    chosen = said.task_log or (logs[0] if len(logs) == 1 else "")
-    if chosen not in logs:
-        raise ImportTrouble(f"{path}: {len(logs)} time logs: say source.task_log in the import file; allowed "
-                            f"{listed(logs)}")
-    layout, data = files.read(f"{chosen}.xml"), files.read(f"{chosen}.bin")
-    if layout is None or data is None:
-        absent = f"{chosen}.{'xml' if layout is None else 'bin'}"
-        raise ImportTrouble(f"{path}: {absent}, which the task names, is not there")
-    try:
-        time = ElementTree.fromstring(layout)
-    except ElementTree.ParseError as error:
-        raise ImportTrouble(f"{path}: {chosen}.xml: not readable as XML: {error}") from None
-    frame, units, lost = _frame(f"{path}: {chosen}", root, time, data)
-    findings = (Finding("cut_row", f"{chosen}.bin: {lost} bytes at its end are no whole record: left out", rows=1),)
-    source = said.model_copy(update={"kind": "isoxml", "task_log": chosen})
-    return RawTable(path, frame, source, units, 1, findings if lost else ())
+        raise ImportTrouble(f"{path}: {', '.join(chosen)}: no such time log: allowed with {CHOICES} are",
+                            *log_lines(path, found))
+    tasks = {log.task for log in logs}
+    if len(tasks) > 1:
+        raise ImportTrouble(f"{path}: {len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICES}",
+                            *log_lines(path, found._replace(logs=logs)))
+    return logs
 
 
-def _frame(label: str, root: Element, time: Element, data: bytes) -> tuple[pl.DataFrame, dict[str, str], int]:
-    place = time.find("PTN")
-    told = [row for row in _HEAD if place is not None and place.get(row[1]) == ""]
-    head = np.dtype([*_TIME, *((row[4], row[2]) for row in told), ("values", "u1")])
-    starts, end = _starts(data, head.itemsize)
-    if not len(starts):
-        raise ImportTrouble(f"{label}: no record in it")
-    raw = np.frombuffer(data, np.uint8)
-    heads = raw[starts[:, None] + np.arange(head.itemsize)].view(head)[:, 0]
-    epoch = np.datetime64(FIRST_DAY.replace(tzinfo=None), "ms")
-    times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
-    columns = [pl.Series(UTC, times).dt.replace_time_zone("UTC")]
-    for _, _, _, step, name, unknown in told:
-        numbers = heads[name].astype(np.float64)
-        numbers = numbers if unknown is None else np.where(numbers == unknown, np.nan, numbers)
-        columns.append(pl.Series(name, numbers * step, nan_to_null=True))
-    logged = time.findall("DLV")
-    known = [_told(root, item) for item in logged]
-    names = unique([*(column.name for column in columns), *(one.name for one in known)])[len(columns):]
-    units = {name: one.unit for name, one in zip(names, known, strict=True) if one.unit}
-    columns += [pl.Series(name, values * one.step, nan_to_null=True).forward_fill() for name, one, values in
-                zip(names, known, _values(raw, starts + head.itemsize, heads["values"], len(logged)), strict=True)]
-    return pl.DataFrame(columns), units, len(data) - end
+def _fits(wanted: str | None, *names: str) -> bool:
+    return wanted is None or wanted.strip().casefold() in [name.strip().casefold() for name in names]
 
 
-def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
-    """Where each record begins, and where the last whole one ends: a record tells its own length."""
-    starts, place, size = [], 0, len(data)
-    while place + head_bytes <= size:
-        end = place + head_bytes + 5 * data[place + head_bytes - 1]
-        if end > size:
-            break
-        starts.append(place)
-        place = end
-    return np.array(starts, np.int64), place
+def _is_of(one: Told, device: str) -> bool:
+    return one.part is not None and _fits(device, one.part.device, one.part.device_name)
 
 
-def _values(raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8],
-            columns: int) -> NDArray[np.float64]:
-    """(columns, records), NaN where a record does not tell."""
-    out = np.full((columns, len(first)), np.nan)
-    for k in range(int(counts.max(initial=0))):
-        rows = np.flatnonzero(counts > k)
-        cells = raw[(first[rows] + 5 * k)[:, None] + np.arange(5)]
-        which, value = cells[:, 0], np.ascontiguousarray(cells[:, 1:]).view("<i4")[:, 0]
-        good = which < columns
-        out[which[good], rows[good]] = value[good]
-    return out
+def log_lines(path: Path, found: TaskLogs) -> list[str]:
+    """A line for each time log: its task, device, dates, rows, hectares and columns."""
+    lines = [f"{path}: {_line(log, found)}" for log in found.logs[:MOST_LISTED]]
+    more = len(found.logs) - MOST_LISTED
+    return [*lines, f"{path}: ... {many(more, 'more time log')}"] if more > 0 else lines
 
 
-def _told(root: Element, item: Element) -> _Data:
-    """What a logged number is: by the data dictionary, else by what the device calls it."""
-    try:
-        ddi = int(item.get("A", ""), 16)
-    except ValueError:
-        return _Data("no data identifier", "", 1.0)
-    if ddi in _KNOWN:
-        return _KNOWN[ddi]
-    for process in root.iter("DPD"):
-        if int(process.get("B", "0"), 16) == ddi:
-            return _Data(process.get("E") or f"ddi {ddi}", "", 1.0)
-    return _Data(f"ddi {ddi}", "", 1.0)
+def _line(log: TimeLog, found: TaskLogs) -> str:
+    title = f" ({log.title})" if log.title else ""
+    devices = listed(f"{key} ({name})" if name else key for key, name in log.devices.items()) or "no device described"
+    where = f"task {log.task}{title}, log {log.name}, device {devices}"
+    if log.trouble:
+        return f"{where}: {log.trouble}"
+    area = hectares(log, found.parts)
+    size = "hectares not told" if area is None else f"{area[0]:.3f} ha ({area[1]})"
+    names = listed(dict.fromkeys(one.meaning.name for one in log.told), 8)
+    return f"{where}: {_moment(log.first_us)} to {_moment(log.last_us)}, {many(log.rows)}, {size}; {names}"
 
 
+def _moment(us: int) -> str:
+    return f"{dt.datetime.fromtimestamp(us / 1e6, dt.UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
+    for before, after in pairwise(logs):
+        if after.first_us <= before.last_us:
+            raise ImportTrouble(
+                f"{path}: {after.name} begins {_moment(after.first_us)}, before {before.name} ends "
+                f"{_moment(before.last_us)}: allowed are logs that follow one another; say which with {CHOICES}",
+                *log_lines(path, found._replace(logs=list(logs))))
+
+
+def _presented(path: Path, told: Sequence[Told], said: Source, findings: list[Finding]) -> bool:
+    """Whether rates are taken as their device shows them. Raises ImportTrouble where that is not said and matters."""
+    odd = [one for one in told if one.shown is not None]
+    if not odd:
+        return False
+    one = odd[0]
+    assert one.shown is not None
+    text = (f"{one.meaning.name} ({one.element}): 100 is {_in_log_unit(one.meaning)} by DDI {one.ddi or 0:04X}, and "
+            f"{_in_log_unit(one.shown)} as the device shows it")
+    if said.values_from is None:
+        raise ImportTrouble(f"{path}: {text}: say which holds: --values-from ddi or presentation (source.values_from)")
+    findings.append(Finding("presentation", f"{text}: taken by {said.values_from}"))
+    return said.values_from == "presentation"
+
+
+def _in_log_unit(meaning: Meaning) -> str:
+    """A raw number of 100, in the log's unit of its quantity."""
+    unit = unit_named(meaning.unit)
+    value = 100.0 * meaning.step + meaning.offset
+    if unit is None or unit.quantity not in ("rate", "flow"):
+        return f"{value:g} {meaning.unit}"
+    return f"{value * unit.factor:g} {'kg/ha' if unit.quantity == 'rate' else 'kg/s'}"
+
+
+def _names(logs: Sequence[TimeLog], told: Sequence[Told]) -> dict[tuple[int | None, str], str]:
+    """Of each number its column: what it is, and of several of one kind the element; elements that always say the same
+    share a column."""
+    names: dict[tuple[int | None, str], str] = {}
+    taken = set(logs[0].heads.columns) if logs and logs[0].heads is not None else set()
+    for name in dict.fromkeys(one.meaning.name for one in told):
+        alike = _apart([one for one in told if one.meaning.name == name], logs)
+        wanted = [name] if len(alike) == 1 else [f"{name} ({one.element})" for one in alike]
+        free = unique([*sorted(taken), *wanted])[len(taken):]
+        names |= {(one.ddi, one.element): one_name for one, one_name in zip(alike, free, strict=True)}
+        taken |= set(free)
+    return names
+
+
+def _apart(alike: list[Told], logs: Sequence[TimeLog]) -> list[Told]:
+    """Without those that say in every record what one before them says."""
+    kept: list[Told] = []
+    for one in alike:
+        if not any(all(_same(log, one, other) for log in logs) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _same(log: TimeLog, one: Told, other: Told) -> bool:
+    rows = [next((k for k, told in enumerate(log.told) if (told.ddi, told.element) == (it.ddi, it.element)), None)
+            for it in (one, other)]
+    if log.values is None or rows[0] is None or rows[1] is None:
+        return rows[0] == rows[1]
+    return bool(np.array_equal(log.values[rows[0]], log.values[rows[1]], equal_nan=True)) and one.ddi == other.ddi
+
+
+def _joined(logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool) -> pl.DataFrame:
+    frames = []
+    for log in logs:
+        frame = frame_of(log, names, presented)
+        if len(logs) > 1:
+            mark = [f"mark log {log.name}", *[None] * (frame.height - 1)]
+            frame = frame.with_columns(pl.Series(EVENTS, mark, pl.String))
+        frames.append(frame)
+    return pl.concat(frames, how="diagonal_relaxed")
+
+
+def _elements(told: Sequence[Told], names: dict[tuple[int | None, str], str]) -> list[Finding]:
+    """What the elements are that columns are called by."""
+    shown = {one.element: one.part for one in told
+             if names.get((one.ddi, one.element), "").endswith(f"({one.element})")}
+    words = [f"{element} is {part.name or 'an element'} of {part.device_name or part.device}"
+             for element, part in shown.items() if part is not None]
+    return [Finding("elements", listed(words))] if words else []
+
+
+def _width(found: TaskLogs, logs: Sequence[TimeLog], told: Sequence[Told]) -> float | None:
+    """The working width, m, where all logs had one and the same; None: they do not say, or it changed."""
+    widths = {width_of(log, found.parts) for log in logs}
+    if len(widths) == 1:
+        return widths.pop()
+    devices = {one.part.device for one in told if one.part is not None}
+    return width_m(found.parts, devices.pop()) if len(devices) == 1 and None not in widths else None

@@ -1,0 +1,215 @@
+"""ISO 11783-10 time logs (TLG): the binary records that a task controller wrote, each log as a table."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from control.geodesy import TangentPlane
+from drivers.files.exports.time_log import FIRST_DAY
+from drivers.files.imports.devices import Meaning, Part, contradiction, ddi_of, meaning_of, width_m
+from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.prescriptions.task_files import TaskFiles
+
+# The fields of TIM and its PTN that every record tells, in their order in a record: attribute, type as numpy writes it,
+# step, name here, the number that means not known.
+_HEAD = (
+    ("PTN", "A", "<i4", 1e-7, "lat_deg", None), ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
+    ("PTN", "C", "<i4", 0.001, "altitude_m", None), ("PTN", "D", "u1", 1.0, "fix_quality", 15),
+    ("PTN", "E", "<u2", 0.1, "pdop", 0xFFFF), ("PTN", "F", "<u2", 0.1, "hdop", 0xFFFF),
+    ("PTN", "G", "u1", 1.0, "satellites", 0xFF), ("PTN", "H", "<u4", 0.001, "gps time of day s", None),
+    ("PTN", "I", "<u2", 1.0, "gps day", None))
+_TIME = (("ms", "<u4"), ("day", "<u2"))
+UTC = "utc"
+TOTAL_AREA, WIDTH, WORK = 116, 67, 141
+MOVES_M = 0.001                 # places nearer to one another are one
+
+
+class Told(NamedTuple):
+    """A number that a log holds: of which element (DET), under which identifier; and the device's own view of its
+    step, where that contradicts the dictionary."""
+
+    ddi: int | None
+    element: str
+    part: Part | None
+    meaning: Meaning
+    shown: Meaning | None
+
+
+@dataclass(frozen=True, eq=False)
+class TimeLog:
+    """`task`: id of the task (TSK). `heads`: time and place. `values`: (numbers, records) raw, NaN where not told yet.
+
+    `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, one line; empty: it was.
+    """
+
+    name: str
+    task: str
+    title: str
+    told: tuple[Told, ...] = ()
+    heads: pl.DataFrame | None = None
+    values: NDArray[np.float64] | None = None
+    lost: int = 0
+    trouble: str = ""
+
+    @property
+    def rows(self) -> int:
+        return 0 if self.heads is None else self.heads.height
+
+    @property
+    def first_us(self) -> int:
+        assert self.heads is not None
+        return int(self.heads[UTC].dt.timestamp("us").min())        # type: ignore[arg-type]
+
+    @property
+    def last_us(self) -> int:
+        assert self.heads is not None
+        return int(self.heads[UTC].dt.timestamp("us").max())        # type: ignore[arg-type]
+
+    @property
+    def devices(self) -> dict[str, str]:
+        """Ids of the devices whose numbers it holds, with their names."""
+        return {one.part.device: one.part.device_name for one in self.told if one.part is not None}
+
+
+def time_logs(files: TaskFiles, root: Element, parts: dict[str, Part]) -> list[TimeLog]:
+    """All time logs of all tasks, in the file's order."""
+    return [_read(files, root, parts, task, name) for task in root.iter("TSK") for log in task.findall("TLG")
+            if (name := log.get("A"))]
+
+
+def _read(files: TaskFiles, root: Element, parts: dict[str, Part], task: Element, name: str) -> TimeLog:
+    empty = TimeLog(name, task.get("A", ""), task.get("B", ""))
+    layout, data = files.read(f"{name}.xml"), files.read(f"{name}.bin")
+    if layout is None or data is None:
+        absent = f"{name}.{'xml' if layout is None else 'bin'}"
+        return _failed(empty, f"{absent}, which the task names, is not there")
+    try:
+        time = ElementTree.fromstring(layout)
+    except ElementTree.ParseError as error:
+        return _failed(empty, f"{name}.xml: not readable as XML: {error}")
+    time = time if time.tag == "TIM" else (found if (found := time.find(".//TIM")) is not None else time)
+    told = tuple(_told(root, parts, item) for item in time.findall("DLV"))
+    place = time.find("PTN")
+    fields = [row for row in _HEAD if place is not None and place.get(row[1]) == ""]
+    head = np.dtype([*_TIME, *((row[4], row[2]) for row in fields), ("values", "u1")])
+    starts, end = _starts(data, head.itemsize)
+    if not len(starts):
+        return _failed(TimeLog(empty.name, empty.task, empty.title, told), "no record in it")
+    raw = np.frombuffer(data, np.uint8)
+    heads = raw[starts[:, None] + np.arange(head.itemsize)].view(head)[:, 0]
+    values = _values(raw, starts + head.itemsize, heads["values"], len(told))
+    return TimeLog(name, empty.task, empty.title, told, _heads(heads, fields), values, len(data) - end)
+
+
+def _failed(log: TimeLog, why: str) -> TimeLog:
+    return TimeLog(log.name, log.task, log.title, log.told, trouble=why)
+
+
+def _heads(heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]) -> pl.DataFrame:
+    epoch = np.datetime64(FIRST_DAY.replace(tzinfo=None), "ms")
+    times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
+    columns = [pl.Series(UTC, times).dt.replace_time_zone("UTC")]
+    nowhere = np.zeros(len(heads), np.bool_)
+    if {"lat_deg", "lon_deg"} <= set(heads.dtype.names or ()):
+        lat, lon = heads["lat_deg"].astype(np.float64) * 1e-7, heads["lon_deg"].astype(np.float64) * 1e-7
+        nowhere = ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
+    for _, _, _, step, name, unknown in fields:
+        numbers = heads[name].astype(np.float64)
+        numbers = numbers if unknown is None else np.where(numbers == unknown, np.nan, numbers)
+        if name in ("lat_deg", "lon_deg"):
+            numbers = np.where(nowhere, np.nan, numbers)
+        columns.append(pl.Series(name, numbers * step, nan_to_null=True))
+    return pl.DataFrame(columns)
+
+
+def _told(root: Element, parts: dict[str, Part], item: Element) -> Told:
+    ddi, part = ddi_of(item.get("A", "")), parts.get(item.get("C", ""))
+    return Told(ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part))
+
+
+def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
+    """Where each record begins, and where the last whole one ends: a record tells its own length."""
+    starts, place, size = [], 0, len(data)
+    while place + head_bytes <= size:
+        end = place + head_bytes + 5 * data[place + head_bytes - 1]
+        if end > size:
+            break
+        starts.append(place)
+        place = end
+    return np.array(starts, np.int64), place
+
+
+def _values(raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8],
+            columns: int) -> NDArray[np.float64]:
+    """(columns, records), the last one told; NaN before it was told first."""
+    out = np.full((columns, len(first)), np.nan)
+    for k in range(int(counts.max(initial=0))):
+        rows = np.flatnonzero(counts > k)
+        cells = raw[(first[rows] + 5 * k)[:, None] + np.arange(5)]
+        which, value = cells[:, 0], np.ascontiguousarray(cells[:, 1:]).view("<i4")[:, 0]
+        good = which < columns
+        out[which[good], rows[good]] = value[good]
+    last = np.maximum.accumulate(np.where(np.isfinite(out), np.arange(out.shape[1]), 0), axis=1) if columns else None
+    return out if last is None else np.take_along_axis(out, last, axis=1)
+
+
+def hectares(log: TimeLog, parts: dict[str, Part]) -> tuple[float, str] | None:
+    """What a log covered, and by what: its device's own count, else way and width at work; None: not to be known."""
+    if log.heads is None or log.values is None:
+        return None
+    counted = [k for k, one in enumerate(log.told) if one.ddi == TOTAL_AREA and np.isfinite(log.values[k]).any()]
+    if counted:
+        areas = [float(np.diff(values[np.isfinite(values)], prepend=np.nan)[1:].clip(0.0).sum())
+                 for values in (log.values[k] for k in counted)]
+        return max(areas) / 10_000.0, "counted"
+    width = width_of(log, parts)
+    if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads.columns):
+        return None
+    step = _steps_m(log.heads)
+    works = [log.values[k] == 1.0 for k, one in enumerate(log.told) if one.ddi == WORK]
+    working = np.any(works, axis=0) if works else np.ones(len(step), np.bool_)
+    return float(step[working].sum()) * width / 10_000.0, "way x width"
+
+
+def width_of(log: TimeLog, parts: dict[str, Part]) -> float | None:
+    """The working width, m: as logged where it stays the same, else as the device says; None where it changes."""
+    if log.values is not None:
+        for k, one in enumerate(log.told):
+            known = log.values[k][log.values[k] > 0.0]
+            if one.ddi == WIDTH and len(known):
+                return float(known[0]) / 1000.0 if (known == known[0]).all() else None
+    widths = [found for device in log.devices if (found := width_m(parts, device)) is not None]
+    return max(widths) if widths else None
+
+
+def _steps_m(heads: pl.DataFrame) -> NDArray[np.float64]:
+    lat, lon = heads["lat_deg"].to_numpy(), heads["lon_deg"].to_numpy()
+    known = np.isfinite(lat) & np.isfinite(lon)
+    steps = np.zeros(len(lat))
+    if known.sum() < 2:
+        return steps
+    plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
+    places = plane.many_to_m(lat[known], lon[known])
+    steps[known] = np.concatenate(([0.0], np.hypot(*np.diff(places, axis=0).T)))
+    return np.where(steps > MOVES_M, steps, 0.0)
+
+
+def frame_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool) -> pl.DataFrame:
+    """Time, place and numbers as columns, in their units. names: of (DDI, element); what has none is left out."""
+    if log.heads is None or log.values is None:
+        raise ImportTrouble(f"{log.name}: {log.trouble}")
+    columns = {}
+    for one, values in zip(log.told, log.values, strict=True):
+        name = names.get((one.ddi, one.element))
+        if name is None:
+            continue
+        meaning = one.shown if presented and one.shown is not None else one.meaning
+        columns[name] = pl.Series(name, values * meaning.step + meaning.offset, nan_to_null=True)
+    return log.heads.with_columns(columns.values())
