@@ -501,6 +501,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page is not page:
             self.push_screen(page)
         page.hurry()
+        if page.is_mounted:         # else it shows for a moment what it showed when it was left
+            self.tick()
         self.call_after_refresh(self.tick)
 
     def open_replay(self, job: ReplayJob) -> None:

@@ -271,6 +271,23 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
         assert desk.asked[-1] == ("drop",) and app.page.pending == "" and ("restart",) not in desk.asked
 
 
+async def test_what_was_said_of_one_run_is_not_said_of_the_next(job_app, desk, source, shown):
+    """Taken after all, the map ran under "not taken"; and what the hopper held in the run before was no refill."""
+    app = job_app
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        app.page.say("written: report.html in reports")
+        await pilot.press("m", "2", "enter")
+        await settled(app, pilot)
+        assert any("not taken: bench.yaml" in row for row in shown(app))
+        app.page.refill.seen_kg = 16.0
+        source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="logs/next.csv")
+        app.tick()
+        await settled(app, pilot)
+        text = "\n".join(shown(app))
+        assert "not taken" not in text and "the scale saw" not in text and "written: report.html" in text
+
+
 async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):
     app = job_app
     async with app.run_test(size=SIZE) as pilot:

@@ -43,6 +43,33 @@ async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown,
         assert "no alarms" not in text
 
 
+@pytest.mark.parametrize("where", ["map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"])
+async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, where, monkeypatch):
+    """On a busy computer "NO DATA", "waiting for the first values" stood over a machine at work for seconds."""
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.tick()
+        await pilot.pause()
+        monkeypatch.setattr(app, "tick", lambda: None)          # its first look is late
+        app.turn_to(where)
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "WORKING" in text and "NO DATA" not in text and "no values yet" not in text.splitlines()[1]
+        assert "all is well" not in text, "nothing was looked at yet"
+
+
+async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(app, source, shown, monkeypatch):
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.turn_to("job")
+        await pilot.pause()
+        app.turn_to("run")
+        await pilot.pause()
+        in_state(source, "held")
+        monkeypatch.setattr(app, "call_after_refresh", lambda *ignored: None)
+        app.turn_to("job")
+        await pilot.pause()
+        assert "HELD" in shown(app)[0]
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("where", ["run", "job", "trends"])
 async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, source, shown, size, where):

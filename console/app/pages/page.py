@@ -49,7 +49,7 @@ class Page(Screen[None]):
         self.numbers, self.plots, self.maps = Pace(NUMBERS_S), Pace(PLOTS_S), Pace(MAPS_S)
 
     def compose(self) -> ComposeResult:
-        view = look(None, 0.0, self.app.units)
+        view = self.view_at(self.app.clock())
         yield StatusLine(view.status, id="status")
         yield AlarmBar(view.alarms, id="alarms")
         yield TourBar(None, id="tour")
@@ -96,9 +96,12 @@ class Page(Screen[None]):
     def tick(self, now_s: float) -> None:
         """Look at what is new; called often, does only what is due. A subclass adds its own panels to it."""
         if self.numbers.due(now_s):
-            frame, age_s = self.seen(now_s)
-            view = self.seen_view(frame, age_s)
-            self.show_numbers(without_worker(view) if self.app.gone else view)
+            self.show_numbers(self.view_at(now_s))
+
+    def view_at(self, now_s: float) -> RunView:
+        """What is known now: a page never says less, or other, than the one before it, also not while it is made."""
+        view = self.seen_view(*self.seen(now_s))
+        return without_worker(view) if self.app.gone else view
 
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
         """The frame to show, and its age in s. Without a worker the last values are old at once."""

@@ -33,7 +33,7 @@ def with_room(checks: tuple[Check, ...], rows: int) -> tuple[Check, ...]:
 class CheckList(Panel[ChecksView]):
     def lines(self, view: ChecksView, width: int, height: int) -> list[Content]:
         said = {OK: _("all is well"), LOOK: _("work is possible: look at what is marked"),
-                STOP: _("not ready for work")}[worst(view.checks)]
+                STOP: _("not ready for work")}[worst(view.checks)] if view.checks else _("being read")
         head: list[Part] = [(f" {_('before work')} ", "bold $primary"), (f" {said}", "bold")]
         label = max((cell_len(check.label) for check in view.checks), default=0) + 2
         word = max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4

@@ -48,6 +48,8 @@ class JobScreen(Page):
         self.trouble = ""
         self.free_bytes: int | None = None
         self.said: list[str] = []               # what was done, the newest last
+        self.said_of_run: list[str] = []        # and what is true only of the run that goes on
+        self._run = ""                          # its log
         self.pending = ""                       # a file that was taken and that no worker has yet
         self.progress = ""
         self._work: Worker[tuple[str, ...]] | None = None
@@ -72,6 +74,10 @@ class JobScreen(Page):
     def gather(self, frame: Frame) -> None:
         """Every frame, also while another page is shown."""
         super().gather(frame)
+        if frame.log_path != self._run:         # another run: nothing that was said of the one before holds of it
+            self._run = frame.log_path
+            self.refill = RefillWatch()
+            self.said_of_run.clear()
         before = self.refill.seen_kg
         self.refill.add(frame.row)
         if self.refill.seen_kg is not None and before is None:
@@ -135,11 +141,16 @@ class JobScreen(Page):
             notes.append(JobNote(_("this job is ended; more work still counts to it")))
         if self.pending:
             notes.append(JobNote(_("for the next start: {name}").format(name=self.pending)))
-        return (*notes, *(JobNote(text) for text in self.said[-NOTES_KEPT:]))
+        return (*notes, *(JobNote(text) for text in (*self.said, *self.said_of_run)[-NOTES_KEPT:]))
 
     def say(self, text: str) -> None:
         """A line that stays."""
         self.said.append(text)
+        self.hurry()
+
+    def say_of_run(self, text: str) -> None:
+        """A line that stays until another run begins."""
+        self.said_of_run.append(text)
         self.hurry()
 
     # --- actions ------------------------------------------------------------------------------------------------
@@ -199,7 +210,7 @@ class JobScreen(Page):
         if self.desk is not None:
             self.desk.drop()
         self.pending = ""
-        self.say(_("not taken: {name}; the job goes on as it was").format(name=file_name(taken)))
+        self.say_of_run(_("not taken: {name}; the job goes on as it was").format(name=file_name(taken)))
 
     def strips_with(self, value: StripValue | None) -> Strips:
         """The strips that will count, with the one just measured."""
@@ -372,7 +383,7 @@ class JobScreen(Page):
         elif worker.group == "job-keep":
             self._kept(worker, done)
         elif worker.group == "job-take" and not done:
-            self.say(_("not taken: {why}").format(why=_one_line(worker.error)))
+            self.say_of_run(_("not taken: {why}").format(why=_one_line(worker.error)))
         elif worker.group == "job-take":
             self.ask_restart(str(worker.result))
         self.hurry()
@@ -395,7 +406,7 @@ class JobScreen(Page):
     def _kept(self, worker: Worker[Any], done: bool) -> None:
         if done:
             self._looked_s = None
-            self.say(_("counts now; for the next start: {name}").format(name=file_name(str(worker.result))))
+            self.say_of_run(_("counts now; for the next start: {name}").format(name=file_name(str(worker.result))))
         else:
             self.say(_("not written: {why}").format(why=_one_line(worker.error)))
 
