@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 from console.frame import DeviceDo, Frame, from_json
 from console.knock import HOST, LINE_BYTES
+from console.locale import _
 from console.running import Where
 from control.orders import Answer, Order
 
@@ -49,7 +50,7 @@ class Link:
             reader, self._writer = await asyncio.open_connection(HOST, self.where.port, limit=LINE_BYTES)
         except OSError as error:
             self._gone.set()
-            raise WorkerGone(f"the control worker (process {self.where.pid}) is gone") from error
+            raise WorkerGone(_("the control worker (process {pid}) is gone").format(pid=self.where.pid)) from error
         self._send(next(self._numbers), {"ask": "look"})
         self._keep_alive()
         try:
@@ -65,9 +66,9 @@ class Link:
             self._writer.close()
             for future in self._waiting.values():
                 if not future.done():
-                    future.set_exception(WorkerGone("the control worker is gone: not answered"))
+                    future.set_exception(WorkerGone(_("the control worker is gone: not answered")))
             self._waiting.clear()
-        raise WorkerGone(f"the control worker (process {self.where.pid}) is gone")
+        raise WorkerGone(_("the control worker (process {pid}) is gone").format(pid=self.where.pid))
 
     async def order(self, order: Order, timeout_s: float = ANSWER_S) -> Answer:
         """Give an order and wait for the worker's answer.
@@ -124,7 +125,7 @@ class Link:
 
     def _send(self, number: int, message: dict[str, Any]) -> None:
         if self._writer is None or self._gone.is_set():
-            raise WorkerGone("no control worker is attached")
+            raise WorkerGone(_("no control worker is attached"))
         self._writer.write(json.dumps({"id": number, "token": self.where.token} | message).encode() + b"\n")
 
     def _take(self, message: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from console.knock import GREETING, KNOCK_S, LINE_BYTES, knock, still_runs
+from console.locale import _
 from drivers.files.lock import take_lock
 
 AGAIN_S = 0.02                # a run file that is not there yet is looked for this often
@@ -80,9 +81,10 @@ def _greeted(where: Where, until_s: float) -> Where:
     """The same, once it has greeted. Raises WorkerFailed."""
     greeting = knock(where.port, until_s)
     if greeting is None:
-        raise WorkerFailed(f"the control worker (process {where.pid}) does not answer: end it")
+        raise WorkerFailed(_("the control worker (process {pid}) does not answer: end it").format(pid=where.pid))
     if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
-        raise WorkerFailed(f"the control worker (process {where.pid}) does not listen on its port {where.port}: end it")
+        raise WorkerFailed(_("the control worker (process {pid}) does not listen on its port {port}: end it").format(
+            pid=where.pid, port=where.port))
     return where
 
 
@@ -90,7 +92,7 @@ def _nobody_holds(path: Path) -> bool:
     """Whether no worker runs; the file that one left is then removed, while none can start."""
     try:
         if path.stat().st_uid != getattr(os, "getuid", int)():            # Windows: 0 on both sides
-            raise WorkerFailed(f"{path}: belongs to another user; remove it")
+            raise WorkerFailed(_("{path}: belongs to another user; remove it").format(path=path))
     except FileNotFoundError:
         pass
     try:
@@ -114,7 +116,8 @@ def _read(path: Path) -> Where:
             raise ValueError
         return Where(port, str(said["token"]), pid, str(said.get("started", "")), str(said.get("log_path", "")), parent)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise WorkerFailed(f"{path}: does not say where the control worker that runs listens: end that one") from None
+        raise WorkerFailed(_("{path}: does not say where the control worker that runs listens: end that one").format(
+            path=path)) from None
 
 
 def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Path | None = None,
@@ -128,7 +131,7 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
     path = run_file or default_run_file()
     running = find_running(path)
     if running:
-        raise WorkerFailed(f"a control worker runs already (process {running.pid}): attach to it")
+        raise WorkerFailed(_("a control worker runs already (process {pid}): attach to it").format(pid=running.pid))
     apart = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
     with open(trouble_path, "ab") as trouble:
         heard_before = trouble.tell()
@@ -138,8 +141,9 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
     until = time.monotonic() + timeout_s
     while time.monotonic() < until:
         if child.poll() is not None:
-            last = _last_line(Path(trouble_path), heard_before) or f"ended at once, code {child.returncode}"
-            raise WorkerFailed(f"the control worker did not start: {last}")
+            last = _last_line(Path(trouble_path), heard_before) or _("ended at once, code {code}").format(
+                code=child.returncode)
+            raise WorkerFailed(_("the control worker did not start: {last}").format(last=last))
         where = None
         with contextlib.suppress(WorkerFailed):                    # it has the lock, and does not greet yet
             where = find_running(path)
@@ -147,7 +151,8 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
             return where
         time.sleep(AGAIN_S)
     child.terminate()
-    raise WorkerFailed(f"the control worker said nothing for {timeout_s:g} s; see {trouble_path}")
+    raise WorkerFailed(_("the control worker said nothing for {limit_s:g} s; see {path}").format(
+        limit_s=timeout_s, path=trouble_path))
 
 
 def _last_line(path: Path, start: int) -> str:

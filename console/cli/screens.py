@@ -12,6 +12,7 @@ import platformdirs
 
 from console import quick_start
 from console.cli.plain_errors import CommandError, has_terminal, need_terminal
+from console.locale import _
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -56,7 +57,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     async def attach() -> Link:
         where = await asyncio.to_thread(find_running)
         if where is None:
-            raise WorkerFailed("no control worker runs")
+            raise WorkerFailed(_("no control worker runs"))
         await asyncio.to_thread(launcher.adopt, where.log_path)
         return Link(where)
 

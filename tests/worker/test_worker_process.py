@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 
 from console.link import Link, WorkerGone
+from console.locale import use
 from console.running import Where, WorkerFailed, find_running, start_worker
 from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES, REFUSALS
 from control.orders import Answer, Do, Order
@@ -530,6 +531,20 @@ async def test_a_file_left_by_a_dead_worker_is_removed(running, attach, tmp_path
         await Link(where).run()
     assert find_running(run_file) is None and not run_file.exists()
     assert running().pid != where.pid
+
+
+async def test_what_became_of_the_worker_is_said_in_the_language_of_the_screen(tmp_path):
+    """It stood in English over a Chinese dialog, which is the one of all that has to be understood."""
+    run_file = tmp_path / "worker.json"
+    run_file.write_text("{}")
+    use("zh")
+    try:
+        with pytest.raises(WorkerGone, match="控制程序（进程 4711）已退出"):
+            await Link(Where(1, "x", 4711, "")).run()
+        with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="请结束该程序"):
+            find_running(run_file)
+    finally:
+        use("en")
 
 
 def test_a_port_taken_over_by_another_program_is_not_a_worker(tmp_path):
