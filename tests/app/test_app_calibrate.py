@@ -261,6 +261,8 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
         await pilot.press("-", "x", "1", "enter")
         await settled(app, pilot)
         assert page.desk.saved == "machines/huanghai-catch-20260318-x1.yaml"
+        text = "\n".join(shown(app))
+        assert "saved: " in text and "use it with: topdress run --config FILE" in text
         assert Order(Do.STOP) not in source.orders, "an x in a name is a letter"
 
 

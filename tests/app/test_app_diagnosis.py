@@ -6,6 +6,7 @@ import time
 from dataclasses import replace
 
 import pytest
+from textual.geometry import Size
 
 from console.app import actions
 from console.app.action import DIAGNOSIS
@@ -520,6 +521,16 @@ def test_long_lists_keep_the_chosen_row_in_sight():
     many = tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(50))
     rows = SourceList(SourcesView((), 0, False, "en")).lines(SourcesView(many, 40, False, "en"), 80, 12)
     assert len(rows) == 12 and any("40.csv" in row.plain and row.plain.startswith(">") for row in rows)
+
+
+@pytest.mark.parametrize(("files", "rows"), [(0, 0), (3, 3), (10, 10), (11, 10), (50, 10)])
+def test_letters_stand_at_files_that_are_shown(monkeypatch, files, rows):
+    monkeypatch.setattr(SourceList, "content_size", Size(80, 12))
+    view = SourcesView(tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(files)), 0, False, "en")
+    places = SourceList(view).places()
+    assert places == tuple((0, 2 + row) for row in range(rows))
+    drawn = SourceList(view).lines(view, 80, 12)
+    assert all(".csv" in drawn[y].plain for _x, y in places)
 
 
 def test_every_effect_of_the_catalogue_is_known_in_chinese():

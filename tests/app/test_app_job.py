@@ -12,7 +12,7 @@ from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.gallery import StillSource
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.check_list import CheckList, with_room
+from console.app.pages.job.check_list import CheckList, ChecksView, with_room
 from console.app.pages.job.day import LOOK, OK, STOP, Check, checks, totals, worst
 from console.app.pages.job.desk import Earlier, Offer
 from console.app.pages.job.nrich import StripRun, standard_error
@@ -102,6 +102,15 @@ def test_what_is_well_gives_way_where_not_all_have_room():
     assert with_room(some, 6) == some
     assert [check.label for check in with_room(some, 5)] == ["0", "1", "2", "5"]
     assert [check.label for check in with_room(some, 3)] == ["1", "5"]
+
+
+@pytest.mark.parametrize("height", range(4, 14))
+def test_the_list_fills_its_rows_and_no_more(height):
+    """What is to be looked at is said in further rows, as far as there are any."""
+    some = tuple(Check(str(k), level, "short", ("one", "two")) for k, level in enumerate((OK, LOOK, OK, OK, STOP)))
+    rows = CheckList(ChecksView(some, "en")).lines(ChecksView(some, "en"), 60, height)
+    assert len(rows) == min(height, 1 + len(some) + 4)
+    assert any("more" in row.plain for row in rows) == (height < 1 + len(some))
 
 
 def test_every_warning_of_the_crop_stands_in_full(frames):

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import datetime as dt
 import itertools
 import json
@@ -141,6 +142,16 @@ def test_the_time_logs_bytes_by_the_layout_beside_them(applied: AsApplied, tmp_p
     assert working[5][2][7] == round(100 * applied.stretches.applied_kg_ha[5])
     assert working[5][2][6] == 20_000 and working[20][2][6] == 32_000
     assert working[5][2][67] == 2400 and working[5][2][397] == 1250
+
+
+@pytest.mark.parametrize(("pause_s", "breaks"), [(0.3, 0), (0.7, 1)])
+def test_a_pause_of_half_a_second_ends_the_work_for_the_record(applied: AsApplied, pause_s: float, breaks: int) -> None:
+    """The log's own pause and its end are two; a stop is a record more, a millisecond later, of no rate."""
+    from drivers.files.exports.isoxml import _moments
+    s = applied.stretches
+    later = s._replace(time_s=s.time_s + np.where(np.arange(s.time_s.size) < 10, 0.0, pause_s))
+    moments = list(_moments(dataclasses.replace(applied, stretches=later)))
+    assert len(moments) == s.time_s.size + 2 + breaks
 
 
 def test_what_is_not_known_is_left_out(applied: AsApplied, tmp_path: Path) -> None:

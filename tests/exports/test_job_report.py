@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,23 @@ def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None
     doubled = dataclasses.replace(applied, stretches=applied.stretches._replace(
         applied_kg_ha=2.0 * applied.stretches.target_kg_ha))
     assert error_percent(doubled)[0] == pytest.approx(np.full(len(error), 100.0))
+
+
+def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
+    """A quarter of the area 1 % off, a quarter 4 %, a quarter 15 % too little, the rest twice what was wanted."""
+    from console.reports.job_page import error_words
+    s = applied.stretches
+    known = np.flatnonzero(np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0))
+    off = np.full(s.time_s.size, 1.0)
+    for factor, some in zip((1.01, 0.96, 0.85, 2.0), np.array_split(known, 4), strict=True):
+        off[some] = factor
+    area = np.zeros_like(off)
+    for some in np.array_split(known, 4):
+        area[some] = 100.0 / len(some)
+    words = error_words(dataclasses.replace(applied, stretches=s._replace(
+        applied_kg_ha=off * s.target_kg_ha, area_m2=area)))
+    said = re.findall(r"within ([0-9]+) %.*?([0-9.]+) % of the area", words, re.S)
+    assert said == [("2", "25.0"), ("5", "50.0"), ("10", "50.0"), ("20", "75.0")]
 
 
 def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:

@@ -80,6 +80,13 @@ def test_times_of_any_kind_come_out_as_seconds(write: Write, name: str, times: S
     assert log.numbers("shaft_rpm") == pytest.approx(SHAFT, abs=1e-3)
 
 
+@pytest.mark.parametrize("begin", [BEGIN, dt.datetime(1970, 1, 1, 0, 20, tzinfo=dt.UTC)], ids=["", "clock not set"])
+def test_dates_count_from_the_first_row_and_are_said_once(write: Write, begin: dt.datetime) -> None:
+    log = read_log(write(["time_s", "shaft_rpm"], logged([begin + (one - BEGIN) for one in MOMENTS])))
+    assert log.time_s == pytest.approx(T, abs=2e-3)
+    assert [finding.id for finding in log.findings if finding.column == "time_s"] == ["dates"]
+
+
 @pytest.mark.parametrize(("name", "column", "factor"), [
     ("SHAFT_RPM", "shaft_rpm", 1.0), ("shaft_rpm [r/min]", "shaft_rpm", 1.0), ("shaft_rpm (rpm)", "shaft_rpm", 1.0),
     ("Shaft [r/min]", "shaft_rpm", 1.0), ("shaft_rpm [r/s]", "shaft_rpm", 60.0), ("Speed [km/h]", "speed_mps", 1 / 3.6),

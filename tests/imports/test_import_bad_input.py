@@ -7,6 +7,10 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
+from drivers.files.imports.mapping import Source
+from drivers.files.imports.read import read_raw
+from drivers.files.imports.trouble import ImportTrouble
+
 GOOD = "Time [s];Shaft command [rpm];Shaft speed [rpm]\n" + "".join(
     f"{k / 10:.1f};{20 + 10 * (k // 9 % 4)};{20 + 10 * ((k - 1) // 9 % 4)}\n" for k in range(1, 80))
 HEAD = "format: topdress-import/1\ntime: {column: 'Time [s]', counts: s}\n"
@@ -34,6 +38,15 @@ def test_a_file_that_is_no_log(content: str, said: str, written: Callable[..., P
     lines = lines_of(topdress("import", path, "--out", tmp_path / "out.csv"), tmp_path, before)
     assert any(said in line for line in lines), lines
     assert all(str(path) in line for line in lines)
+
+
+@pytest.mark.parametrize("names", [None, ("x", "y")])
+@pytest.mark.parametrize("title_rows", [2, 3, 4, 5, 6, 900])
+def test_titles_up_to_the_end_leave_no_rows(title_rows: int, names: tuple[str, str] | None, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("a,b\n1,2\n" if names else "a,b\n1,2\n3,4\n")
+    with pytest.raises(ImportTrouble, match=r"no row of numbers among the first [23] lines"):
+        read_raw(path, Source(title_rows=title_rows, names=names))
 
 
 @pytest.mark.parametrize(("text", "said"), [

@@ -14,9 +14,11 @@ from drivers.files.config import load
 from drivers.files.foreign import our_names
 from drivers.files.imports.convert import convert
 from drivers.files.imports.guess import guess
+from drivers.files.imports.guess_columns import _values
 from drivers.files.imports.header import named
-from drivers.files.imports.mapping import IMPORT
+from drivers.files.imports.mapping import IMPORT, Source
 from drivers.files.imports.physics import answer
+from drivers.files.imports.raw import RawTable
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import folded, subject_of, wanted_or_done
@@ -30,6 +32,13 @@ LAT = [34.0 + 2.0 * k / 111_200.0 for k in ROWS]
 def table(header: str, *columns: object) -> str:
     rows = zip(ROWS, *columns, strict=True)         # type: ignore[arg-type]
     return header + "\n" + "".join(",".join(str(cell) for cell in row) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize(("words", "known"), [(0, 10), (5, 5), (6, None), (9, None), (10, None)])
+def test_a_column_is_of_numbers_where_half_of_it_is(words: int, known: int | None) -> None:
+    cells = ["off"] * words + [f"{k}.5" for k in range(10 - words)]
+    values = _values(RawTable(Path("a.csv"), pl.DataFrame({"x": cells}), Source()), "x")
+    assert (values.size, int(np.isfinite(values).sum())) == ((10, known) if known is not None else (0, 0))
 
 
 @pytest.mark.parametrize(("content", "doubts"), [

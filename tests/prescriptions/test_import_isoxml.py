@@ -1,6 +1,7 @@
 """ISO 11783-10 task files: the shared real ones, small ones made here, and broken ones."""
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from control.targets.prescription import Fallbacks, MapData, statistics
+from control.geodesy import TangentPlane
+from control.targets.prescription import Fallbacks, MapData, Zone, statistics
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 from drivers.files.prescriptions.write import write_prescription
@@ -171,6 +173,21 @@ def test_a_grid_of_many_rates_is_written_as_type_2(tmp_path: Path, make: Make) -
     with zipfile.ZipFile(tmp_path / "again.zip") as archive:
         assert b'I="2"' in archive.read("TASKDATA/TASKDATA.XML")
     assert same(read_prescription(tmp_path / "again.zip").data, read.data)
+
+
+def test_a_field_is_written_with_its_area(tmp_path: Path) -> None:
+    """Two outlines, the second with a hole: 100 m x 200 m and 50 m x 50 m less 10 m x 10 m, in whole square metres."""
+    plane = TangentPlane(34.28, 119.88)
+
+    def box(east_m: float, width_m: float, height_m: float) -> npt.NDArray[np.float64]:
+        return np.array([plane.to_deg(east_m + x, y) for x, y in (
+            (0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m))])
+    data = MapData((Zone(120.0, (box(0.0, 20.0, 20.0),)),), fields_deg=(
+        (box(0.0, 100.0, 200.0),), (box(200.0, 50.0, 50.0), box(220.0, 10.0, 10.0))))
+    write_prescription(data, tmp_path / "task")
+    (text,) = (path.read_text(encoding="utf-8") for path in tmp_path.rglob("*") if path.name.upper() == "TASKDATA.XML")
+    (area,) = re.findall(r'<PFD [^>]*D="([0-9]+)"', text)
+    assert int(area) == pytest.approx(20_000 + 2_400, rel=1e-3)
 
 
 def test_external_files_and_a_zip_with_a_folder(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
 from control.machine.start import first_fall_s, response_s, start_lag_s
-from control.simulation.papers import published
+from control.simulation.papers import map_geometry, published
 from control.simulation.papers.claims import ledger
 from control.simulation.papers.claims_decision import decision_claims, yields
 from control.simulation.papers.claims_lag import lag_claims
@@ -24,7 +24,7 @@ from control.simulation.papers.correction import IN_PHASE, ONCE_A_SECOND, READIN
 from control.simulation.papers.decision import forward_targets, nitrogen, sampling
 from control.simulation.papers.experiments import experiment_tables, speed_or_delay
 from control.simulation.papers.lag import eq3, lag_line
-from control.simulation.papers.map_geometry import boundary_table, cells_that_agree
+from control.simulation.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
 from control.simulation.papers.page import Claim, How, Table
 from control.simulation.papers.points import delays, microsteps
 from control.targets.point import point_lag
@@ -263,8 +263,11 @@ def test_printed_yields_do_not_follow_from_the_sample_weights() -> None:
     assert yields().rows[0][7] == pytest.approx(2277.0, abs=1.0)
 
 
-def test_eq_2_is_right_and_eq_5_halves_the_way() -> None:
+def test_eq_2_is_right_and_eq_5_halves_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(map_geometry, "paper_cell", lambda at, half: asked.append(at) or paper_cell(at, half))
     assert cells_that_agree() == (1001, 1001)
+    assert asked == pytest.approx(np.linspace(0.0, 100.0, 1001))
     rows = boundary_table().rows
     assert rows[0][1:] == (pytest.approx(10.0, abs=0.01), pytest.approx(20.0, abs=0.01))
     assert rows[1][1] == 0.0 and rows[3][1] is None

@@ -3,7 +3,9 @@ from __future__ import annotations
 
 import pytest
 
+from console.reports.diagnosis_text import _left
 from console.reports.numbers import number, p_value, percent, span_of, with_interval
+from control.diagnosis.result import Unexplained
 
 
 @pytest.mark.parametrize(("value", "said"), [
@@ -32,3 +34,9 @@ def test_shares_never_claim_certainty() -> None:
 
 def test_spans_read_like_a_clock() -> None:
     assert [span_of(s) for s in (59.6, 370.0, 1200.0, 7860.0)] == ["60 s", "6 min 10 s", "20 min", "2 h 11 min"]
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.0, "0 %"), (0.624, "62 %"), (1.0, "100 %")])
+def test_the_share_that_no_effect_explains_is_in_per_cent(share: float, said: str) -> None:
+    assert f"flow depends on pitch_deg ({said} of what is left)" in _left(Unexplained("flow", "pitch_deg", share))
+    assert _left(Unexplained("flow", "", share)).startswith(f"flow: {said} of its error is not noise")

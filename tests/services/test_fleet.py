@@ -182,6 +182,20 @@ def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, c
     assert asked.so_far[4:] == [logs[0]]               # what is known of it is part of it
 
 
+def test_few_tasks_wait_in_the_cluster(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a cancel waits for all logs; and each task that is done brings the next one."""
+    asked, submit = [], client.submit
+    monkeypatch.setattr(client, "submit", lambda *words, **more: asked.append(words) or submit(*words, **more))
+    done = fleet._worked(client, len, {str(k): ("x" * k,) for k in range(20)})
+    ahead = fleet.AHEAD * sum(client.nthreads().values())
+    assert ahead < 20
+    seen = []
+    for number, (path, result, error) in enumerate(done, 1):
+        seen.append((int(path), result, error))
+        assert len(asked) == min(20, ahead + number)
+    assert sorted(seen) == [(k, k, "") for k in range(20)]
+
+
 def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(6)]
     asked = Asked(tmp_path / "asked")

@@ -62,9 +62,9 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
     for delimiter in wanted:
         rows = split(lines, delimiter)
         layout = _layout(rows, said)
-        if layout is None:
+        body = [row for row in rows[layout.body:] if row] if layout is not None else []
+        if layout is None or not body:
             continue
-        body = [row for row in rows[layout.body:] if row]
         width = max((len(row) for row in body), key=[len(row) for row in body].count)
         even = sum(len(row) == width for row in body) / len(body)
         cells = [cell for row in body for cell in row if cell.strip()]
