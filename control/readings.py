@@ -135,12 +135,16 @@ _OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
 def possible(m: Measurements) -> Measurements:
     """The measurements without what cannot be: a reading that is no number, outside `POSSIBLE`, or of no time counts
     as never received, a fix without a place on earth as well. Of a fix that has one, other numbers that are none go."""
-    unknown: dict[str, Any] = {
-        name: None for name, (low, high) in POSSIBLE.items()
-        if (reading := getattr(m, name)) is not None and not _can_be(reading, low, high)}
-    if any(reading is not None and not _can_be(reading, *POSSIBLE_NDVI) for reading in m.ndvi):
-        unknown["ndvi"] = tuple([None if reading is None or not _can_be(reading, *POSSIBLE_NDVI) else reading
-                                 for reading in m.ndvi])
+    unknown: dict[str, Any] = {}
+    for name, (low, high) in POSSIBLE.items():
+        reading = getattr(m, name)
+        if reading is not None and not (low <= reading.value <= high and isfinite(reading.time_s)):
+            unknown[name] = None
+    low, high = POSSIBLE_NDVI
+    ndvi = tuple([reading if reading is None or (low <= reading.value <= high and isfinite(reading.time_s)) else None
+                  for reading in m.ndvi])
+    if ndvi != m.ndvi:
+        unknown["ndvi"] = ndvi
     fix = m.gnss
     if fix is not None:
         odd: dict[str, Any] = {name: None for name in _OF_A_FIX
@@ -160,7 +164,3 @@ def can_be_told(told: SpeedTold) -> bool:
     return (isfinite(told.time_s) and 0.0 < told.acceleration_mps2 <= 10.0 and 0 < len(times) <= MOST_TOLD
             and times[0] == 0.0 and all(a < b for a, b in pairwise(times)) and times[-1] <= 60.0
             and all(-FASTEST_TOLD_MPS <= mps <= FASTEST_TOLD_MPS for _, mps in told.points))
-
-
-def _can_be(reading: Reading, low: float, high: float) -> bool:
-    return low <= reading.value <= high and isfinite(reading.time_s)

@@ -17,6 +17,7 @@ from control.geodesy import Place, direction
 Floats = npt.NDArray[np.float64]
 
 _LEAST_M = 0.001     # thinner margins are lost in the arithmetic of polygons
+_FEW = 24            # corners: numpy's own calls take longer than so few edges looked at one by one
 
 
 class Boundary:
@@ -43,6 +44,8 @@ class Boundary:
         self._east: Floats = corners[:, 0].copy()
         self._north: Floats = corners[:, 1].copy()
         self._next = _next_corners([len(ring) for ring in rings])
+        self._few = list(zip(self._east.tolist(), self._north.tolist(), self._next.tolist(), strict=True)
+                         ) if len(self._next) <= _FEW else []
 
     @property
     def area_ha(self) -> float:
@@ -79,19 +82,33 @@ class Boundary:
         Each corner is put on one side of the line or the other, once for both its edges, and an edge is crossed when
         its corners lie on different sides: so a line through a corner crosses once where it passes from inside to
         outside, and twice or not at all where it only touches; a line along an edge does not cross it.
-        Empty where the place or the heading is not finite. About 15 us.
+        Empty where the place or the heading is not finite. 2 us where the field has four corners, 15 us where many.
         """
         if not (math.isfinite(east_m) and math.isfinite(north_m) and math.isfinite(heading_deg)):
             return []
-        east, north = direction(heading_deg)
+        crossed = self._crossed_of_few if self._few else self._crossed_of_many
+        ahead = [along + side / (side - next_side) * (next_along - along)
+                 for side, along, next_side, next_along in crossed(east_m, north_m, *direction(heading_deg))]
+        return sorted([distance for distance in ahead if 0.0 < distance <= farthest_m])
+
+    def _crossed_of_few(self, east_m: float, north_m: float, east: float, north: float
+                        ) -> list[tuple[float, float, float, float]]:
+        """The edges that the line through a place, in the direction (east, north), crosses: how far aside and how far
+        along each of both corners lies."""
+        seen = [(east * (n - north_m) - north * (e - east_m), north * (n - north_m) + east * (e - east_m), following)
+                for e, n, following in self._few]
+        return [(side, along, *seen[following][:2]) for side, along, following in seen
+                if (side > 0.0) is not (seen[following][0] > 0.0)]
+
+    def _crossed_of_many(self, east_m: float, north_m: float, east: float, north: float
+                         ) -> list[tuple[float, float, float, float]]:
         de, dn = self._east - east_m, self._north - north_m
         side, along = east * dn - north * de, north * dn + east * de
         left = side > 0.0
         start = np.flatnonzero(left != left[self._next])
         end = self._next[start]
-        share = side[start] / (side[start] - side[end])
-        ahead = along[start] + share * (along[end] - along[start])
-        return sorted(float(distance) for distance in ahead if 0.0 < distance <= farthest_m)
+        return list(zip(side[start].tolist(), along[start].tolist(), side[end].tolist(), along[end].tolist(),
+                        strict=True))
 
     def inset(self, margin_m: float) -> Boundary:
         """The field less a margin along every edge and hole (the headland); may be empty or fall into parts.

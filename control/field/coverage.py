@@ -56,7 +56,8 @@ class _Strip:
     def __init__(self, left_m: float, right_m: float) -> None:
         self.left_m, self.right_m = left_m, right_m
         self.bar: _Bar | None = None               # where the last stretch ended
-        self.saved: _Bar | None = None             # worked up to here since, less than half a cell on
+        self.saved: tuple[Place, float, float] | None = None    # worked up to this place, on this course, since: less
+                                                                # than half a cell on
 
     def bar_at(self, place: Place, east: float, north: float) -> _Bar:
         """Here, on a course of this direction."""
@@ -130,14 +131,14 @@ class Coverage:
         east, north = direction(heading_deg)
         flows = (flowing,) * len(self._strips) if isinstance(flowing, bool) else flowing
         for strip, flowed in zip(self._strips, flows, strict=True):
-            bar = strip.bar_at(place, east, north)
             if not flowed or strip.bar is None:
-                self._end(strip, bar)
+                self._end(strip, strip.bar_at(place, east, north))
             elif apart_m(strip.bar.middle, place) >= 0.5 * self.cell_m:
+                bar = strip.bar_at(place, east, north)
                 self._sweep(strip.bar, bar)
                 strip.bar, strip.saved = bar, None
             else:
-                strip.saved = bar
+                strip.saved = place, east, north
 
     @property
     def nothing(self) -> bool | Sequence[bool]:
@@ -168,9 +169,14 @@ class Coverage:
         if not self._tiles or not len(known):
             return found
         cells = np.floor(points[known] / self.cell_m).astype(np.int64)
-        tiles = cells // _TILE
-        west, south = tiles.min(axis=0).tolist()
-        rows = int(tiles[:, 1].max()) - south + 1
+        west, south = (cells.min(axis=0) // _TILE).tolist()
+        east, north = (cells.max(axis=0) // _TILE).tolist()
+        if west == east and south == north:
+            tile = self._tiles.get((south, west))
+            if tile is not None:
+                found[known] = tile[cells[:, 1] % _TILE, cells[:, 0] % _TILE]
+            return found
+        tiles, rows = cells // _TILE, north - south + 1
         codes = (tiles[:, 0] - west) * rows + tiles[:, 1] - south
         for code in set(codes.tolist()):
             tile = self._tiles.get((south + code % rows, west + code // rows))
@@ -205,7 +211,7 @@ class Coverage:
 
     def _end(self, strip: _Strip, bar: _Bar | None) -> None:
         if strip.bar is not None and strip.saved is not None:
-            self._sweep(strip.bar, strip.saved)
+            self._sweep(strip.bar, strip.bar_at(*strip.saved))
         strip.bar, strip.saved = bar, None
 
     def _sweep(self, before: _Bar, now: _Bar) -> None:
@@ -216,8 +222,8 @@ class Coverage:
         north = math.floor(max(corner[1] for corner in corners) / self.cell_m)
         centre_e: Floats = (np.arange(west, east + 1, dtype=np.float64) + 0.5) * self.cell_m
         centre_n: Floats = ((np.arange(south, north + 1, dtype=np.float64) + 0.5) * self.cell_m)[:, None]
-        passed = (_in_triangle(centre_e, centre_n, before.left, before.right, now.right)
-                  | _in_triangle(centre_e, centre_n, before.left, now.right, now.left))
+        passed = _in_triangles(centre_e, centre_n, ((before.left, before.right, now.right),
+                                                    (before.left, now.right, now.left)))
         for row in range(south // _TILE, north // _TILE + 1):
             for column in range(west // _TILE, east // _TILE + 1):
                 self._mark(row, column, south, west, passed, self._travelled_m)
@@ -248,13 +254,21 @@ def _box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
     return min(rows), max(rows), min(columns), max(columns)
 
 
-def _in_triangle(east: Floats, north: Floats, a: Place, b: Place, c: Place) -> npt.NDArray[np.bool_]:
-    """Which of the places (columns, rows) lie in a triangle, edges included; none when it has no area."""
-    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    inside = np.full((north.shape[0], east.shape[0]), abs(area) > 1e-12)
-    sign = math.copysign(1.0, area)
-    for one, other in ((a, b), (b, c), (c, a)):
-        de, dn = other[0] - one[0], other[1] - one[1]
-        slack = -_EDGE_M * (abs(de) + abs(dn))
-        inside &= sign * (de * (north - one[1]) - dn * (east - one[0])) >= slack
+def _in_triangles(east: Floats, north: Floats,
+                  triangles: Sequence[tuple[Place, Place, Place]]) -> npt.NDArray[np.bool_]:
+    """Which of the places (columns, rows) lie in any of the triangles, edges included; in one without area none do.
+
+    All sides of all triangles at once: their few cells take numpy less time than a call of it.
+    """
+    sides = []
+    for a, b, c in triangles:
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        sign = math.copysign(1.0, area)
+        for one, other in ((a, b), (b, c), (c, a)):
+            de, dn = other[0] - one[0], other[1] - one[1]
+            slack = -_EDGE_M * (abs(de) + abs(dn)) if abs(area) > 1e-12 else math.inf
+            sides.append((*one, de, dn, sign, slack))
+    east_m, north_m, de_m, dn_m, signs, slacks = np.array(sides).T.reshape(6, len(triangles), 3, 1, 1)
+    within = signs * (de_m * (north - north_m) - dn_m * (east - east_m)) >= slacks
+    inside: npt.NDArray[np.bool_] = within.all(axis=1).any(axis=0)
     return inside

@@ -1,6 +1,7 @@
 """What lies along the way ahead: the field's edge, its headland, ground that is done, the map, the canopy."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import cos, inf, radians, sin
 
 from control.agronomy.crop import Crop
@@ -142,10 +143,10 @@ class Ahead:
             return Everywhere(Target(choices.manual_rate_kg_ha, TargetSource.MANUAL))
         return self._fallback
 
-    def landing_inside(self, moment: Moment, holding: Target, stop: Lag, choices: Choices,
+    def landing_inside(self, moment: Moment, holding: Target, stop: Callable[[], Lag], choices: Choices,
                        may_outside: bool) -> bool | None:
         """Whether what is released now lands inside the field, of some section at least; None where no field is
-        known."""
+        known. stop: asked for the lag of a stop, where that counts."""
         sensed = moment.sensed
         if self.fence is None:
             return None
@@ -155,7 +156,7 @@ class Ahead:
             return self.sections.inside(sensed.time_s)
         if not sensed.backwards and not may_outside:
             return holding != OUTSIDE
-        ahead_m = moment.ahead.way_m(stop.total_s)
+        ahead_m = moment.ahead.way_m(stop().total_s)
         if not sensed.backwards:
             return self.fence.inside(sensed.track_m + ahead_m)
         angle = radians(sensed.heading_deg)

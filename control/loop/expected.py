@@ -1,6 +1,7 @@
 """Where shaft and gate should be by now: the drives as the model knows them, told the untrimmed set-points."""
 from __future__ import annotations
 
+from control.machine.elements import in_lists
 from control.machine.gate import GateInput, gate_start, gate_step
 from control.machine.machine import Machine
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
@@ -18,8 +19,8 @@ class ExpectedDrives:
 
     def begin(self, opening_mm: float, now_s: float) -> None:
         """The shaft stands, the gate is here."""
-        self._shaft = shaft_start(0.0, now_s)
-        self._gate = gate_start(opening_mm, now_s)
+        shaft, gate = shaft_start(0.0, now_s), gate_start(opening_mm, now_s)
+        self._shaft, self._gate = shaft._replace(line=in_lists(shaft.line)), gate._replace(line=in_lists(gate.line))
         self.pair = Pair(0.0, opening_mm)
 
     def step(self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING) -> None:

@@ -198,11 +198,10 @@ class ControlLoop:
         moment = self._look(m)
         decision = self._decide(moment)
         metered = self._meter(moment, decision)
-        choices, allow = self._operator.choices, self.safety.memory.allow
-        inside = self._ahead.landing_inside(moment, decision.holding, decision.stop, choices, allow.outside)
+        choices = self._operator.choices
         between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(
-            moment, decision, metered, choices, self._ahead.heads, inside, between, console_age_s, log_ok,
+            moment, decision, metered, choices, self._ahead.heads, between, console_age_s, log_ok,
             self._stopped.told, self._near.elsewhere_m is not None))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
@@ -267,8 +266,7 @@ class ControlLoop:
         holding = self._queue.holding
         if by_point and self._doses is not None:
             holding = self._doses.target(sensed, allow.outside)
-        stop = reach.lag(holding, Change(sensed.track_m, OUTSIDE))
-        share = self._open_share(moment, holding, stop, reach, by_point)
+        share = self._open_share(moment, holding, reach, by_point)
         wanted = holding if by_point else self._under_sections(holding, now, share)
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
@@ -276,7 +274,9 @@ class ControlLoop:
         pair = self._planner.pair(
             Wanted(now, moment.dt_s, share * rate, self._rate_at(profile, holding, moment, share), moment.ahead),
             self._expected.pair, moment.conditions)
-        return Decision(wanted, planned, rate, lag, stop, pair, self._usable_mps(lag), fired, by_point, share)
+        inside = self._ahead.landing_inside(
+            moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
+        return Decision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
 
     def _reach(self, moment: Moment, choices: Choices) -> Reach:
         now, sections = moment.m.time_s, self._ahead.sections
@@ -284,7 +284,7 @@ class ControlLoop:
         return Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
                      self._planner.falls_s(now), share)
 
-    def _open_share(self, moment: Moment, holding: Target, stop: Lag, reach: Reach, by_point: bool) -> float:
+    def _open_share(self, moment: Moment, holding: Target, reach: Reach, by_point: bool) -> float:
         """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
         if sections is None:
@@ -296,7 +296,8 @@ class ControlLoop:
         leads = Leads(
             reach.switch_m(prepare_s, small._replace(drop_s=self._planner.falls_s(now) + self.machine.fall.latency_s),
                            small.response_s + small.transition_s),
-            reach.switch_m(prepare_s, start, shaft_s), reach.switch_m(prepare_s, stop, shaft_s))
+            reach.switch_m(prepare_s, start, shaft_s),
+            reach.switch_m(prepare_s, _stop(reach, holding, moment.sensed), shaft_s))
         sections.decide(moment.sensed, moment.dt_s, leads,
                         self._ahead.ground(choices, self.safety.memory.allow.outside), choices.sections_off, by_point)
         standing = self._expected.pair.shaft_rpm < 0.5 * self.machine.limits.shaft_low_rpm
@@ -438,7 +439,7 @@ class ControlLoop:
         threshold = self.threshold if decision.by_point else None
         return Tick(
             row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,
-                        ndvi, heads.decisions.ndvi, events)._replace(speed_told=self._newly_told(moment.m)),
+                        ndvi, heads.decisions.ndvi, events, self._newly_told(moment.m)),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
             dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
@@ -477,7 +478,7 @@ class ControlLoop:
     def _opening(self, m: Measurements) -> Reading | None:
         """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""
         read = m.opening_mm
-        return None if read is None else read._replace(value=read.value - self.machine.gate.offset_mm)
+        return None if read is None else Reading(read.value - self.machine.gate.offset_mm, read.time_s)
 
     def _over_ground(self, flow_kg_s: float | None, speed_mps: float, open_share: float) -> float | None:
         """kg/ha under what is open from flow and ground speed; None where nobody can tell, unless nothing flows."""
@@ -541,6 +542,11 @@ class ControlLoop:
             why = decided.rule.decide(decided.ndvi).why if decided.rate_kg_ha == 0.0 else ""
             return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
         return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
+
+
+def _stop(reach: Reach, holding: Target, sensed: Sensed) -> Lag:
+    """The lag of a stop that is made here."""
+    return reach.lag(holding, Change(sensed.track_m, OUTSIDE))
 
 
 def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None) -> TangentPlane | None:

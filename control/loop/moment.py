@@ -43,7 +43,7 @@ class Decision(NamedTuple):
     planned_kg_ha: float            # of `holding`, nudged
     rate_kg_ha: float               # the same, at most the crop's limit: what is metered
     lag: Lag                        # of a small change from what is held
-    stop: Lag                       # of a stop
+    inside: bool | None             # what is released now lands inside the field; None: no field is known
     pair: Pair
     usable_mps: float               # highest speed at which changes are still made in time; infinite: any
     fired: tuple[Fired, ...]

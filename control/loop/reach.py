@@ -45,7 +45,8 @@ class Reach:
             return Lag(shaft.dead_time_s + shaft.extra_dead_time_s, shaft.time_constant_s + shaft.slow_s,
                        self._falls_s + fall.latency_s)
         lag = self._lags.lag(one, other)
-        return lag._replace(drop_s=max(0.0, lag.drop_s + self._falls_s - drop_s(fall, one.shaft_rpm)))
+        return Lag(lag.response_s, lag.transition_s,
+                   max(0.0, lag.drop_s + self._falls_s - drop_s(fall, one.shaft_rpm)))
 
     def distance_m(self, lag: Lag) -> float:
         if not self._look_ahead:

@@ -8,7 +8,7 @@ from control.safety import Situation, Told
 
 
 def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, heads: CanopyHeads,
-              landing_inside: bool | None, between_doses: bool, console_age_s: float | None,
+              between_doses: bool, console_age_s: float | None,
               log_ok: bool, told: Told, map_elsewhere: bool) -> Situation:
     """`between_doses`: a rate means nothing there, and is not told."""
     m, sensed = moment.m, moment.sensed
@@ -19,7 +19,7 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
         measurements=m, speed_used_mps=sensed.speed_mps, gnss_period_s=sensed.gnss_period_s,
         wheel_standstill=sensed.wheel_standstill, target_source=choices.source, position_ok=sensed.position_ok,
         course_awaited=sensed.course_awaited,
-        landing_inside=landing_inside,
+        landing_inside=decision.inside,
         valid_heads=heads.valid if needs_heads else None,
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,
         expected_rate_kg_ha=None if between_doses else metered.expected_rate_kg_ha,

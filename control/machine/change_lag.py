@@ -93,18 +93,15 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     rpm, opening = before.shaft_rpm, before.opening_mm
     lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,
                 gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
-    times: list[float] = []
-    masses: list[float] = []
-    drops: list[float] = []
     lead, drop = int(2.0 / STEP_S), drop_s(machine.fall, rpm)
-    for k in range(-lead, int(lasts / STEP_S)):
-        now = k * STEP_S
-        if now >= dead_shaft:
+    times = [k * STEP_S for k in range(-lead, int(lasts / STEP_S))]
+    masses, drops = [rpm * opening] * lead, [drop] * lead
+    for now in times[lead:]:
+        if now >= dead_shaft and rpm != after.shaft_rpm:
             rpm = approach(rpm, after.shaft_rpm, tau, shaft.acceleration_rpm_s, STEP_S)
             drop = drop_s(machine.fall, rpm)
-        if now >= gate.dead_time_s:
+        if now >= gate.dead_time_s and opening != after.opening_mm:
             opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))
-        times.append(now)
         masses.append(rpm * opening)
         drops.append(drop)
     released = np.array(times)
@@ -113,15 +110,16 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     lands_s = reached[order].tolist()
     weights = np.array(masses)[order].tolist()
     middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)
-    sign = 1.0 if rising else -1.0
+    pull, tie = (middle, -TIE * middle) if rising else (-middle, TIE * middle)
+    push_s = STEP_S if rising else -STEP_S
     fit, best, at = 0.0, 0.0, None
     last = lands_s[0]
     for lands, mass in zip(lands_s, weights, strict=True):
-        fit -= sign * middle * (lands - last)
-        if fit < best - TIE * middle and lands > 0.0 and sign > 0.0:
+        fit -= pull * (lands - last)
+        if rising and fit < best + tie and lands > 0.0:
             best, at = fit, lands
-        fit += sign * mass * STEP_S
-        if fit < best + TIE * middle and lands > 0.0 and sign < 0.0:
+        fit += push_s * mass
+        if not rising and fit < best + tie and lands > 0.0:
             best, at = fit, lands
         last = lands
     return at

@@ -99,9 +99,10 @@ def fall_start(time_s: float = 0.0) -> FallState:
 
 def start_drop_s(p: Fall, shaft_rpm: float) -> float:
     """Time from 2 r/min to the first granule of a start for a set-point, s, as a rig measures it (lag paper eq 6)."""
-    over = max(0.0, shaft_rpm - p.valid_to_rpm) / max(1.0, p.full_rpm - p.valid_to_rpm)
-    straight = p.intercept_s + p.slope_s_per_rpm * shaft_rpm
-    return max(0.0, straight + p.offset_s + p.rebound_s * over)
+    start_s = p.intercept_s + p.slope_s_per_rpm * shaft_rpm + p.offset_s
+    if shaft_rpm > p.valid_to_rpm:
+        start_s += p.rebound_s * ((shaft_rpm - p.valid_to_rpm) / max(1.0, p.full_rpm - p.valid_to_rpm))
+    return start_s if start_s > 0.0 else 0.0
 
 
 def drop_s(p: Fall, shaft_rpm: float) -> float:
@@ -109,9 +110,12 @@ def drop_s(p: Fall, shaft_rpm: float) -> float:
 
     Where drop time does not fall with shaft speed, it is that of a start.
     """
-    falls_s = max(0.0, -p.slope_s_per_rpm * shaft_rpm)
+    falls_s = -p.slope_s_per_rpm * shaft_rpm
+    if falls_s < 0.0:
+        falls_s = 0.0
     more = p.start_more_s + p.start_more_s_per_rpm * shaft_rpm + p.start_more_per_rpm * shaft_rpm * falls_s
-    return max(0.0, start_drop_s(p, shaft_rpm) - more)
+    drop = start_drop_s(p, shaft_rpm) - more
+    return drop if drop > 0.0 else 0.0
 
 
 def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:

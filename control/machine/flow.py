@@ -134,7 +134,7 @@ def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
     speed = shaft_rpm / p.full_rpm
     lost = p.fill_falloff_percent * speed * speed * speed
     mass = p.grams_per_rev_mm * opening_mm * (1.0 + p.gain_percent / 100.0) + p.zero_offset_g_rev
-    return max(0.0, mass) * (1.0 - lost / 100.0)
+    return mass * (1.0 - lost / 100.0) if mass > 0.0 else 0.0
 
 
 def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
@@ -142,8 +142,11 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
 
     Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s.
     """
-    hopper = min(p.full_kg, s.hopper_kg + u.refill_kg)
-    refills = s.refills + (1.0 if u.refill_kg > 0.0 else 0.0)
+    hopper, refills = s.hopper_kg + u.refill_kg, s.refills
+    if hopper > p.full_kg:
+        hopper = p.full_kg
+    if u.refill_kg > 0.0:
+        refills += 1.0
     lost = p.hopper_head_percent * (1.0 - hopper / p.full_kg) + p.blocked_percent
     more = p.moisture_percent_per_h * s.time_s / 3600.0 + p.slope_percent_per_deg * u.pitch_deg
     more += u.more_percent
@@ -153,15 +156,16 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
         more += p.uneven_percent / p.outlets
     flow = grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
     flow *= (1.0 - lost / 100.0) * (1.0 + more / 100.0)
-    flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
+    if p.pulsation_percent != 0.0:
+        flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
     if u.shaft_rpm >= STOPPED_RPM:
         flow += u.more_kg_s
-    if bridged(s.time_s, p.bridging_percent):
+    if not flow > 0.0 or (p.bridging_percent > 0.0 and bridged(s.time_s, p.bridging_percent)):
         flow = 0.0
-    flow = max(0.0, flow)
     if u.shaft_rpm < STOPPED_RPM:
         flow += p.leak_kg_h / 3600.0
-    flow = min(flow, hopper / dt_s)
+    if flow > hopper / dt_s:
+        flow = hopper / dt_s
     hopper -= flow * dt_s
     angle = s.angle_rev + u.shaft_rpm / 60.0 * dt_s
     return FlowState(s.time_s + dt_s, hopper, angle - floor(angle), refills), FlowOutput(flow, hopper)

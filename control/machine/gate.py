@@ -88,10 +88,17 @@ def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateSta
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
         most = slew * (until_s - at_s)
-        move = min(most, max(-most, wanted - driven))
+        move = wanted - driven
+        if move > most:
+            move = most
+        elif move < -most:
+            move = -most
         driven += move
         travelled += abs(move)
-        carried = min(driven + half, max(driven - half, carried))
+        if carried < driven - half:
+            carried = driven - half
+        if carried > driven + half:
+            carried = driven + half
         at_s = until_s
     true = carried + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
     true = min(p.full_mm, max(0.0, true + u.more_mm))

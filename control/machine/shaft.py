@@ -95,6 +95,8 @@ def shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
 def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float) -> float:
     """First order with a limited slope, exact for a held `wanted`: a ramp while the limit binds, then exponential."""
     gap = wanted - value
+    if gap == 0.0:
+        return value
     reach = fastest_per_s * tau_s
     left_s = dt_s
     if abs(gap) > reach:
@@ -111,10 +113,12 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     set-point from 10 r/min up (lag paper, table 2).
     """
     dead_s = p.dead_time_s + p.extra_dead_time_s
-    sag = p.sag_percent_per_v * max(0.0, p.nominal_supply_v - u.supply_v)
+    short_v = p.nominal_supply_v - u.supply_v
+    sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
     turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
-    turns = max(0.0, turns * (1.0 + u.more_percent / 100.0)) * (1.0 - p.stalled)
+    turns *= 1.0 + u.more_percent / 100.0
+    turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
     line = line_put(s.line, s.time_s, u.command_rpm)
     rpm, at_s, end_s = s.rpm, s.time_s - dead_s, s.time_s - dead_s + dt_s
     while at_s < end_s:

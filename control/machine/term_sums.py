@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .elements import Array, DelayLine, line_mean, line_put, line_start
+from .elements import Array, DelayLine, in_lists, line_mean, line_put, line_start
 from .machine import Machine
 from .term_step import TermParams, TermState, term_step
 from .terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM, Acts, Form, Term, needed, params_of
@@ -79,7 +79,7 @@ class Told:
 
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
         self._dead_s = dead_times_s(machine)
-        self._lines: list[DelayLine] = [line_start(shaft_rpm), line_start(opening_mm)]
+        self._lines: list[DelayLine] = [in_lists(line_start(shaft_rpm)), in_lists(line_start(opening_mm))]
 
     def step(self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float) -> dict[str, float]:
         """The commands given at `now_s` and held for `dt_s`."""

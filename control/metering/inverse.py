@@ -33,7 +33,7 @@ class Conditions(NamedTuple):
 def standing_factor(p: Flow, c: Conditions) -> float:
     """What multiplies the flow whatever the set-points are: hopper head, drift, lot, slope, scale's correction."""
     lost = p.blocked_percent
-    if c.hopper_kg is not None:
+    if c.hopper_kg is not None and p.hopper_head_percent != 0.0:
         lost += p.hopper_head_percent * (1.0 - min(1.0, max(0.0, c.hopper_kg / p.full_kg)))
     more = p.moisture_percent_per_h * c.elapsed_s / 3600.0 + p.slope_percent_per_deg * c.pitch_deg
     if c.refilled:
@@ -57,9 +57,10 @@ def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Condi
     if c.terms is not None:
         return _opening_with_terms(machine, wanted_kg_s, shaft_rpm, c, c.terms)
     p = machine.flow
-    slope = (grams_per_rev(p, shaft_rpm, 1000.0) - grams_per_rev(p, shaft_rpm, 500.0)) / 500.0
+    at_500_mm = grams_per_rev(p, shaft_rpm, 500.0)
+    slope = (grams_per_rev(p, shaft_rpm, 1000.0) - at_500_mm) / 500.0
     needed = wanted_kg_s * 60_000.0 / (shaft_rpm * max(LEAST_LEFT, standing_factor(p, c)))
-    return 500.0 + (needed - grams_per_rev(p, shaft_rpm, 500.0)) / slope
+    return 500.0 + (needed - at_500_mm) / slope
 
 
 def _opening_with_terms(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions,

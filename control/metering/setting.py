@@ -94,8 +94,8 @@ class Setting:
     def nudged(self, pair: Settled) -> Settled:
         """The pair after a small change of rate, made by this strategy's own actuator."""
         if self.strategy is Strategy.SPEED_FIRST:
-            return pair._replace(shaft_rpm=1.1 * pair.shaft_rpm)
-        return pair._replace(opening_mm=1.1 * pair.opening_mm)
+            return Settled(1.1 * pair.shaft_rpm, pair.opening_mm)
+        return Settled(pair.shaft_rpm, 1.1 * pair.opening_mm)
 
     def wire(self, pair: Pair, c: Conditions) -> DriveCommand:
         """Set-points for the drives without trims and rounding; a stopped shaft is 0."""

@@ -47,11 +47,11 @@ def watched(before: HopperWatch, now_s: float, hopper_kg: float | None, expected
         return before._replace(last_s=now_s, empty_since_s=empty_since, low_since_s=low_since, low=low,
                                missing=False)
     expected = before.expected_kg + expected_flow_kg_s * step_s
-    after = before._replace(
+    after = HopperWatch(
         last_s=now_s, expected_kg=expected, block_s=before.block_s + step_s,
         block_kg_s=before.block_kg_s + hopper_kg * step_s,
-        block_expected_kg_s=before.block_expected_kg_s + expected * step_s,
-        empty_since_s=empty_since, low_since_s=low_since, low=low, missing=False)
+        block_expected_kg_s=before.block_expected_kg_s + expected * step_s, blocks=before.blocks,
+        low_blocks=before.low_blocks, missing=False, empty_since_s=empty_since, low_since_s=low_since, low=low)
     return after if after.block_s < BLOCK_S - 1e-9 else _block_closed(after, limits)
 
 

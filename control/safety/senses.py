@@ -47,18 +47,26 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
             gnss_speed, course = _number(fix.speed_mps), _number(fix.heading_deg)
     wheel = m.wheel_speed_mps
     wheel_speed = 0.0 if s.wheel_standstill else _fresh(wheel, now_s, limits.wheel_silent_s)
-    heard = [t for t in (epoch if fix is not None and _number(fix.speed_mps) is not None else None,
-                         None if wheel is None else wheel.time_s) if t is not None and t <= now_s + AHEAD_S]
+    heard_s = epoch if fix is not None and _number(fix.speed_mps) is not None else None
+    if heard_s is not None and not heard_s <= now_s + AHEAD_S:
+        heard_s = None
+    if wheel is not None and wheel.time_s <= now_s + AHEAD_S and (heard_s is None or wheel.time_s > heard_s):
+        heard_s = wheel.time_s
     return Senses(
-        gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), max(heard, default=None),
+        gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), heard_s,
         _fresh(m.hopper_kg, now_s, limits.scale_silent_s),
         _fresh(m.shaft_rpm, now_s, limits.drive_silent_s), _fresh(m.opening_mm, now_s, limits.drive_silent_s),
         _heads_full(now_s, m.ndvi, limits))
 
 
 def _heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyLimits) -> bool:
-    read = [value for head in heads if (value := _fresh(head, now_s, limits.ndvi_silent_s)) is not None]
-    return bool(read) and min(read) >= limits.heads_full_ndvi
+    heard = False
+    for head in heads:
+        value = _fresh(head, now_s, limits.ndvi_silent_s)
+        if value is not None and not value >= limits.heads_full_ndvi:
+            return False
+        heard = heard or value is not None
+    return heard
 
 
 def _number(value: float | None) -> float | None:
@@ -66,9 +74,10 @@ def _number(value: float | None) -> float | None:
 
 
 def _fresh(reading: Reading | None, now_s: float, silent_s: float) -> float | None:
-    if reading is None or not is_fresh(reading.time_s, now_s, silent_s):
+    if reading is None:
         return None
-    return _number(reading.value)
+    value, time_s = reading
+    return value if is_fresh(time_s, now_s, silent_s) and isfinite(value) else None
 
 
 def since(before_s: float | None, now_s: float, condition: bool) -> float | None:

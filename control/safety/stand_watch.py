@@ -43,10 +43,13 @@ class ValveStand(NamedTuple):
     stuck: tuple[int, ...] = ()                     # sections, from 1, that stay open
 
 
+TURNS, NO_VALVES = ShaftStand(), ValveStand()
+
+
 class Stand(NamedTuple):
-    shaft: ShaftStand = ShaftStand()
+    shaft: ShaftStand = TURNS
     gate: GateStand = GateStand()
-    valves: ValveStand = ValveStand()
+    valves: ValveStand = NO_VALVES
 
 
 def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> Stand:
@@ -57,7 +60,7 @@ def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: Safet
 
 def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> ShaftStand:
     if s.told.turn:
-        return ShaftStand()
+        return TURNS
     rpm = seen.shaft_rpm
     turning = rpm is not None and rpm >= limits.shaft_stands_rpm
     lowest, slowed_s = before.lowest_rpm, before.slowed_s
@@ -90,7 +93,7 @@ def _gate(before: GateStand, now_s: float, s: Situation, seen: Senses, limits: S
 def _valves(before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits) -> ValveStand:
     told, seen = s.told.valves, s.measurements.valves
     if not told or seen is None or not is_fresh(seen.time_s, now_s, limits.drive_silent_s):
-        return ValveStand()
+        return NO_VALVES
     count = min(len(told), len(seen.open))
     closed = _each(before.closed_since_s, count)
     opened = _each(before.open_since_s, count)

@@ -37,7 +37,7 @@ def after_tick(m: Memory, now_s: float, s: Situation, motion: Motion, troubles: 
 
 def leading_to(troubles: Mapping[str, Details], state: State) -> str | None:
     """The first trouble whose alarm leads to `state`, or None."""
-    return next((i for i in troubles if ALARMS[i].leads_to is state), None)
+    return next((i for i in troubles if ALARMS[i].leads_to is state), None) if troubles else None
 
 
 def _calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, str]:

@@ -60,7 +60,8 @@ class Safety:
         stand = stood(m.stand, now_s, s, seen, limits)
         scale_heard = m.scale_heard or seen.hopper_kg is not None
         heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
-        m = m._replace(heads_full_since_s=heads_full)
+        if heads_full != m.heads_full_since_s:
+            m = m._replace(heads_full_since_s=heads_full)
         found = troubles(m, now_s, s, seen, motion, rate, hopper, stand, scale_heard, limits)
         state, why = after_tick(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
@@ -68,15 +69,18 @@ class Safety:
             allow = Memory().allow
         forbidden = forbidding(state, s, seen, motion, allow, self._has_work_switch, limits)
         live = booked(m.live, now_s, found, limits.alarm_clear_s)
-        self._memory = m._replace(
-            state=state, why_state=why, entered_s=m.entered_s if state is m.state else now_s, allow=allow,
+        self._memory = Memory(
+            state=state, why_state=why, entered_s=m.entered_s if state is m.state else now_s, left_off_s=m.left_off_s,
+            calibrate_s=m.calibrate_s, calibrate_until_s=m.calibrate_until_s, start_held_s=m.start_held_s, allow=allow,
             flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, stand=stand, scale_heard=scale_heard,
-            live=live, checked_s=now_s, still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT),
-            log_ok=s.log_ok)
-        return Verdict(state, not forbidden, forbidden, tuple(entry.alarm for entry in live), why)
+            heads_full_since_s=heads_full, live=live, checked_s=now_s, still=_still(seen, limits),
+            fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
+        return Verdict(state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why)
 
 
 def _still(seen: Senses, limits: SafetyLimits) -> bool:
-    known = [speed for speed in (seen.wheel_speed_mps, seen.gnss_speed_mps) if speed is not None]
-    enough = len(known) == 2 or (bool(known) and not limits.both_speeds_to_start)
-    return enough and all(speed < limits.calibrate_speed_mps for speed in known)
+    wheel, gnss = seen.wheel_speed_mps, seen.gnss_speed_mps
+    if wheel is None or gnss is None:
+        known = gnss if wheel is None else wheel
+        return known is not None and not limits.both_speeds_to_start and known < limits.calibrate_speed_mps
+    return wheel < limits.calibrate_speed_mps and gnss < limits.calibrate_speed_mps

@@ -16,7 +16,7 @@ class Moving(NamedTuple):
 
     def on(self, dt_s: float) -> Moving:
         """A time later, without a sample."""
-        return self._replace(speed_mps=max(0.0, self.speed_mps + self.acceleration_mps2 * dt_s))
+        return Moving(max(0.0, self.speed_mps + self.acceleration_mps2 * dt_s), self.acceleration_mps2)
 
     def taking(self, sample_mps: float, gap_s: float, tau_s: float = FILTER_TAU_S) -> Moving:
         """With a sample taken in, `gap_s` after the one before."""

@@ -96,13 +96,12 @@ class WalkWatch:
 
     def walked(self, now: Mark, gate: float, timing_m: float) -> Walk | None:
         """The longest window over which this epoch has walked off; None: over none of them."""
-        found, ages = None, iter(WINDOWS_S)
-        wanted_s = next(ages)
+        found, wanted_s, now_s = None, WINDOWS_S[0], now.time_s
         for mark in reversed(self._marks):
-            if now.time_s - mark.time_s < wanted_s:
-                continue
-            found = walk_between(mark, now, gate, timing_m) or found
-            wanted_s = next((age for age in ages if age > now.time_s - mark.time_s), inf)
+            over_s = now_s - mark.time_s
+            if over_s >= wanted_s:
+                found = walk_between(mark, now, gate, timing_m) or found
+                wanted_s = next((window_s for window_s in WINDOWS_S if window_s > over_s), inf)
         return found
 
     def taken(self, now: Mark) -> None:
@@ -122,21 +121,22 @@ class WalkWatch:
 def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
     """How far the place has walked off between two epochs: from where the receiver's own speed leads, or farther than
     the wheel can have rolled; None where that is within the gate (chi-square)."""
-    east, north = now.place[0] - before.place[0], now.place[1] - before.place[1]
+    (east1, north1), (east0, north0) = now.place, before.place
+    east, north = east1 - east0, north1 - north0
     over_s, places = now.time_s - before.time_s, before.spread_m ** 2 + now.spread_m ** 2 + timing_m ** 2
-    way = now.way_m - before.way_m, now.creep_m - before.creep_m, now.gap_m - before.gap_m
+    way_m, creep_m, gap_m = now.way_m - before.way_m, now.creep_m - before.creep_m, now.gap_m - before.gap_m
     late_m = LATE_S * hypot(now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1])
-    variance = (places + (SPEED_SHARE * way[0]) ** 2 + (SPEED_STEP_MPS * over_s) ** 2 + way[1] ** 2 + way[2] ** 2
+    variance = (places + (SPEED_SHARE * way_m) ** 2 + (SPEED_STEP_MPS * over_s) ** 2 + creep_m ** 2 + gap_m ** 2
                 + late_m ** 2)
-    moved = now.east_m - before.east_m, now.north_m - before.north_m
-    off_m = hypot(east - moved[0], north - moved[1])
+    moved_east, moved_north = now.east_m - before.east_m, now.north_m - before.north_m
+    off_m = hypot(east - moved_east, north - moved_north)
     if off_m * off_m > gate * variance:
-        return Walk(off_m, over_s, before, (before.place[0] + moved[0], before.place[1] + moved[1]))
+        return Walk(off_m, over_s, before, (east0 + moved_east, north0 + moved_north))
     rolled_m = now.reckoned.way_m - before.reckoned.way_m
     too_far_m = hypot(east, north) - rolled_m
     if too_far_m > 0.0 and too_far_m ** 2 > gate * (places + (WHEEL_SHARE * rolled_m) ** 2 + late_m ** 2):
-        return Walk(too_far_m, over_s, before, (before.place[0] + now.reckoned.east_m - before.reckoned.east_m,
-                                                before.place[1] + now.reckoned.north_m - before.reckoned.north_m))
+        return Walk(too_far_m, over_s, before, (east0 + now.reckoned.east_m - before.reckoned.east_m,
+                                                north0 + now.reckoned.north_m - before.reckoned.north_m))
     return None
 
 

@@ -1,7 +1,7 @@
 """A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of 0.467-0.546, 8-11 %)."""
 from __future__ import annotations
 
-from math import exp, log
+from math import cos, exp, log, radians, sin
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class CanopyField:
         ndvi = canopy.mean_ndvi * (1.0 + canopy.cv_percent / 100.0 * field)
         self.ndvi: Array = np.clip(ndvi, 0.02, 0.98)
         self._rows, self._columns = rows, columns
+        self._cells = memoryview(self.ndvi.ravel())     # by row: its single cells are read quicker than the array's
 
     def at(self, east_m: float, north_m: float) -> float:
         """NDVI at a place on the field's plane."""
@@ -50,10 +51,47 @@ class CanopyField:
         y = (north_m - self._north0) / CELL_M
         i, j = int(x // 1.0), int(y // 1.0)
         u, v = x - i, y - j
-        i0, i1 = i % self._columns, (i + 1) % self._columns
-        j0, j1 = j % self._rows, (j + 1) % self._rows
-        g = self.ndvi
-        return float((1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * ((1 - u) * g[j1, i0] + u * g[j1, i1]))
+        columns, g = self._columns, self._cells
+        i0, i1 = i % columns, (i + 1) % columns
+        j0, j1 = j % self._rows * columns, (j + 1) % self._rows * columns
+        here: float = (1 - v) * ((1 - u) * g[j0 + i0] + u * g[j0 + i1]) + v * ((1 - u) * g[j1 + i0] + u * g[j1 + i1])
+        return here
+
+    def many_at(self, east_m: Array, north_m: Array) -> Array:
+        """`at` for places (n,), (n,) -> (n,), to the last bit."""
+        x, y = (east_m - self._east0) / CELL_M, (north_m - self._north0) / CELL_M
+        i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        u, v, g = x - i, y - j, self.ndvi
+        i0, i1, j0, j1 = i % self._columns, (i + 1) % self._columns, j % self._rows, (j + 1) % self._rows
+        here: Array = (1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * ((1 - u) * g[j1, i0] + u * g[j1, i1])
+        return here
+
+
+class AcrossWidth:
+    """What heads in a row across the working width read of a canopy, one at each head's place: NDVI or NDRE, `index`.
+
+    Places are those of the row's middle on the field's plane.
+    """
+
+    def __init__(self, field: CanopyField, heads: int, width_m: float, index: str) -> None:
+        self._field, self._by_ndre = field, index != "ndvi"
+        self._asides = [(head - 0.5 * (heads - 1)) * (width_m / heads) for head in range(heads)]
+
+    def at(self, east_m: float, north_m: float, heading_deg: float) -> list[float]:
+        angle = radians(heading_deg)
+        right, back = cos(angle), sin(angle)
+        ndvi = [self._field.at(east_m + aside * right, north_m - aside * back) for aside in self._asides]
+        return [ndre_of(one) for one in ndvi] if self._by_ndre else ndvi
+
+    def means(self, east_m: Array, north_m: Array, heading_deg: Array) -> Array:
+        """Mean of `at` for a whole run, (n,) each -> (n,)."""
+        headings, which = np.unique(heading_deg, return_inverse=True)
+        right, back = (np.array([of(radians(heading)) for heading in headings.tolist()])[which] for of in (cos, sin))
+        total = np.zeros(len(east_m))
+        for aside in self._asides:
+            ndvi = self._field.many_at(east_m + aside * right, north_m - aside * back)
+            total += [ndre_of(one) for one in ndvi.tolist()] if self._by_ndre else ndvi
+        return total / len(self._asides)
 
 
 def _grid(wide_m: float, long_m: float) -> tuple[int, int]:

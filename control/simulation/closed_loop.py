@@ -12,6 +12,7 @@ from control.orders import Do, Order, State
 from control.readings import DriveCommand
 from control.targets.lag_correction import Fired
 
+from .canopy import AcrossWidth
 from .dose_watch import DoseWatch
 from .measuring import Measuring
 from .plant import Plant, Truth
@@ -80,23 +81,30 @@ class _Operator:
 class Record:
     """What is kept of a run to judge it: columns of numbers, a row a tick."""
 
-    NAMES = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "settled_drop_s", "driven_m", "speed_mps",
-             "east_m", "north_m", "in_pass", "target_kg_ha", "working", "track_m", "shaft_rpm_cmd", "opening_mm_cmd",
-             "flowing", "ndvi", "open_share", "carried_share")
+    KEPT = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "settled_drop_s", "driven_m", "speed_mps",
+            "east_m", "north_m", "in_pass", "target_kg_ha", "working", "track_m", "shaft_rpm_cmd", "opening_mm_cmd",
+            "flowing", "open_share", "carried_share", "heading_deg")
+    NAMES = (*KEPT, "ndvi")         # of the canopy at the outlets, mean over the working width
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
+        self._canopy: AcrossWidth | None = None
         self.fired: list[Fired] = []
 
     def add(self, step: Step) -> None:
         t = step.truth
+        self._canopy = t.canopy
         self.fired.extend(step.tick.fired)
         self._rows.append((t.time_s, t.shaft_rpm, t.opening_mm, t.flow_kg_s, t.drop_s, t.settled_drop_s, t.driven_m,
                            t.speed_mps, t.east_m, t.north_m, float(t.in_pass), step.target_rate_kg_ha,
                            float(step.tick.row.state == State.WORKING), step.tick.sensed.track_m,
                            step.tick.command.shaft_rpm, step.tick.command.opening_mm,
-                           float(not step.tick.why_no_flow), t.ndvi, t.open_share, t.carried_share))
+                           float(not step.tick.why_no_flow), t.open_share, t.carried_share, t.heading_deg))
 
     def columns(self) -> dict[str, Array]:
-        table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.NAMES))
-        return {name: table[:, k] for k, name in enumerate(self.NAMES)}
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.KEPT))
+        found = {name: table[:, k] for k, name in enumerate(self.KEPT)}
+        canopy = self._canopy
+        found["ndvi"] = np.zeros(len(table)) if canopy is None else canopy.means(
+            found["east_m"], found["north_m"], found["heading_deg"])
+        return found

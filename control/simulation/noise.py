@@ -29,8 +29,11 @@ class Slow:
         self._sd = sd
         self._correlation_s = correlation_s
         self.value = sd * normals.next()
+        self._dt_s = self._keep = self._fresh_sd = 0.0      # of the step before; steps are mostly alike
 
     def step(self, dt_s: float) -> float:
-        keep = exp(-dt_s / self._correlation_s)
-        self.value = keep * self.value + self._sd * sqrt(1.0 - keep * keep) * self._normals.next()
+        if dt_s != self._dt_s:
+            self._dt_s, self._keep = dt_s, exp(-dt_s / self._correlation_s)
+            self._fresh_sd = self._sd * sqrt(1.0 - self._keep * self._keep)
+        self.value = self._keep * self.value + self._fresh_sd * self._normals.next()
         return self.value

@@ -9,21 +9,21 @@ from typing import NamedTuple
 
 from control.field.job import Job
 from control.geodesy import TangentPlane
-from control.machine.elements import Array, stepped
+from control.machine.elements import Array, in_lists, stepped
 from control.machine.fall import FallInput, drop_s, fall_start, fall_step
 from control.machine.flow import FlowInput, flow_start, flow_step
-from control.machine.gate import GateInput, gate_start, gate_step
+from control.machine.gate import GateInput, GateOutput, gate_start, gate_step
 from control.machine.heads import HeadInput, head_reads
 from control.machine.machine import Machine
 from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
-from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.term_sums import NOTHING, More, TermSums, Told
 from control.machine.terms import SHAFT_ANGLE, Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedTold
 
-from .canopy import CanopyField, ndre_of
+from .canopy import AcrossWidth, CanopyField
 from .noise import Normals, Slow
 from .plant_rows import along_way, simulated_plants
 from .tractor import Driver, Path, Pose, field_boundary, field_path
@@ -76,7 +76,7 @@ class Truth(NamedTuple):
     in_pass: bool
     refill_kg: float
     doses: int = 0              # of point mode that the shaft has begun
-    ndvi: float = 0.0           # of the canopy at the outlets, mean over the working width
+    canopy: AcrossWidth | None = None       # that the outlets pass
     heading_deg: float = 0.0
     section_kg: tuple[float, ...] = ()      # released in the step by each section; none: no valves
     open_share: float = 1.0     # of the working width, mean over the step
@@ -118,8 +118,9 @@ class Plant:
         corners = field_boundary(sim, width, job.field.pass_heading_deg)
         east, north = [e for e, _ in corners], [n for _, n in corners]
         rim = sim.run_in_m + machine.geometry.heads_m
-        self._canopy = CanopyField(sim.canopy, (min(east) - rim, max(east) + rim),
-                                   (min(north) - rim, max(north) + rim), seed)
+        self._canopy = AcrossWidth(CanopyField(sim.canopy, (min(east) - rim, max(east) + rim),
+                                               (min(north) - rim, max(north) + rim), seed),
+                                   machine.geometry.heads, width, sim.heads_index)
         self._driver = Driver(sim, seed + 4)
         self._normal = Normals(seed + 1)
         noise = machine.noise
@@ -132,13 +133,13 @@ class Plant:
         self._wheel_m = 0.0
         self._pulses = 0
         self._pulse_s: float | None = None
-        self._shaft = shaft_start(0.0)
-        self._gate = gate_start(machine.set_points.opening_mm)
+        shaft, gate, ground = shaft_start(0.0), gate_start(machine.set_points.opening_mm), speed_start(0.0)
+        self._shaft, self._gate = shaft._replace(line=in_lists(shaft.line)), gate._replace(line=in_lists(gate.line))
         self._flow = flow_start(min(sim.hopper_kg, machine.flow.full_kg))
-        self._speed = speed_start(0.0)
+        self._speed = ground._replace(line=in_lists(ground.line))
         self._fall = fall_start()
-        self._shaft_out = (0.0, 0.0)
-        self._gate_out = (machine.set_points.opening_mm, machine.set_points.opening_mm)
+        self._shaft_out = ShaftOutput(0.0, 0.0)
+        self._gate_out = GateOutput(machine.set_points.opening_mm, machine.set_points.opening_mm)
         self._next_gnss_s = 0.0
         self._next_heads_s = 0.0
         self._standing_s = 0.0
@@ -173,7 +174,7 @@ class Plant:
         self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
                            drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
                            pose.east_m, pose.north_m, pose.in_pass, refill,
-                           self._doses, self._width_ndvi(pose, 0.0), pose.heading_deg,
+                           self._doses, self._canopy, pose.heading_deg,
                            carried_share=self._true.fall.carried_share)
         if self.valves is not None:
             self.truth = self.truth._replace(section_kg=self.valves.take_kg(), open_share=self.valves.take_share())
@@ -232,23 +233,26 @@ class Plant:
         return self._true.flow.full_kg - self._flow.hopper_kg
 
     def _move(self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float) -> float:
-        true, step, more = self._true, self.dt_s / MODEL_STEPS, self._more
-        more_kg_s = more.flow_kg_min / 60.0
-        total = 0.0
+        true, step, more, valves = self._true, self.dt_s / MODEL_STEPS, self._more, self.valves
+        shafts, gates, flows = true.shaft, true.gate, true.flow
+        shaft_state, gate_state, flow_state = self._shaft, self._gate, self._flow
+        shaft_out, gate_out = self._shaft_out, self._gate_out
+        moves, more_kg_s, total = GateInput(opening_mm, more.gate_mm), more.flow_kg_min / 60.0, 0.0
         for k in range(MODEL_STEPS):
-            self._shaft, shaft = shaft_step(true.shaft, self._shaft, ShaftInput(
-                max(rpm, self._dose_rpm(step)), self._gate_out[0], supply, more.shaft_percent,
-                more.shaft_rpm), step)
-            self._gate, gate = gate_step(true.gate, self._gate, GateInput(opening_mm, more.gate_mm), step)
-            opened = True if self.valves is None else self.valves.any_open(self.time_s + (k + 0.5) * step)
-            self._flow, flow = flow_step(true.flow, self._flow, FlowInput(
-                shaft.rpm if opened else 0.0, gate.opening_mm, pitch, refill if k == 0 else 0.0, more.flow_percent,
-                more_kg_s), step)
-            self._shaft_out = (shaft.rpm, shaft.measured_rpm)
-            self._gate_out = (gate.opening_mm, gate.measured_mm)
+            turn_rpm = rpm if self._dose is None else max(rpm, self._dose_rpm(step))
+            shaft_state, shaft_out = shaft_step(shafts, shaft_state, ShaftInput(
+                turn_rpm, gate_out.opening_mm, supply, more.shaft_percent, more.shaft_rpm), step)
+            gate_state, gate_out = gate_step(gates, gate_state, moves, step)
+            opened = valves is None or valves.any_open(self.time_s + (k + 0.5) * step)
+            flow_state, flow = flow_step(flows, flow_state, FlowInput(
+                shaft_out.rpm if opened else 0.0, gate_out.opening_mm, pitch, refill, more.flow_percent, more_kg_s),
+                step)
+            refill = 0.0
             total += flow.flow_kg_s
-            if self.valves is not None:
-                self.valves.pass_on(flow.flow_kg_s * step)
+            if valves is not None:
+                valves.pass_on(flow.flow_kg_s * step)
+        self._shaft, self._gate, self._flow = shaft_state, gate_state, flow_state
+        self._shaft_out, self._gate_out = shaft_out, gate_out
         return total / MODEL_STEPS
 
     def _drop(self, flow: float) -> float:
@@ -307,22 +311,9 @@ class Plant:
         if now < self._next_heads_s - 1e-9:
             return None
         self._next_heads_s += 1.0 / self._sim.heads_hz
-        readings = []
-        for head, here in enumerate(self._canopy_across(pose, self.machine.geometry.heads_m)):
+        ahead_m, angle, readings = self.machine.geometry.heads_m, radians(pose.heading_deg), []
+        for head, here in enumerate(self._canopy.at(pose.east_m + ahead_m * sin(angle),
+                                                    pose.north_m + ahead_m * cos(angle), pose.heading_deg)):
             reads = head_reads(self._true.heads, HeadInput(here, head + 1.0, now))
             readings.append(min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next())))
         return tuple(readings)
-
-    def _canopy_across(self, pose: Pose, ahead_m: float) -> list[float]:
-        """What the heads read, NDVI or NDRE, across the working width, at each head's place of it, `ahead_m` before
-        the outlets."""
-        geometry, angle = self.machine.geometry, radians(pose.heading_deg)
-        east, north = pose.east_m + ahead_m * sin(angle), pose.north_m + ahead_m * cos(angle)
-        spacing = geometry.working_width_m / geometry.heads
-        asides = [(head - 0.5 * (geometry.heads - 1)) * spacing for head in range(geometry.heads)]
-        ndvi = [self._canopy.at(east + aside * cos(angle), north - aside * sin(angle)) for aside in asides]
-        return ndvi if self._sim.heads_index == "ndvi" else [ndre_of(one) for one in ndvi]
-
-    def _width_ndvi(self, pose: Pose, ahead_m: float) -> float:
-        across = self._canopy_across(pose, ahead_m)
-        return sum(across) / len(across)
