@@ -1,4 +1,4 @@
-"""What the control worker tells its consoles, up to 20 times a second: one JSON object a line.
+"""What the control worker tells its consoles, ten times a second while the machine moves: one JSON object a line.
 
 The same frame is made from a log by replay, so that the screens know one thing only.
 """

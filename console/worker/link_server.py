@@ -1,7 +1,7 @@
 """The worker's end of the link: clients on loopback, in a thread of its own.
 
-Each client gets the newest frame (the host makes up to 20 a second); a client that has not taken the last one yet
-misses frames rather than being waited for. Clients that hold the token may order; the others look.
+Each client gets the newest frame when it is due (`telling`); a client that has not taken the last one yet misses frames
+rather than being waited for. Clients that hold the token may order; the others look.
 
 Everybody on this computer can connect, and send as much as he likes. So whoever has shown the token comes first: those
 are heard the moment they say something, a bounded number of lines each. All others take turns `STRANGERS_S` apart, a
@@ -21,6 +21,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from console.frame import Frame
 from console.worker import wire
 from console.worker.client import Client, Kind
 from console.worker.host import Host
@@ -39,12 +40,16 @@ from console.worker.limits import (
     STRANGERS_S,
 )
 from console.worker.requests import Ask, Refusal, Request, parse
+from console.worker.telling import Telling
 from control.orders import Answer
 
-LOOK_S = 0.01                 # how often a new frame or answer is looked for while somebody is attached
+LOOK_S = 0.01                 # how often an answer, and the frame after it, is looked for; and while strangers come
+QUICK_S = 0.3                 # for so long after an order: its answer, the frame of that tick and of the next ones
+REST_S = 0.04                 # how often a new frame is looked for while somebody is attached: ticks are 0.05 s apart
 IDLE_S = 0.1                  # and while nobody is
 PAUSE_S = 0.005               # between two turns of a holder of the token who says more than a turn takes
 
+Events = list[tuple[selectors.SelectorKey, int]]
 PLACES = {Kind.LOOKING: CLIENTS_LOOKING, Kind.WITH_KEY: CLIENTS_WITH_KEY}
 
 
@@ -66,15 +71,17 @@ class LinkServer(threading.Thread):
         self._strangers.register(self._listener, selectors.EVENT_READ)
         self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
-        self._sent_seq = -1
+        self._telling = Telling()
+        self._seen_seq = -1
+        self._quick_until_s = 0.0                            # an answer, or what comes of an order, is waited for
+        self._strangers_come = False                         # at their last turn
         self._closing = threading.Event()
 
     def run(self) -> None:
         last = False
         while not last:
             last = self._closing.is_set()              # what was queued before `close` still goes out
-            self._wait()
-            self._hear_holders()
+            self._hear_holders(self._wait())
             self._tell()
             if self._clock() >= self._strangers_due_s:
                 self._hear_strangers()
@@ -93,33 +100,37 @@ class LinkServer(threading.Thread):
 
     # --- whose turn it is --------------------------------------------------------------------------------------------
 
-    def _wait(self) -> None:
-        """Until a holder of the token says something, or a frame may be there, or strangers have their turn."""
+    def _wait(self) -> Events:
+        """Until a holder of the token says something, or a frame may be there, or strangers have their turn. What the
+        holders have said, where it was waited for."""
         holders = [client for client in self._clients if client.kind is Kind.WITH_KEY]
+        wait_s = LOOK_S if self._strangers_come or self._clock() < self._quick_until_s else REST_S
         if any(client.waits for client in holders):
             self._closing.wait(PAUSE_S)                # the loop needs the interpreter too
         elif holders:
-            self._holders.select(LOOK_S)
+            return self._holders.select(wait_s)
         else:
-            self._strangers.select(LOOK_S if self._clients else IDLE_S)
+            self._strangers.select(wait_s if self._clients else IDLE_S)
             self._closing.wait(max(0.0, self._strangers_due_s - self._clock()))
+        return self._holders.select(0.0) if holders else []        # Windows cannot choose from nothing
 
-    def _hear_holders(self) -> None:
-        for client in self._ready(self._holders, Kind.WITH_KEY):
+    def _hear_holders(self, said: Events) -> None:
+        for client in self._ready(said, Kind.WITH_KEY):
             self._guarded(client)
 
     def _hear_strangers(self) -> None:
         """One turn of all who have not shown the token: those who are there, then those who come."""
-        for client in self._ready(self._strangers, Kind.NEW, Kind.LOOKING):
+        said = self._strangers.select(0.0)
+        self._strangers_come = bool(said)
+        for client in self._ready(said, Kind.NEW, Kind.LOOKING):
             self._guarded(client)
-        self._accept()
+        if any(key.data is None for key, _ in said):
+            self._accept()
         self._end_the_silent()
 
-    def _ready(self, chooser: selectors.BaseSelector, *kinds: Kind) -> list[Client]:
+    def _ready(self, said: Events, *kinds: Kind) -> list[Client]:
         """Who of these has something to be heard. Nothing waits here."""
-        if not chooser.get_map():                      # Windows cannot choose from nothing
-            return []
-        new = {id(key.data) for key, _ in chooser.select(0.0) if key.data is not None}
+        new = {id(key.data) for key, _ in said if key.data is not None}
         return [client for client in self._clients if client.kind in kinds and client.aside_s is None
                 and not client.gone and (client.waits or id(client) in new)]
 
@@ -218,7 +229,9 @@ class LinkServer(threading.Thread):
             self._host.console_heard()
         if request.what in (Ask.ALIVE, Ask.LOOK):
             client.send(wire.answered(request.id, Answer(True), {}))
-        elif not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
+            return
+        self._quick_until_s = self._clock() + QUICK_S
+        if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
             self.counts["busy"] += 1
             client.send(wire.answered(request.id, Answer(False, "busy"), {}))
 
@@ -231,6 +244,7 @@ class LinkServer(threading.Thread):
             self._strangers.unregister(client.connection)
             self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
+        self._telling.hurry()                          # who comes waits for no frame
         return True
 
     def _reply(self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]) -> None:
@@ -245,10 +259,18 @@ class LinkServer(threading.Thread):
         while self._answers:
             client, data = self._answers.popleft()
             client.send(data)
+            self._telling.hurry()
         frame = self._host.newest
-        if frame is None or frame.seq == self._sent_seq or not self._clients:
+        if frame is None or frame.seq == self._seen_seq or not self._clients:
             return
-        self._sent_seq = frame.seq
+        self._seen_seq = frame.seq
+        for client in self._clients:
+            if client.behind:
+                client.flush()
+        if self._telling.due(frame):
+            self._send(frame)
+
+    def _send(self, frame: Frame) -> None:
         try:
             data = wire.framed(frame)
         except (ValueError, TypeError):
@@ -257,7 +279,6 @@ class LinkServer(threading.Thread):
         for client in self._clients:
             if client.kind is Kind.NEW or client.aside_s is not None:
                 continue
-            client.flush()
             if client.behind:
                 self.counts["dropped_frames"] += 1
             else:
