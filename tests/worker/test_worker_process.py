@@ -85,7 +85,7 @@ async def test_the_frame_tells_how_many_consoles_keep_the_machine_working(runnin
     await until(lambda: first.newest.consoles == 1)
 
 
-async def test_frames_come_at_twenty_hertz_and_the_worker_hears_of_us(running, attach, log_of):
+async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hears_of_us(running, attach, log_of):
     where = running("--hz", "100")
     link = await attach(where)
     seen = set()
@@ -93,7 +93,7 @@ async def test_frames_come_at_twenty_hertz_and_the_worker_hears_of_us(running, a
     while time.monotonic() < until_s:
         seen.add(link.newest.seq)
         await asyncio.sleep(0.005)
-    assert 15 <= len(seen) <= 23
+    assert 7 <= len(seen) <= 13
     assert sum(row["age_s"] < 0.3 for row in log_of(where)) > 40       # a word every 0.1 s, twenty times the need
     stats = await link.stats()
     assert stats["hz"] == pytest.approx(100.0) and stats["ticks"] > 50 and stats["clients"] == 1
