@@ -1,33 +1,16 @@
-"""The command line: `topdress --help`. Each command has a file of its own; what is heavy is imported when it runs."""
+"""The command line: `topdress --help`. Each command has a file of its own, imported where it is asked for; what is
+heavy is imported when it runs."""
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated
+from functools import cache
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
 
-from console.cli import (
-    calibrate,
-    check,
-    compare,
-    decode,
-    devices,
-    diagnose,
-    effects,
-    fleet,
-    history,
-    import_log,
-    replay,
-    run,
-    serve_machine,
-    simulate,
-    watch,
-)
-from console.cli import map as map_command
-from console.cli import reproduce as reproduce_command
-from console.cli import serve as serve_command
 from console.cli.examples import ENDS, under
 from console.cli.plain_errors import guarded
 from console.cli.plain_help import PlainCommand
@@ -41,12 +24,15 @@ def _app() -> typer.Typer:
                        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 
 
-app = _app()
-calibrations = typer.Typer(rich_markup_mode=None,
-                           help="Fit flow or lag to a bench table, or wheel or heads to a run log.")
+COMMANDS = {                    # by name: the file beside this one, and its function
+    "run": "run.run", "replay": "replay.replay", "simulate": "simulate.simulate", "diagnose": "diagnose.diagnose",
+    "compare": "compare.compare", "watch": "watch.watch", "fleet": "fleet.fleet", "history": "history.history",
+    "effects": "effects.effects", "decode": "decode.decode", "import": "import_log.import_log", "map": "map.map_files",
+    "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
+    "serve-machine": "serve_machine.serve_machine"}
+CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads")}
 
 
-@app.callback(invoke_without_command=True)
 def console(context: typer.Context,
             version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False) -> None:
     """Terminal console of a variable-rate fertilizer applicator. Without a command: the console on the simulated
@@ -56,47 +42,50 @@ def console(context: typer.Context,
         typer.echo(f"topdress {software_version()}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        guarded(run.run)()
+        guarded(_function(COMMANDS["run"]))()
 
 
-def _add(to: typer.Typer, name: str, function: Callable[..., None], of: str = "") -> None:
-    to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(guarded(function))
+def _function(place: str) -> Callable[..., None]:
+    file, _, name = place.partition(".")
+    found: Callable[..., None] = getattr(import_module(f"console.cli.{file}"), name)
+    return found
 
 
-_add(app, "run", run.run)
-_add(app, "replay", replay.replay)
-_add(app, "simulate", simulate.simulate)
-_add(app, "diagnose", diagnose.diagnose)
-_add(app, "compare", compare.compare)
-_add(app, "watch", watch.watch)
-_add(app, "fleet", fleet.fleet)
-_add(app, "history", history.history)
-app.add_typer(calibrations, name="calibrate", no_args_is_help=True)
-_add(calibrations, "catch", calibrate.catch, "calibrate")
-_add(calibrations, "lag", calibrate.lag, "calibrate")
-_add(calibrations, "wheel", calibrate.wheel, "calibrate")
-_add(calibrations, "heads", calibrate.heads, "calibrate")
-_add(app, "effects", effects.effects)
-_add(app, "decode", decode.decode)
-_add(app, "import", import_log.import_log)
-_add(app, "map", map_command.map_files)
-_add(app, "reproduce", reproduce_command.reproduce)
-_add(app, "check", check.check)
-_add(app, "devices", devices.devices)
-_add(app, "serve", serve_command.serve)
-_add(app, "serve-machine", serve_machine.serve_machine)
+def _with(commands: Mapping[str, str], to: typer.Typer, of: str = "") -> typer.Typer:
+    for name, place in commands.items():
+        to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(guarded(_function(place)))
+    return to
+
+
+def _begun() -> typer.Typer:
+    app = _app()
+    app.callback(invoke_without_command=True)(console)
+    return app
+
+
+@cache
+def whole() -> typer.Typer:
+    """The app with every command; `console.cli.app` is the same."""
+    app = _with(COMMANDS, _begun())
+    calibrations = typer.Typer(rich_markup_mode=None,
+                               help="Fit flow or lag to a bench table, or wheel or heads to a run log.")
+    app.add_typer(_with(CALIBRATIONS, calibrations, "calibrate"), name="calibrate", no_args_is_help=True)
+    return app
+
+
+def __getattr__(name: str) -> Any:
+    if name == "app":
+        return whole()
+    raise AttributeError(name)
 
 
 def asked(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
-    """The app with the one command that is asked for, where one is: to make all of them ready takes a tenth of the
-    time to the first picture. Help of all, completion and slips of the pen get the whole."""
+    """The app with the one command that is asked for, where one is: to import all of them and to make them ready takes
+    a tenth of the time to the first picture. Help of all, completion and slips of the pen get the whole."""
     name = words[0] if words else "run"
-    found = [one for one in app.registered_commands if one.name == name]
-    if not found or any(key.endswith("_COMPLETE") for key in environment):
-        return app
-    one = _app()
-    one.registered_callback, one.registered_commands = app.registered_callback, found
-    return one
+    if name not in COMMANDS or any(key.endswith("_COMPLETE") for key in environment):
+        return whole()
+    return _with({name: COMMANDS[name]}, _begun())
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from shapely.geometry import Point
 
 from control.field.boundary import Boundary
-from control.geodesy import offset
+from control.geodesy import direction, offset
 
 SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)]
 HOLE = [(40.0, 20.0), (60.0, 20.0), (60.0, 30.0), (40.0, 30.0)]
@@ -63,6 +63,13 @@ def test_counting_crossings_tells_inside_from_outside(east, north, heading, far)
     ways = field.crossings_m(east, north, heading, far)
     assume(min(field.shape.boundary.distance(Point(place)) for place in ((east, north), there)) > 1e-6)
     assert (len(ways) % 2 == 1) == (field.contains(east, north) != field.contains(*there))
+
+
+@given(st.floats(-150, 150), st.floats(-150, 150), st.floats(0, 360))
+def test_few_corners_one_by_one_give_what_many_at_once_give_to_the_last_bit(east, north, heading):
+    field = Boundary(L_SHAPE, [[(5, 5), (15, 5), (15, 15), (5, 15)]])
+    line = (east, north, *direction(heading))
+    assert field._few and field._crossed_of_few(*line) == field._crossed_of_many(*line)
 
 
 def test_inset_leaves_the_headland_out():
