@@ -306,6 +306,7 @@ def test_both_speeds_silent_is_held_after_two_seconds_though_the_wheel_counts_as
 def test_what_a_check_does_not_judge_is_remembered_as_it_was(working):
     """Each field that orders alone write: a check that forgot one would forget when START was held, or calibrating."""
     written = {"left_off_s": -7.0, "calibrate_s": -6.0, "calibrate_until_s": 5.0, "start_held_s": -4.0}
-    working.safety._memory = working.safety.memory._replace(**written)
-    working.tick()
-    assert {name: getattr(working.safety.memory, name) for name in written} == written
+    run = working()
+    run.safety._memory = run.safety.memory._replace(**written)
+    run.tick()
+    assert {name: getattr(run.safety.memory, name) for name in written} == written
