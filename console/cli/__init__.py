@@ -27,6 +27,7 @@ def _app() -> typer.Typer:
 COMMANDS = {                    # by name: the file beside this one, and its function
     "run": "run.run", "replay": "replay.replay", "simulate": "simulate.simulate", "diagnose": "diagnose.diagnose",
     "compare": "compare.compare", "watch": "watch.watch", "fleet": "fleet.fleet", "history": "history.history",
+    "machine": "machine.machine",
     "effects": "effects.effects", "decode": "decode.decode", "import": "import_log.import_log", "map": "map.map_files",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
     "serve-machine": "serve_machine.serve_machine"}

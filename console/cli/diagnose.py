@@ -115,7 +115,8 @@ def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict
         raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
     log = open_log(data[0])
     for finding in log.findings:
-        typer.echo(f"note: {finding}", err=True)
+        if finding.id != "missing" or not machine.stages:       # what it has not got is not told of
+            typer.echo(f"note: {finding}", err=True)
     columns = dict(log.columns)
     with ThreadPoolExecutor(TOGETHER) as pool:
         found = diagnose_run(columns, machine, path=str(data[0]), progress=_progress(), seed=seed, each=pool.map)

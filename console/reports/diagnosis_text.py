@@ -15,7 +15,7 @@ def summary(found: Diagnosis) -> list[str]:
     """Lines for a terminal."""
     found = headlines_first(found)
     lines = [_head(found)]
-    missing = not_judged(found.data.kind, [channel.channel for channel in found.channels])
+    missing = not_judged(found.data, [channel.channel for channel in found.channels])
     if missing:
         lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]

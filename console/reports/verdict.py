@@ -28,7 +28,7 @@ def headlines_first(found: Diagnosis) -> Diagnosis:
 
 def sentence(found: Diagnosis) -> str:
     """What was not judged, then the verdict with the causes by name, those left out that are only suspected."""
-    missing = not_judged(found.data.kind, [channel.channel for channel in found.channels])
+    missing = not_judged(found.data, [channel.channel for channel in found.channels])
     lead = f"Not judged: {', '.join(missing)}. " if missing and found.verdict != "not_judged" else ""
     return lead + _verdict(found)
 

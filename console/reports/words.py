@@ -6,7 +6,7 @@ from typing import Protocol
 
 from console.locale import N_, _
 from console.reports.numbers import MINUS, decimals_of, fixed, number
-from control.diagnosis.result import RUN_CHANNELS, UNKNOWN
+from control.diagnosis.result import RUN_CHANNELS, UNKNOWN, Data
 
 SOMETHING_ELSE = N_("something else")       # title of the rival UNKNOWN
 HEADLINE = 0.5                              # least probability of a cause that a headline names
@@ -100,9 +100,12 @@ def left_facts(left: _Left) -> tuple[str, ...]:
     return tuple(said)
 
 
-def not_judged(kind: str, judged: Sequence[str]) -> tuple[str, ...]:
-    """Channels that a run log may have and that could not be judged in this one; of bench tables none."""
-    return tuple(channel for channel in RUN_CHANNELS if channel not in judged) if kind == "run" else ()
+def not_judged(data: Data, judged: Sequence[str]) -> tuple[str, ...]:
+    """Channels that a run log of such a machine may have and that could not be judged in this one; of bench tables
+    none."""
+    may = data.stages or RUN_CHANNELS
+    return tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged) \
+        if data.kind == "run" else ()
 
 
 def _plain(value: float, digits: int) -> str:

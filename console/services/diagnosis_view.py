@@ -53,7 +53,7 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
                  None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0),
                  kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
                  _left_curve(found, views, parts), "", planted,
-                 not_judged(data.kind, [channel.channel for channel in found.channels]))
+                 not_judged(data, [channel.channel for channel in found.channels]))
 
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:

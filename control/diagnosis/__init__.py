@@ -1,6 +1,6 @@
 """What the machine model gets wrong on measured data, why, and what putting it right gains.
 
-    from control.diagnosis import diagnose_run, diagnose_tables, extend
+    from control.diagnosis import compared, diagnose_run, diagnose_tables, extend
 
 The two entries load scipy and the compiled model, so they are imported when they are first asked for: a page that only
 shows a `Diagnosis` starts without them.
@@ -14,12 +14,13 @@ from .extend import extend
 from .result import Diagnosis
 
 if TYPE_CHECKING:
+    from .runs.compared import compared
     from .runs.diagnose import diagnose_run
     from .tables.diagnose import diagnose_tables
 
-__all__ = ["Diagnosis", "diagnose_run", "diagnose_tables", "extend"]
+__all__ = ["Diagnosis", "compared", "diagnose_run", "diagnose_tables", "extend"]
 
-_ENTRIES = {"diagnose_run": ".runs.diagnose", "diagnose_tables": ".tables.diagnose"}
+_ENTRIES = {"compared": ".runs.compared", "diagnose_run": ".runs.diagnose", "diagnose_tables": ".tables.diagnose"}
 
 
 def __getattr__(name: str) -> Any:

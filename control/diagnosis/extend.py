@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from control.diagnosis.outside import machine_of
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
@@ -13,7 +14,7 @@ from .result import UNKNOWN, Cause, Diagnosis, TermFound
 WORSE = -0.05               # held-out gain below which a term is neither told nor adopted: less is scale noise
 
 
-def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
+def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
            valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
     """The machine with the named causes and terms adopted: simulated, predicted and compensated from then on.
 
@@ -23,7 +24,7 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
     Parameters
     ----------
     machine
-        The machine that the diagnosis was made with.
+        The machine that the diagnosis was made with, or its file or shipped name.
     diagnosis
         What was found; its causes' sizes go on top of what the machine has of them already.
     date, sha256
@@ -46,7 +47,7 @@ def extend(machine: Machine, diagnosis: Diagnosis, *, date: str = "", sha256: st
     >>> effect_sizes(extend(Machine(), found, date="2026-07-01"))
     {'flow.gain': 6.0}
     """
-    was = machine
+    was = machine = machine_of(machine)
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in adoptable(diagnosis):

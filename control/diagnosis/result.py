@@ -1,8 +1,10 @@
 """The result of a diagnosis, by the published contract "topdress-diagnosis/1"."""
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
+
+from .outside import notebook
 
 FORMAT = "topdress-diagnosis/1"
 UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
@@ -20,6 +22,7 @@ class Data:
     rows: int
     duration_s: float | None
     machine: str
+    stages: tuple[str, ...] = ()        # that the machine has; (): all
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,5 +204,20 @@ class Diagnosis:
     terms: tuple[TermFound, ...] = ()       # what no effect explains, as terms of the machine file
     rates: tuple[RateFit, ...] = ()     # where no channel could be judged and both rates are there; all passes first
 
+    seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)     # log, machine
+
     def to_json(self) -> dict[str, Any]:
-        return {"format": FORMAT, **asdict(self)}
+        plain = asdict(replace(self, seen_with=None))
+        del plain["seen_with"]
+        return {"format": FORMAT, **plain}
+
+    def plot(self) -> Any:
+        """Its pictures, for a notebook: `found.plot()` shows them, `found.plot().save("why.html")` keeps them.
+
+        Raises ValueError, one line, without matplotlib, or where the log is not known.
+        """
+        return notebook().pictures_of(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows below a cell that ends with a diagnosis."""
+        return str(notebook().html_of(self))

@@ -33,6 +33,9 @@ Member = Annotated[int, Field(ge=1, le=100)]                # a head or an outle
 MOST_TERMS, MOST_ENTRIES = 100, 2000                        # of a file that many diagnoses have changed
 
 
+StageName = Literal["shaft", "gate", "flow", "scale", "speed", "heads"]
+
+
 class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -137,6 +140,7 @@ class Machine(Part):
     format: Literal["topdress-machine/1"] = "topdress-machine/1"
     id: str = "huanghai"
     title: str = ""
+    stages: Annotated[tuple[StageName, ...], Field(max_length=6, description="what it has; left out: all")] = ()
     geometry: Geometry = Geometry()
     shaft: Shaft = Shaft()
     gate: Gate = Gate()
@@ -175,6 +179,10 @@ class Machine(Part):
                 raise PydanticCustomError("size_of_effect", "allowed an id that no other term has", {
                     "wrong_key": ("terms", k, "id")})
         return self
+
+    def has(self, stage: str) -> bool:
+        """Whether it has a stage: what it has not is neither asked for nor told of."""
+        return not self.stages or stage in self.stages
 
     @property
     def switched(self) -> tuple[Strip, ...]:

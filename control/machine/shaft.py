@@ -1,4 +1,7 @@
-"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first order, acceleration limit."""
+"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first order, acceleration limit.
+
+Commands and speeds have a sign: below 0 it turns backwards, with a gain and a zone of its own.
+"""
 from __future__ import annotations
 
 from math import exp
@@ -16,6 +19,12 @@ class Shaft(NamedTuple):
     acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=1e7)] = 200.0
     nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
+    one_way: Annotated[float, Field(ge=0, le=1)] = 0.0      # 1: a command to turn backwards is none
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is told
+    dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5)] = 0.0      # taken off every command, either way
+    saturation_percent: Annotated[float, Field(ge=0, le=95)] = 0.0  # of the speed at full_rpm, lost to the curve
+    back_gain_percent: Annotated[float, Field(ge=-90, le=200)] = 0.0        # backwards, more than forwards ...
+    back_zone_rpm: Annotated[float, Field(ge=-1e5, le=1e5)] = 0.0   # ... and taken off besides
     gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
         "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
@@ -106,6 +115,24 @@ def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt
     return wanted + (value - wanted) * exp(-left_s / tau_s)
 
 
+def asked_rpm(p: Shaft, command_rpm: float) -> float:
+    """Size of the speed that a command comes to when it is settled, r/min, before what multiplies every speed alike.
+
+    A threshold holds the shaft until the command passes it; a zone takes away from every command: g (u - D). The curve
+    bends evenly, u / (1 + k u / full): a motor's speed falls behind its duty cycle as its current is cut more often.
+    """
+    size = abs(command_rpm)
+    if size < p.dead_band_rpm or (command_rpm < 0.0 and p.one_way > 0.0):
+        return 0.0
+    if command_rpm < 0.0:
+        size = max(0.0, size - max(0.0, p.dead_zone_rpm + p.back_zone_rpm)) * (1.0 + p.back_gain_percent / 100.0)
+    else:
+        size = max(0.0, size - p.dead_zone_rpm)
+    if p.saturation_percent == 0.0:
+        return size
+    return size / (1.0 + p.saturation_percent / (100.0 - p.saturation_percent) * size / p.full_rpm)
+
+
 def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[ShaftState, ShaftOutput]:
     """One step of `dt_s` with the inputs held; the outputs are those at its end.
 
@@ -123,11 +150,10 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     rpm, at_s, end_s = s.rpm, s.time_s - dead_s, s.time_s - dead_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
-        if wanted < p.dead_band_rpm:
-            wanted = 0.0
-        goal = turns * wanted
-        if u.more_rpm != 0.0 and goal > 0.0:
-            goal = max(0.0, goal + u.more_rpm)
+        goal = turns * asked_rpm(p, wanted)
+        if goal > 0.0:                          # terms are told with the speed's sign; none turns it round
+            way = -1.0 if wanted < 0.0 else 1.0
+            goal = way * max(0.0, goal + way * u.more_rpm)
         rpm = approach(rpm, goal, p.time_constant_s + p.slow_s, p.acceleration_rpm_s, until_s - at_s)
         at_s = until_s
     return ShaftState(s.time_s + dt_s, rpm, line), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from control.machine.flow import Flow, grams_per_rev
 from control.machine.machine import Machine
+from control.machine.shaft import Shaft
 from control.machine.term_sums import StandingTerms
 from control.machine.terms import Acts
 
@@ -110,17 +111,26 @@ def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Con
     if c.supply_v is not None:
         kept *= 1.0 - p.sag_percent_per_v * max(0.0, p.nominal_supply_v - c.supply_v) / 100.0
     kept *= 1.0 - p.droop_percent * opening_mm / p.full_opening_mm / 100.0
-    command = wanted_rpm / max(LEAST_SHARE, kept)
+    command = _asked_for(p, wanted_rpm / max(LEAST_SHARE, kept))
     if c.terms is None:
         return command
     bare = max(LEAST_SHARE, kept)
     for _ in range(MOST_ROUNDS):
         more = c.terms.at(OF_SHAFT, told_rpm=command, opening_mm=opening_mm)
-        found = max(0.0, wanted_rpm - more.shaft_rpm) / max(LEAST_SHARE, bare * (1.0 + more.shaft_percent / 100.0))
+        found = _asked_for(p, max(0.0, wanted_rpm - more.shaft_rpm)
+                           / max(LEAST_SHARE, bare * (1.0 + more.shaft_percent / 100.0)))
         if abs(found - command) < SETTLED_RPM:
             return found
         command = found
     return command
+
+
+def _asked_for(p: Shaft, settled_rpm: float) -> float:
+    """Command forwards that comes to a settled speed (`asked_rpm`), its curve and zone taken back."""
+    if settled_rpm <= 0.0:
+        return 0.0
+    bend = p.saturation_percent / (100.0 - p.saturation_percent) * settled_rpm / p.full_rpm
+    return settled_rpm / max(LEAST_SHARE, 1.0 - bend) + p.dead_zone_rpm
 
 
 def gate_command(machine: Machine, wanted_mm: float, c: Conditions = Conditions()) -> float:

@@ -1,17 +1,20 @@
 """Two machine files held against the same log: the error of each channel under either, and the difference."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from control.diagnosis.given import columns_of
+from control.diagnosis.outside import machine_of
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
+from .findings import turned_back
 from .held_out import HeldOut, errors_of
 from .hypothesis import schedule, stages_of
 from .log import Clean, gate
@@ -59,16 +62,17 @@ class _Predicted(NamedTuple):
     predicted: Array
 
 
-def compared(columns: Mapping[str, npt.NDArray[Any]], old: Machine, new: Machine,
+def compared(columns: Any, old: Machine | str, new: Machine | str,
              step: Callable[[float, str], None] = lambda share, word: None) -> Compared:
     """How well two machine files predict a run log, channel by channel, as they stand: nothing is fitted to the log.
 
     Parameters
     ----------
     columns
-        Arrays of shape (n,) by the run log's column names and units, as for `diagnose_run`.
+        Columns of shape (n,) by the run log's names and units, in any form that `diagnose_run` takes.
     old, new
-        The machine files. Rows are put in order, and gaps bridged, as `old` has it, for both alike.
+        The machine files, or their paths or shipped names. Rows are put in order, and gaps bridged, as `old` has it,
+        for both alike.
     step
         `step(share, word)` is called between channels; it may raise to end the work.
 
@@ -97,21 +101,25 @@ def compared(columns: Mapping[str, npt.NDArray[Any]], old: Machine, new: Machine
     >>> shaft.channel, shaft.new < shaft.old, shaft.low > 0.0
     ('shaft', True, True)
     """
-    log = gate(columns)
+    old, new = machine_of(old), machine_of(new)
+    log = gate(columns_of(columns), old.has)
     log = moved(log, order_of(log, old))
     step(0.1, "data")
     with np.errstate(all="ignore"):         # what comes of it is looked at: a channel without numbers is left out
-        of_old = _predictions(log, old, lambda share, word: step(0.1 + 0.4 * share, word))
-        of_new = _predictions(log, new, lambda share, word: step(0.5 + 0.4 * share, word))
+        of_old = _predictions(log, old, old, lambda share, word: step(0.1 + 0.4 * share, word))
+        of_new = _predictions(log, new, old, lambda share, word: step(0.5 + 0.4 * share, word))
         found = [one for name, series in of_old.items() if name in of_new and len(series.predicted) == len(
             of_new[name].predicted) for one in _channels_of(series, of_new[name])]
     step(1.0, "")
-    return Compared(tuple(found), log.findings)
+    return Compared(tuple(found), (*log.findings, *turned_back(log, old)))
 
 
-def _predictions(log: Clean, machine: Machine, step: Callable[[float, str], None]) -> dict[str, _Predicted]:
-    """Every channel that the log can show, as a machine file predicts it."""
-    seen = channels(run_data(log, machine), machine)
+def _predictions(log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
+                 ) -> dict[str, _Predicted]:
+    """Every channel that the log can show, as a machine file predicts it, on the rows that are judged by the sensors of
+    `other`: also those that ask a shaft for what it cannot do by its file, for that may be the file's error."""
+    shaft = machine.shaft._replace(one_way=0.0)
+    seen = channels(run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})), machine)
     plan = schedule(stages_of(machine), ())
     found = {}
     for number, (name, series) in enumerate(seen.items()):

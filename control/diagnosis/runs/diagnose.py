@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.given import columns_of
+from control.diagnosis.outside import machine_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
 from .channels import ChannelSeries, channels
-from .findings import between_rows, hardly_read, on_the_whole, unsure_drives
+from .findings import between_rows, hardly_read, on_the_whole, turned_back, unsure_drives
 from .guard import attempt, is_finite, named
 from .hum import without_hum
 from .intermittent import ReadOff, without_spells
@@ -42,7 +44,7 @@ class JudgedRun(NamedTuple):
     groups: tuple[Judged, ...]
 
 
-def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
+def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
                  progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
                  seed: int = 0, each: Each = map) -> Diagnosis:
     """What the machine model gets wrong in a run log, why, and what putting it right gains.
@@ -50,11 +52,13 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     Parameters
     ----------
     columns
-        Arrays of shape (n,), one row a control tick or any other step, by the run log's column names and units
-        (contract of the run log): float64 with NaN for not known, texts as objects. Only `time_s` is needed; a stage
-        without its columns is left out and said in the findings.
+        Columns of shape (n,), one row a control tick or any other step, by the run log's column names and units
+        (contract of the run log): a dict of arrays or lists, a pandas or polars DataFrame, a list of dicts, an array
+        with named fields. Only `time_s` is needed (or `time_ms`, or dates: `control.diagnosis.given`); a stage without
+        its columns is left out and said in the findings.
     machine
-        The machine as its file has it. Its tolerances are priors; sizes found are on top of its own effects.
+        The machine as its file has it, or that file's path, or the name of a shipped one ("drive_alone").
+        Its tolerances are priors; sizes found are on top of its own effects.
     path
         Of the data, for the result.
     progress
@@ -69,13 +73,15 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     Returns
     -------
     Diagnosis
-        By the contract "topdress-diagnosis/1". Sizes and their 90 % intervals are in the catalogue's units
-        (`topdress effects`), residuals in r/min, mm, kg, kg/s, m/s and NDVI. Field costs are % and m.
+        In a notebook it shows itself, and `found.plot()` its pictures. By the contract "topdress-diagnosis/1": sizes
+        and their 90 % intervals are in the catalogue's units (`topdress effects`), residuals in r/min, mm, kg, kg/s,
+        m/s and NDVI. Field costs are % and m.
 
     Raises
     ------
     ValueError
-        One line, where there is no time column or fewer rows than a diagnosis needs.
+        One line, where there is no time column or fewer rows than a diagnosis needs, where columns differ in length or
+        hold what is no number, and for a machine that no file describes.
     Cancelled
         Where `cancelled` said so.
 
@@ -110,7 +116,9 @@ def diagnose_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, p
     >>> found.gain[0].after < 0.9 * found.gain[0].before
     True
     """
-    return judged_run(columns, machine, path=path, progress=progress, cancelled=cancelled, each=each).found
+    given, of = columns_of(columns), machine_of(machine)
+    found = judged_run(given, of, path=path, progress=progress, cancelled=cancelled, each=each).found
+    return replace(found, seen_with=(given, of))
 
 
 def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
@@ -124,7 +132,7 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
             progress(share, word)
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
-    findings = [*log.findings, *unsure_drives(log, data), *hardly_read(log, data)]
+    findings = [*log.findings, *turned_back(log, machine), *unsure_drives(log, data), *hardly_read(log, data)]
     with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
         seen = channels(data, machine)
     without = attempt("a speed sensor's hum", lambda: without_hum(seen, machine), findings)
@@ -174,7 +182,7 @@ def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
                   ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
     """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
     failed: list[str] = []
-    log = gate(columns)
+    log = gate(columns, machine.has)
     log = attempt("the order of rows", lambda: ordered(log, machine), failed) or log
     in_steps = attempt("steps of the shaft's readings", lambda: without_steps(log, machine), failed)
     if in_steps is None:

@@ -13,7 +13,7 @@ from .channels import drive_channel
 from .hypothesis import schedule
 from .log import Clean
 from .selection import Judged
-from .stages import FINE_LOG_S, RunData, looked_at, whole_drives
+from .stages import FINE_LOG_S, RunData, against_the_way, looked_at, whole_drives
 
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
@@ -44,6 +44,19 @@ def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list
             said.append(f"stage {name}: what was named {words} on every row: error {errors[0]:.3g} -> {errors[1]:.3g} "
                         f"{channel.unit}")
     return said
+
+
+def turned_back(log: Clean, machine: Machine) -> list[str]:
+    """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that turns one way by its
+    machine file, how many rows say otherwise and are left out."""
+    command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
+    known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
+    left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
+    if left_out:
+        return [f"stage shaft: {back} of {known} commands ask it to turn backwards, which it does not do by the "
+                f"machine file (shaft.one_way): {left_out} rows are left out"]
+    return [f"stage shaft: {back} of {known} commands are below 0: it turned backwards"] if back and \
+        machine.shaft.one_way <= 0.0 else []
 
 
 def unsure_drives(log: Clean, data: RunData) -> list[str]:

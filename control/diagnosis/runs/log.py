@@ -1,7 +1,7 @@
 """What is odd about the recorded data itself, put right where that is safe and always said."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,8 +67,10 @@ class Clean(NamedTuple):
         return bool(np.isfinite(self.columns[name]).any())
 
 
-def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
+def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = lambda stage: True) -> Clean:
     """The data gate: examines and cleans the columns of a run log (its contract; `time_s` in s, the others optional).
+
+    has : whether the machine has a stage; of those that it has not nothing is looked at, and nothing said.
 
     Raises ValueError with one plain line where there is no usable time column.
     """
@@ -86,11 +88,11 @@ def gate(columns: Mapping[str, npt.NDArray[Any]]) -> Clean:
         found[name] = _without_held(name, found[name], float(np.median(np.diff(time))), findings)
     found["hopper_kg"] = _if_it_moves("hopper_kg", found["hopper_kg"], findings)
     stood = _stood(found)
-    if stood:
+    if stood and (has("speed") or has("heads")):
         findings.append("the machine stood all the time: its speeds and canopy heads are left out")
     stages = []
     for stage, needed in NEEDED.items():
-        if stood and stage in ("speed", "heads"):
+        if not has(stage) or (stood and stage in ("speed", "heads")):
             continue
         missing = [name for name in needed if np.isfinite(found[name]).sum() < MIN_ROWS]
         if missing:

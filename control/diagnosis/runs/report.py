@@ -153,7 +153,8 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
                for word, series in data.variables.items()}
     return Diagnosis(
-        data=Data(path, "run", data.rows, data.duration_s, machine.id), channels=tuple(rows), verdict=verdict,
+        data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages), channels=tuple(rows),
+        verdict=verdict,
         causes=tuple(sorted(causes, key=_consequence, reverse=True)),
         not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
@@ -179,7 +180,7 @@ def _consequence(cause: Cause) -> float:
 def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
     """Effects that this log could not show at any size."""
     return [NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
-            for effect_id in CATALOGUE if effect_id not in there]
+            for effect_id, entry in CATALOGUE.items() if effect_id not in there and machine.has(entry.stage)]
 
 
 def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:

@@ -41,6 +41,7 @@ SHAFT_ANSWERS_S, GATE_ANSWERS_S = 1.0, 1.0      # after a command, the drive has
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 # r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
+READ_BACKWARDS_SD = 6.0     # of the reading's noise: further below 0 a shaft truly turns backwards
 STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
 STILL_AFTER_S = 1.5         # after the command to stop: it has run down by then
 REFILL_KG = 3.0
@@ -173,7 +174,7 @@ def _rows(log: Clean, machine: Machine) -> _Rows:
     shaft_rpm = _bridged(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
     supply_v = _bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
-    turning = np.nan_to_num(shaft_rpm) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
+    turning = np.abs(np.nan_to_num(shaft_rpm)) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
     return _Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
                  _bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S), _smooth(supply_v, log.step_s),
@@ -315,17 +316,30 @@ def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
 def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str, Drive]:
     c, found, still_rpm = log.columns, {}, of_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
-        since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm > 0.0, every.time_s, -np.inf))
-        still = (since > STILL_AFTER_S) & (c["shaft_rpm"] < still_rpm)
+        since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm != 0.0, every.time_s, -np.inf))
+        still = (since > STILL_AFTER_S) & (np.abs(c["shaft_rpm"]) < still_rpm)
         read = np.where(still, 0.0, c["shaft_rpm"])
         sure = _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+        sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole, machine.noise.shaft_rpm,
                                 settle_s)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
         found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
     return {name: drive for name, drive in found.items() if drive is not None}
+
+
+def against_the_way(time_s: Array, command_rpm: Array, read_rpm: Array, machine: Machine) -> npt.NDArray[np.bool_]:
+    """Rows that ask a shaft to turn backwards, or read it so, though its machine file says that it turns one way, and
+    those in which it may still run down from that: (n,). None of them is judged."""
+    if machine.shaft.one_way <= 0.0:
+        return np.zeros(len(time_s), bool)
+    stopped_rpm = of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
+    noise_rpm = READ_BACKWARDS_SD * machine.noise.shaft_rpm
+    back = (command_rpm < -stopped_rpm) | (read_rpm < -max(stopped_rpm, noise_rpm))
+    last = np.maximum.accumulate(np.where(back, time_s, -np.inf))
+    return np.asarray(time_s - last <= SETTLES * machine.shaft.time_constant_s)
 
 
 def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.NDArray[np.bool_]:

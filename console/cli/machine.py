@@ -1,0 +1,122 @@
+"""`topdress machine --from LOG`: a first machine file of one stage, by asking what the log does not say."""
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.outputs import Force, Output, log_files, refuse_collisions
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from control.calibration.first_machine import Suggested
+
+HEAD = "Made by topdress machine from"      # of the comment on top, by which an earlier output is known
+
+
+class Driven(StrEnum):
+    PUMP = "pump"
+    WHEEL = "wheel"
+    FAN = "fan"
+    CONVEYOR = "conveyor"
+
+
+class Answers:
+    """What was asked, in its order; `count` questions were."""
+
+    def __init__(self, ask: bool) -> None:
+        self.ask, self.count = ask, 0
+
+    def number(self, given: float | None, question: str, usual: float) -> float:
+        if given is not None or not self.ask:
+            return usual if given is None else given
+        self.count += 1
+        while True:
+            value: float = typer.prompt(question, default=float(f"{usual:.4g}"), type=float, err=True)
+            if value > 0.0:
+                return value
+            typer.echo(f"value {value:g}: allowed more than 0", err=True)
+
+    def yes(self, given: bool | None, question: str, usual: bool) -> bool:
+        if given is not None or not self.ask:
+            return usual if given is None else given
+        self.count += 1
+        return bool(typer.confirm(question, default=usual, err=True))
+
+
+def machine(
+    log: Annotated[Path, typer.Option("--from", metavar="LOG", help="A log of the drive: its command and what was read "
+                                      "of its speed.")],
+    out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The machine file.")],
+    kind: Annotated[Driven, typer.Option(help="What it drives.")] = Driven.WHEEL,
+    full_speed: Annotated[float | None, typer.Option(metavar="RPM", min=0.1, max=1e5, help="Speed at the full command, "
+                                                     "by its data sheet, r/min.")] = None,
+    settled: Annotated[bool | None, typer.Option("--settled/--running", help="A row holds a command with what it "
+                                                 "settled at, or the drive while it runs.")] = None,
+    both_ways: Annotated[bool | None, typer.Option("--both-ways/--one-way", help="Whether it turns backwards "
+                                                   "too.")] = None,
+    noise: Annotated[float | None, typer.Option(metavar="RPM", min=1e-6, max=1e4, help="Noise of its speed sensor, "
+                                                "1 s.d., r/min.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what the log suggests is taken.")] = False,
+    force: Force = False,
+) -> None:
+    """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise."""
+    from control.calibration.first_machine import suggested
+    from drivers.files.any_log import open_log
+    from drivers.files.atomic import write_atomically
+    from drivers.files.config import load
+    from drivers.files.imports.trouble import ImportTrouble
+    from drivers.files.kinds import MACHINE
+    if out.suffix not in (".yaml", ".yml"):
+        raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
+    if out.resolve() == log_files(log)[1].resolve():
+        raise CommandError(f"--out {out}: the place of what is told of the log {log}: allowed is another name")
+    refuse_collisions(log_files(log), [Output((out,))], force)
+    try:
+        columns = dict(open_log(log).columns)
+    except ImportTrouble as trouble:
+        for line in trouble.lines:
+            typer.echo(line, err=True)
+        raise typer.Exit(2) from None
+    try:
+        found = suggested(columns)
+    except ValueError as error:
+        raise CommandError(f"{log}: {error}") from None
+    answers = Answers(not yes)
+    told = _asked(found, answers, full_speed, settled, both_ways, noise)
+    text = machine_text(told, kind, f"{HEAD} {log.name}")
+    write_atomically(out, text)
+    load(str(out), MACHINE)                 # what is written is what is read
+    typer.echo(f"{out}: a {kind.value}, {told.full_rpm:g} r/min; {answers.count} questions; next: topdress diagnose "
+               f"{log} --machine {out}")
+
+
+def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled: bool | None, both_ways: bool | None,
+           noise: float | None) -> Suggested:
+    full = answers.number(full_speed, "Speed at the full command, by its data sheet, r/min", found.full_rpm)
+    rows = answers.yes(settled, "Does a row hold a command with what it settled at (no: the drive while it runs)",
+                       found.settled)
+    both = answers.yes(both_ways, "Does it turn backwards too", found.both_ways)
+    sd = answers.number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
+    return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd)
+
+
+def machine_text(told: Suggested, kind: Driven, head: str) -> str:
+    """The file: what it is, what it has, what it can, what is read of it. Neutral figures are left out."""
+    shaft = [f"full_rpm: {told.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
+    if not told.settled:
+        shaft += [f"dead_time_s: {told.dead_s:.3g}", f"time_constant_s: {max(told.tau_s, 1e-3):.3g}"]
+    else:
+        shaft += ["dead_time_s: 0", "time_constant_s: 0.001"]
+    if not told.both_ways:
+        shaft.append("one_way: 1")
+    if told.supply_v is not None and 1.0 <= told.supply_v <= 60.0:
+        shaft.append(f"nominal_supply_v: {told.supply_v:.3g}")
+    lines = [f"# {head}: what was answered, and what the log itself shows of the times.",
+             "format: topdress-machine/1", f"id: {kind.value}", "stages: [shaft]",
+             f"shaft: {{{', '.join(shaft)}}}", f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {told.full_rpm:g}}}",
+             f"noise: {{shaft_rpm: {told.noise_rpm:.3g}}}",
+             "tolerance: {shaft_percent: 0.5, dead_time_s: 0.01, time_constant_s: 0.015}     # of a first file"]
+    return "\n".join(lines) + "\n"

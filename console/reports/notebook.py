@@ -1,0 +1,80 @@
+"""A diagnosis in a notebook: what stands below a cell, and its pictures. Needs no server and no files beside."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from console.reports.html import escape, figure, table
+from console.reports.numbers import number, with_interval
+from console.reports.page_style import STYLE
+from console.reports.picture import Picture
+from console.reports.verdict import WORDS, sentence, title_of
+from control.diagnosis.result import Diagnosis
+from control.machine.machine import Machine
+
+COLOURS = STYLE[:STYLE.index("* { box-sizing")].replace(":root", ".topdress")
+
+
+class Pictures:
+    """Pictures of a diagnosis: shown below a notebook's cell, kept with `save`. `svgs`: each by itself."""
+
+    def __init__(self, pictures: tuple[Picture, ...]) -> None:
+        self.svgs = tuple(one.svg for one in pictures)
+        self._html = framed("".join(figure(one) for one in pictures))
+
+    def _repr_html_(self) -> str:
+        return self._html
+
+    def save(self, path: str | Path) -> Path:
+        """As a page of its own at `path` (.html). Raises OSError."""
+        from console.reports.html import page
+        from drivers.files.atomic import write_atomically
+        place = Path(path)
+        write_atomically(place, page("Pictures of a diagnosis", STYLE, self._html))
+        return place
+
+
+def framed(inside: str) -> str:
+    return f'<div class="topdress"><style>{COLOURS}</style>{inside}</div>'
+
+
+def machine_named(name: str) -> Machine:
+    """A machine file by its path, or by its name where it comes with topdress. Raises ValueError, one line."""
+    from drivers.files.config import load
+    from drivers.files.config_error import ConfigError
+    from drivers.files.kinds import MACHINE
+    try:
+        return load(name, MACHINE).model
+    except ConfigError as error:
+        raise ValueError(error.lines[0]) from None
+
+
+def html_of(found: Diagnosis) -> str:
+    """Verdict, causes, errors by channel; without matplotlib."""
+    rows = []
+    for cause in found.causes:
+        value, interval = ("not known", "") if cause.size.value is None else with_interval(
+            cause.size.value, cause.size.low, cause.size.high)
+        rows.append((title_of(cause.id), cause.id, f"{value} {cause.size.unit}", interval,
+                     f"{100.0 * cause.probability:.0f} %", cause.advice))
+    told = table(("cause", "id", "size", "90 % interval", "probability", "what to do"), rows) if rows else ""
+    channels = table(("channel", "rows", "error (r.m.s.)", "noise", "unit"), [
+        (one.channel, str(one.n), number(one.rmse), number(one.noise_floor), one.unit) for one in found.channels],
+        frozenset({1, 2, 3}))
+    notes = "".join(f"<li>{escape(one)}</li>" for one in found.findings)
+    return framed(f"<p><b>{escape(WORDS[found.verdict])}</b>: {escape(sentence(found))}</p>{told}{channels}"
+                  f"{f'<ul>{notes}</ul>' if notes else ''}")
+
+
+def pictures_of(found: Diagnosis) -> Pictures:
+    """What `topdress diagnose --report` draws. Raises ValueError, one line, without matplotlib or without the log."""
+    from console.reports.figure import need_matplotlib
+    from console.reports.pictures import pictures_of as drawn
+    need_matplotlib()
+    if found.seen_with is None:
+        raise ValueError("the log that this diagnosis is of is not with it: allowed is one that diagnose_run gave")
+    columns, machine = found.seen_with
+    tools: dict[str, Any] = {"columns": columns, "machine": machine}
+    made = drawn(found, tools)
+    every = (*(one for several in made.causes for one in several), *made.left, *made.terms, *made.data)
+    return Pictures(tuple(one for one in every if one is not None))

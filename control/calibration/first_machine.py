@@ -1,0 +1,123 @@
+"""A first machine file of one driven stage (pump, wheel, fan, conveyor): what a log itself suggests for it.
+
+The figures are where a diagnosis begins, not what it finds: they come from the owner's answers, and these suggestions
+are what the answers are by default.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.log_row import COMMANDS_HELD
+
+Array = npt.NDArray[np.float64]
+
+LEAST_ROWS = 10
+SETTLED_ROWS = 0.5          # share of rows with another command, of a log that holds a settled answer a row ...
+SETTLED_S = 0.5             # ... and rows at least so far apart
+ROUND_TO = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)      # what full speeds begin with
+LEAST_NOISE = 1e-3          # of full speed, where a log shows none at all
+TAUS_S = np.concatenate(([0.0], np.geomspace(0.005, 5.0, 25)))
+DEADS_S = np.concatenate(([0.0], np.geomspace(0.005, 2.0, 17)))
+MOST_ROWS = 4000            # of the log, that the times are read off
+
+
+class Suggested(NamedTuple):
+    """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a command's settled answer.
+    both_ways : it turns backwards too. noise_rpm : 1 s.d. of a reading, r/min. dead_s, tau_s : dead time and time
+    constant, s; 0 of settled answers. supply_v : median, None where the log has none."""
+
+    full_rpm: float
+    settled: bool
+    both_ways: bool
+    noise_rpm: float
+    dead_s: float
+    tau_s: float
+    supply_v: float | None
+
+
+def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
+    """Of a run log's columns (n,) with `time_s`, `shaft_rpm_cmd` and `shaft_rpm`.
+
+    Raises ValueError, one line, where one of them is missing or holds fewer than 10 rows.
+    """
+    time_s, command, reading = _known(columns)
+    events = columns.get("events", np.empty(0, object))
+    settled = any(COMMANDS_HELD in str(text) for text in events) or bool(
+        np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S)
+    most = float(np.max(np.abs(np.concatenate((command, reading)))))
+    supply = np.asarray(columns.get("supply_v", np.empty(0)), np.float64)
+    supply = supply[np.isfinite(supply)]
+    dead_s, tau_s = (0.0, 0.0) if settled else times_of(time_s, command, reading)
+    return Suggested(rounded_up(most), settled, bool(np.any(command < 0.0)),
+                     max(noise_of(command, reading), LEAST_NOISE * most), dead_s, tau_s,
+                     float(np.median(supply)) if len(supply) else None)
+
+
+def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array]:
+    """Time, command (held) and reading at the rows that have all three."""
+    found = []
+    for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm"):
+        if name not in columns:
+            raise ValueError(f"column {name}: missing: a first machine file is made of a command and its reading")
+        found.append(np.asarray(columns[name], np.float64))
+    known = np.isfinite(found).all(axis=0)
+    if known.sum() < LEAST_ROWS:
+        raise ValueError(f"columns shaft_rpm_cmd, shaft_rpm: {int(known.sum())} rows hold both: allowed from "
+                         f"{LEAST_ROWS} on")
+    time_s, command, reading = (one[known] for one in found)
+    return time_s, command, reading
+
+
+def rounded_up(most: float) -> float:
+    """The next round number from `most` on: 637 is 650."""
+    if most <= 0.0:
+        return 100.0
+    ten = 10.0 ** float(np.floor(np.log10(most)))
+    return float(ten * next(one for one in ROUND_TO if one * ten >= most * (1.0 - 1e-9)))
+
+
+def noise_of(command: Array, reading: Array) -> float:
+    """1 s.d. of a reading, r/min: the spread of its third differences while it turns, at least that of its steps.
+
+    Differences of neighbours, again and again: what changes slowly is no noise (von Neumann et al., Ann. Math. Stat.
+    12, 1941). Third ones of white noise have 20 times its variance.
+    """
+    moves = np.diff(reading, 3)[(reading[3:] != 0.0) & (command[3:] == command[:-3])]
+    spread = 1.4826 * float(np.median(np.abs(moves))) / np.sqrt(20.0) if len(moves) >= 4 else 0.0
+    levels = np.diff(np.unique(reading))
+    levels = levels[levels > 1e-9]
+    step = float(np.percentile(levels, 5)) if len(levels) else 0.0
+    return float(max(spread, step / np.sqrt(12.0)))
+
+
+def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, float]:
+    """Dead time and time constant, s, with which the reading follows its command best, whatever its gain and zone are:
+    least squares of the reading over the delayed, lagged command, its size and a constant, on a grid."""
+    time_s, command, reading = time_s[:MOST_ROWS], command[:MOST_ROWS], reading[:MOST_ROWS]
+    best = (np.inf, 0.0, 0.0)
+    for dead_s in DEADS_S:
+        told = command[np.clip(np.searchsorted(time_s, time_s - dead_s, side="right") - 1, 0, len(time_s) - 1)]
+        for tau_s in TAUS_S:
+            x = _followed(told, time_s, float(tau_s))
+            basis = np.column_stack((x, np.sign(x) * np.minimum(np.abs(x), 0.1 * np.max(np.abs(x)) + 1e-9),
+                                     np.ones(len(x))))
+            left = reading - basis @ np.linalg.lstsq(basis, reading, rcond=None)[0]
+            square = float(np.mean(np.square(left)))
+            if square < best[0] * (1.0 - 1e-6):
+                best = (square, float(dead_s), float(tau_s))
+    return best[1], best[2]
+
+
+def _followed(told: Array, time_s: Array, tau_s: float) -> Array:
+    """First order behind a held signal: (n,)."""
+    if tau_s <= 0.0:
+        return told
+    keep, found = np.exp(-np.diff(time_s, prepend=time_s[0]) / tau_s), np.empty(len(told))
+    found[0] = told[0]
+    for row in range(1, len(told)):
+        found[row] = told[row - 1] + (found[row - 1] - told[row - 1]) * keep[row]
+    return found

@@ -1,0 +1,182 @@
+"""What a notebook hands over as a log: data frames, dictionaries, records and arrays, as the columns of a run log.
+
+Nothing here imports pandas or polars: what has columns by name is a table.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from control.log_row import COLUMNS, TEXT_COLUMNS
+
+Columns = dict[str, npt.NDArray[Any]]
+
+TIME = "time_s"
+COUNTS_S = {"time_ms": 1e-3, "time_us": 1e-6, "time_ns": 1e-9, "time_min": 60.0, "t_s": 1.0, "t_ms": 1e-3,
+            "t": 1.0, "time": 1.0, "seconds": 1.0, "milliseconds": 1e-3}      # names of counted times -> s
+DATES = ("time", "timestamp", "datetime", "date", "utc", "index")
+ALLOWED = ("allowed: a pandas or polars DataFrame, a dict of equally long columns, a list of dicts, or an array with "
+           "named fields")
+
+
+def columns_of(data: Any) -> Columns:
+    """Columns (n,) by name: float64 with NaN for not known, texts as objects; `time_s` in seconds.
+
+    data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates in `time_s`, `time`,
+    `timestamp`, `utc` or the index of a data frame become `time_s`, from the first row on. Empty columns are left out.
+
+    Raises ValueError, one line that names the column, the row and what is allowed.
+    """
+    named = _named(data)
+    if not named:
+        raise ValueError(f"no columns in the data: {ALLOWED}")
+    lengths = {name: len(values) for name, values in named.items()}
+    _equally_long(lengths)
+    if not next(iter(lengths.values())):
+        raise ValueError(f"column {next(iter(lengths))}: no rows: allowed is one row a reading")
+    found = {name: values for name, raw in named.items() if (values := _values(name, raw)) is not None}
+    return _with_time(found)
+
+
+def _named(data: Any) -> dict[str, Any]:
+    """Columns by name, as they come."""
+    if isinstance(data, Mapping):
+        return {str(name): _column(str(name), values) for name, values in data.items()}
+    fields = getattr(getattr(data, "dtype", None), "names", None)
+    if fields:
+        return {name: np.ravel(data[name]) for name in fields}
+    if hasattr(data, "columns") and hasattr(data, "__getitem__") and not isinstance(data, np.ndarray):
+        return _frame(data)
+    if isinstance(data, Sequence) and not isinstance(data, str | bytes) and data and all(
+            isinstance(row, Mapping) for row in data):
+        names = dict.fromkeys(str(name) for row in data for name in row)
+        return {name: np.array([row.get(name) for row in data], object) for name in names}
+    shape = getattr(data, "shape", None)
+    what = f"an array of shape {shape}" if shape is not None else f"a {type(data).__name__}"
+    raise ValueError(f"{what} has no names for its columns: {ALLOWED}")
+
+
+def _frame(data: Any) -> dict[str, Any]:
+    """A data frame of any library; an index of dates is a column of times."""
+    names = [str(name) for name in data.columns]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"column {twice[0]}: stands twice in the data frame: allowed once")
+    found = {str(name): data[name].to_numpy() for name in data.columns}
+    index = getattr(data, "index", None)
+    if index is not None and not {TIME, *COUNTS_S, *DATES} & set(found) and np.issubdtype(
+            getattr(index, "dtype", np.dtype(object)), np.datetime64):
+        found["index"] = index.to_numpy()
+    return found
+
+
+def _column(name: str, values: Any) -> Any:
+    """A column of a dictionary as an array of one dimension."""
+    if hasattr(values, "to_numpy"):
+        values = values.to_numpy()
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(np.float64), np.nan)
+    if isinstance(values, str | bytes) or not hasattr(values, "__len__"):
+        raise ValueError(f"column {name}: value {str(values)[:40]}: allowed is a column with a value for each row")
+    array = values if isinstance(values, np.ndarray) else np.array(list(values), object if any(
+        isinstance(one, str) or one is None for one in values) else None)
+    if array.ndim != 1:
+        raise ValueError(f"column {name}: shape {array.shape}: allowed is one value for each row, shape (n,)")
+    return array
+
+
+def _equally_long(lengths: Mapping[str, int]) -> None:
+    counts = list(lengths.values())
+    usual = lengths.get(TIME, max(set(counts), key=counts.count))
+    for name, count in lengths.items():
+        if count != usual:
+            other = TIME if TIME in lengths else next(one for one, n in lengths.items() if n == usual)
+            raise ValueError(f"column {name}: {count} rows where {other} has {usual}: allowed is one length for all")
+
+
+def _values(name: str, raw: Any) -> npt.NDArray[Any] | None:
+    """Numbers as float64, dates as datetime64, texts as objects; None for a column without a value."""
+    array = np.asarray(raw)
+    if np.issubdtype(array.dtype, np.datetime64):
+        return array.astype("datetime64[ns]")
+    if np.issubdtype(array.dtype, np.timedelta64):
+        return np.asarray(array / np.timedelta64(1, "s"), np.float64)
+    if array.dtype.kind in "biuf":
+        return array.astype(np.float64)
+    if array.dtype.kind in "OUS" and name not in TEXT_COLUMNS:
+        return _of_objects(name, array.astype(object))
+    return array.astype(object)
+
+
+def _of_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+    """A column of anything: numbers where all that is there are numbers, dates of the time's own columns."""
+    there = [(row, value) for row, value in enumerate(array) if not _nothing(value)]
+    if not there:
+        return None
+    if name in (TIME, *DATES) and not _is_number(there[0][1]):
+        return _dates(name, array)
+    numbers = np.full(len(array), np.nan)
+    for row, value in there:
+        if not _is_number(value):
+            if name in COLUMNS:
+                raise ValueError(f"column {name}: row {row}: value {str(value)[:40]!r}: allowed is a number")
+            return array                # a text of the user's own
+        numbers[row] = float(value)
+    return numbers
+
+
+def _nothing(value: Any) -> bool:
+    return value is None or value == "" or (isinstance(value, float) and value != value) or \
+        type(value).__name__ in ("NAType", "NaTType")
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def _dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Dates of datetime objects or ISO 8601 texts."""
+    found = np.full(len(array), np.datetime64("NaT", "ns"))
+    for row, value in enumerate(array):
+        if not _nothing(value):
+            text = value.isoformat() if hasattr(value, "isoformat") else str(value).strip()
+            try:
+                found[row] = np.datetime64(text.removesuffix("Z").split("+")[0], "ns")
+            except ValueError:
+                raise ValueError(f"column {name}: row {row}: value {text[:40]!r}: allowed are seconds, or ISO 8601 as "
+                                 "2026-03-20T08:00:00") from None
+    return found
+
+
+def _with_time(columns: Columns) -> Columns:
+    """The columns with `time_s` in seconds. Raises ValueError where no column tells the time."""
+    if TIME in columns:
+        return columns | {TIME: _seconds(columns[TIME])}
+    if "utc" in columns and columns["utc"].dtype == object:
+        columns = columns | {"utc": _dates("utc", columns["utc"])}
+    dated = [name for name in DATES if name in columns and np.issubdtype(columns[name].dtype, np.datetime64)]
+    counted = [name for name in COUNTS_S if name in columns and columns[name].dtype == np.float64]
+    if dated:
+        rest = {key: values for key, values in columns.items() if key != dated[0]}
+        return {TIME: _seconds(columns[dated[0]]), **rest}
+    if counted:
+        name = counted[0]
+        rest = {key: values for key, values in columns.items() if key != name}
+        return {TIME: COUNTS_S[name] * columns[name], **rest}
+    raise ValueError(f"column {TIME}: missing: a run log needs it; allowed in its place: {', '.join(COUNTS_S)}, or "
+                     f"dates in {', '.join(DATES[:-1])} or the index")
+
+
+def _seconds(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Seconds as they are; dates as seconds since the first."""
+    if not np.issubdtype(values.dtype, np.datetime64):
+        return values
+    known = values[~np.isnat(values)]
+    return np.asarray((values - (known[0] if len(known) else values[0])) / np.timedelta64(1, "s"), np.float64)

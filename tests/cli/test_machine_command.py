@@ -1,0 +1,76 @@
+"""`topdress machine --from LOG`: a first machine file of one stage; what it has not got is not told of."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from console.cli import app
+from control.calibration.first_machine import rounded_up, suggested
+from control.diagnosis.runs.diagnose import diagnose_run
+from drivers.files.config import load
+from drivers.files.kinds import MACHINE
+from drivers.files.read_log import read_rows
+
+RUNNER = CliRunner()
+
+
+def log_of(path: Path, one_way: bool = False) -> Path:
+    """A drive with a dead time of 0.05 s and a time constant of 0.1 s, 4 r/min of noise, 20 % faster than told."""
+    rng, time_s = np.random.default_rng(5), np.arange(0.0, 120.0, 0.01)
+    command = np.repeat(rng.uniform(0.0 if one_way else -1200.0, 1200.0, 80).round(), 150)
+    told, speed, rows = np.concatenate((np.full(5, command[0]), command[:-5])), command[0], []
+    for t, c, w in zip(time_s, command, told, strict=True):
+        rows.append(f"{t:.2f},{c:g},{1.2 * speed + 4.0 * rng.standard_normal():.2f}\n")
+        speed += (w - speed) * (1.0 - np.exp(-0.01 / 0.1))
+    path.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
+    return path
+
+
+def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
+    log, out = log_of(tmp_path / "pump-log.csv"), tmp_path / "pump.yaml"
+    words = ["machine", "--from", str(log), "--out", str(out), "--kind", "pump"]
+    done = RUNNER.invoke(app, words, input="1250\n\n\n\n")
+    assert done.exit_code == 0, done.output
+    assert "4 questions" in done.output
+    lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
+    assert len(lines) <= 7 and "stages: [shaft]" in lines
+    made = load(str(out), MACHINE).model
+    assert (made.id, made.limits.shaft_high_rpm, made.shaft.one_way) == ("pump", 1250.0, 0.0)
+    assert made.noise.shaft_rpm == pytest.approx(4.0, rel=0.15)
+    assert made.shaft.dead_time_s + made.shaft.time_constant_s == pytest.approx(0.15, abs=0.02)
+    again = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes"])
+    assert again.exit_code == 2 and "exists already" in again.output
+    beside = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(log.with_suffix(".yaml")), "--yes"])
+    assert beside.exit_code == 2 and "allowed is another name" in beside.output
+
+
+def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
+    log, out = log_of(tmp_path / "fan-log.csv", one_way=True), tmp_path / "fan.yaml"
+    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--kind", "fan", "--yes"])
+    assert done.exit_code == 0, done.output
+    made = load(str(out), MACHINE).model
+    assert made.shaft.one_way == 1.0
+    found = diagnose_run(dict(read_rows(log).columns), made)
+    assert found.data.stages == ("shaft",) and [one.channel for one in found.channels] == ["shaft"]
+    assert not [one for one in found.findings if "is left out: column" in one]
+    assert {one.id.split(".")[0] for one in found.not_shown} == {"shaft"}
+    said = RUNNER.invoke(app, ["diagnose", str(log), "--machine", str(out)]).output
+    for word in ("gate", "hopper", "ndvi", "canopy", "speed_mps", "scale"):
+        assert word not in said, said
+
+
+def test_what_it_cannot_be_made_of_is_refused(tmp_path: Path) -> None:
+    log, out = tmp_path / "none.csv", tmp_path / "x.yaml"
+    log.write_text("time_s,speed_mps,shaft_rpm\n" + "".join(f"{k},1,2\n" for k in range(50)))
+    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes"])
+    assert done.exit_code == 2 and "column shaft_rpm_cmd: missing" in done.output and not out.exists()
+
+
+def test_settled_answers_have_no_times() -> None:
+    steps = np.arange(0.0, 60.0)
+    found = suggested({"time_s": 1.1 * steps, "shaft_rpm_cmd": 10.0 * steps, "shaft_rpm": 11.0 * steps})
+    assert found.settled and (found.dead_s, found.tau_s) == (0.0, 0.0)
+    assert [rounded_up(one) for one in (637.0, 100.0, 101.0, 0.93, 8200.0)] == [650.0, 100.0, 150.0, 1.0, 10_000.0]
