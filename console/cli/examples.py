@@ -15,7 +15,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
               "topdress fleet s3://farm/logs/*.parquet --out report --scheduler tcp://barn:8786"),
     "history": ("topdress history mended.yaml", "topdress history mended.yaml --undo --out before.yaml"),
     "machine": ("topdress machine --from pump.csv --out my-pump.yaml --kind pump",
-                "topdress machine --from wheel.csv --out left-wheel.yaml --full-speed 650 --both-ways --noise 2 --running"),
+                "topdress machine --from wheel.csv --out left.yaml --full-speed 650 --both-ways --noise 2 --running"),
     "calibrate catch": ("topdress calibrate catch weighed.csv --out mine.yaml",),
     "calibrate lag": ("topdress calibrate lag drops.csv --out mine.yaml --from-rpm 20 --to-rpm 60",
                       "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv"),
