@@ -12,6 +12,7 @@ import pytest
 
 from control.geodesy import TangentPlane
 from control.targets.prescription import Fallbacks, MapData, Zone, statistics
+from drivers.files.imports.task_words import task_words
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 from drivers.files.prescriptions.write import write_prescription
@@ -188,6 +189,8 @@ def test_a_field_is_written_with_its_area(tmp_path: Path) -> None:
     (text,) = (path.read_text(encoding="utf-8") for path in tmp_path.rglob("*") if path.name.upper() == "TASKDATA.XML")
     (area,) = re.findall(r'<PFD [^>]*D="([0-9]+)"', text)
     assert int(area) == pytest.approx(20_000 + 2_400, rel=1e-3)
+    said = task_words(tmp_path / "task")
+    assert said is not None and any(f"{int(area) / 10_000:.4f} ha as it says" in line for line in said), "check says it"
 
 
 def test_external_files_and_a_zip_with_a_folder(tmp_path: Path) -> None:

@@ -103,6 +103,7 @@ def test_the_papers_own_test_played_through_the_model_gives_its_tables() -> None
     assert all(row[0] < 0.05 and row[2] < 0.05 for row in ours.values())
     assert any("speed of the test, km/h" in str(row[0]) and str(row[1]).startswith("5.26") for row in settled.rows)
     assert "1.996 s)" in words[0]
+    assert "a test speed of 1.46 (1.45 to 1.47) m/s, 5.26 km/h where 4.25 is written" in words[1]
 
 
 def test_nothing_overtakes_in_the_tube_and_a_start_takes_longer_than_a_running_shaft() -> None:

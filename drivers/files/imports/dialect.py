@@ -92,8 +92,6 @@ def _layout(rows: list[list[str]], said: Source) -> Layout | None:
     found = layout_of(rows)
     if said.title_rows is None:
         return found
-    if said.title_rows >= len(rows):
-        return None
     if said.names:
         return Layout(-1, None, said.title_rows)
     header = said.title_rows
