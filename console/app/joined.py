@@ -10,12 +10,14 @@ from console.locale import _
 
 class Joined(NamedTuple):
     """started_utc: of the control worker. files: that it runs with, empty: those that are shipped. unused: named on
-    this command line, and not what runs."""
+    this command line, and not what runs. known: whether that could be read; else `unused` is all that was named here,
+    used or not."""
 
     started_utc: str = ""
     log_path: str = ""
     files: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
+    known: bool = True
 
 
 def joined_words(joined: Joined, utc_offset_s: float) -> str:
@@ -26,7 +28,12 @@ def joined_words(joined: Joined, utc_offset_s: float) -> str:
         lines.append(_("It goes by: {files}").format(files=", ".join(map(file_name, joined.files))))
     if joined.log_path:
         lines.append(_("log {name}").format(name=file_name(joined.log_path)))
-    if joined.unused:
+    named = ", ".join(map(file_name, joined.unused))
+    if not joined.known:
+        lines.append(_("By which files it goes cannot be read: nothing can be read beside its log."))
+        if named:
+            lines.append(_("Named on this command line, and perhaps NOT used: {files}.").format(files=named))
+    elif joined.unused:
         lines.append(_("NOT used, though named on this command line: {files}. F10 takes another job, crop or machine."
-                       ).format(files=", ".join(map(file_name, joined.unused))))
+                       ).format(files=named))
     return "\n".join(lines)

@@ -81,6 +81,8 @@ def _join(launcher: Launcher, running: Where) -> Joined:
     """Go by the files of the worker that runs."""
     from console.app.joined import Joined
     unused = launcher.adopt(running.log_path)
+    if unused is None:
+        return Joined(running.started, running.log_path, (), launcher.config, known=False)
     return Joined(running.started, running.log_path, launcher.config, unused)
 
 

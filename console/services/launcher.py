@@ -50,9 +50,9 @@ class Launcher:
         """The folder in which logs are written."""
         return data_folder() / "logs" if self.log is None else Path(self.log).parent
 
-    def adopt(self, log_path: str) -> tuple[str, ...]:
+    def adopt(self, log_path: str) -> tuple[str, ...] | None:
         """Take the files of a worker that runs already: its log's sidecar names them. Returns those of ours that it
-        does not run with."""
+        does not run with; None where the sidecar cannot be read: then ours stay."""
         from drivers.files.config import load_any
         from drivers.files.config_error import ConfigError
         from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
@@ -60,7 +60,7 @@ class Launcher:
         try:
             meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
         except (OSError, ValueError):
-            return ()
+            return None
         found = []
         for file in meta.sha256:
             try:

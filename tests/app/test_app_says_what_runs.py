@@ -16,7 +16,10 @@ from console.app.pages.job.sample import SampleDesk
 from console.app.services import Services
 from console.app.units import METRIC
 from console.app.view import why_other_rate
+from console.cli.screens import _join
 from console.link import WorkerGone
+from console.running import Where
+from console.services.launcher import Launcher
 from control.orders import Alarm, Answer, Severity
 from control.safety import REFUSALS
 from control.targets.map_check import MapCheck
@@ -164,6 +167,26 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
         app.look()
         await pilot.pause()
         assert "joined a machine that ran already" in "\n".join(shown(app))
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_console(source, clock, shown, tmp_path, size):
+    """The log of the machine that runs was removed: the console named its own file as what that machine goes by."""
+    launcher = Launcher(("/cabs/ours.yaml",), (), 1, 20.0, None, tmp_path / "trouble")
+    joined = _join(launcher, Where(1, "x", 2, "2026-11-23T07:12:00+00:00", str(tmp_path / "gone.csv")))
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleDesk()), joined=joined)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        await pilot.pause()
+        text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
+        assert "By which files it goes cannot be read" in text and "It goes by" not in text
+        assert "Named on this command line, and perhaps NOT used: ours.yaml." in text
+        await pilot.press("escape")
+        await pilot.press("f10")
+        await pilot.pause()
+        app.look()
+        await pilot.pause()
+        assert "its files cannot be read" in " ".join(" ".join(shown(app)).split())
 
 
 async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):

@@ -131,7 +131,9 @@ class JobScreen(Page):
         if self.progress:
             notes.append(JobNote(f"{self.progress}   {_('Esc cancels')}", True))
         if self.app.joined is not None:
-            notes.append(JobNote(_("joined a machine that ran already: its files are shown")))
+            known = self.app.joined.known
+            notes.append(JobNote(_("joined a machine that ran already: its files are shown") if known else _(
+                "joined a machine that ran already: its files cannot be read, this console's are shown"), not known))
         tally = frame.tally if frame is not None else None
         if tally is not None and tally.log_before:
             notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
