@@ -17,6 +17,7 @@ from console.cli.progress_line import ProgressLine
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
+    from control.diagnosis.runs.several import Several
     from control.machine.machine import Machine
     from drivers.files.setup import Setup
 
@@ -24,8 +25,8 @@ TOGETHER = 2                # groups of channels judged at the same time
 
 
 def diagnose(
-    data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="A run log, or one or more bench tables of "
-                                               "the same machine.")],
+    data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="One or more run logs, or one or more "
+                                               "bench tables, of the same machine.")],
     machine: Annotated[str, typer.Option(metavar="MACHINE",
                                          help="Machine file, or name of a shipped one.")] = "huanghai",
     kind: Annotated[str | None, typer.Option(metavar="KIND",
@@ -61,12 +62,17 @@ def diagnose(
     setup = None if closed_loop is None else _setup(machine, job or "demo")
     reads = [*(file for path in data for file in log_files(path)), named(machine, MACHINE.folder)]
     refuse_collisions([*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force)
+    several: Several | None = None
     if kind == "run" or (kind is None and _is_run(data)):
-        found, tools = _run(data, loaded, seed)
+        if len(data) > 1:
+            several, tools = _several(data, loaded)
+            found = several.together
+        else:
+            found, tools = _run(data[0], loaded, seed)
     else:
         found, tools = _tables(data, loaded, kind, seed)
     found, refused = (found, None) if adopt is None else adopted(found, loaded, data, adopt, picked)
-    _write(found, as_json, report, tools)       # whatever became of the adoption
+    _write(found, several, as_json, report, tools)      # whatever became of the adoption
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
@@ -108,19 +114,37 @@ def _is_run(data: list[Path]) -> bool:
     return tells_time and recognise(our_names(names, KNOWN, {}).names) is None
 
 
-def _run(data: list[Path], machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
-    from control.diagnosis.runs.diagnose import diagnose_run
+def _columns(path: Path, machine: Machine, where: str = "") -> dict[str, Any]:
+    """A log's columns; what was odd about it is said."""
     from drivers.files.any_log import open_log
-    if len(data) > 1:
-        raise CommandError(f"{data[1]}: one run log at a time; bench tables may be given together")
-    log = open_log(data[0])
+    log = open_log(path)
     for finding in log.findings:
         if finding.id != "missing" or not machine.stages:       # what it has not got is not told of
-            typer.echo(f"note: {finding}", err=True)
-    columns = dict(log.columns)
+            typer.echo(f"note: {where}{finding}", err=True)
+    return dict(log.columns)
+
+
+def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
+    from control.diagnosis.runs.diagnose import diagnose_run
+    columns = _columns(data, machine)
     with ThreadPoolExecutor(TOGETHER) as pool:
-        found = diagnose_run(columns, machine, path=str(data[0]), progress=_progress(), seed=seed, each=pool.map)
+        found = diagnose_run(columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map)
     return found, {"columns": columns, "machine": machine}
+
+
+def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
+    """What logs of one machine share, and what each has of its own."""
+    from control.diagnosis.runs.several import diagnose_runs, joined
+    twice = next((path for k, path in enumerate(data) if path.resolve() in [one.resolve() for one in data[:k]]), None)
+    if twice is not None:
+        raise CommandError(f"{twice}: named twice: allowed is each log once, for its rows would count twice")
+    other = next((path for path in data if not _is_run([path])), None)
+    if other is not None:
+        raise CommandError(f"{other}: a bench table among run logs: allowed are logs together, or tables together")
+    logs, names = [_columns(path, machine, f"{path}: ") for path in data], [str(path) for path in data]
+    with ThreadPoolExecutor(TOGETHER) as pool:
+        found = diagnose_runs(logs, machine, paths=names, progress=_progress(), each=pool.map)
+    return found, {"columns": joined(logs, names, machine), "machine": machine}
 
 
 def _tables(data: list[Path], machine: Machine, kind: str | None, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
@@ -170,18 +194,20 @@ def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> li
     return lines
 
 
-def _write(found: Diagnosis, as_json: Path | None, report: Path | None, tools: dict[str, Any]) -> None:
-    from console.reports.diagnosis_text import summary
+def _write(found: Diagnosis, several: Several | None, as_json: Path | None, report: Path | None,
+           tools: dict[str, Any]) -> None:
+    from console.reports.diagnosis_text import by_log, summary
     from drivers.files.atomic import write_atomically
     if sys.stderr.isatty():
         sys.stderr.write("\r\x1b[K")
+    plain = found.to_json() if several is None else several._replace(together=found).to_json()
     if as_json is not None and str(as_json) == "-":
-        typer.echo(json.dumps(found.to_json(), indent=1))
+        typer.echo(json.dumps(plain, indent=1))
     else:
-        for line in summary(found):
+        for line in (*summary(found), *(() if several is None else by_log(several.each))):
             typer.echo(line)
         if as_json is not None:
-            write_atomically(as_json, json.dumps(found.to_json(), indent=1) + "\n")
+            write_atomically(as_json, json.dumps(plain, indent=1) + "\n")
     if report is not None:
         from console.reports.diagnosis_html import diagnosis_page
         write_atomically(report, diagnosis_page(found, tools | {"date": dt.date.today().isoformat()}))

@@ -1,6 +1,8 @@
 """A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
@@ -45,14 +47,29 @@ def summary(found: Diagnosis) -> list[str]:
     return lines
 
 
+def by_log(each: Sequence[Diagnosis]) -> list[str]:
+    """What logs of one machine have beyond what they share: a line each, and what is behind it."""
+    lines = ["", "each log by itself, beyond what they share:"]
+    for found in each:
+        own = [line for cause in found.causes for line in _cause(cause)[:2]]
+        own += [f"unexplained: {_left(left)}" for left in found.unexplained]
+        own += [f"term {one.term['id']}: {sentence(one.term)}" for one in found.terms]
+        lines += [f"  {found.data.path}: {_verdict(found)}", *(f"    {line}" for line in own)]
+    return lines
+
+
 def _head(found: Diagnosis) -> str:
     data = found.data
     span = "" if data.duration_s is None else f", {data.duration_s:.0f} s"
+    return f"{data.path} ({data.kind}, {data.rows} rows{span}) on {data.machine}: {_verdict(found)}"
+
+
+def _verdict(found: Diagnosis) -> str:
     words = {"none": "nothing beyond noise", "named": "named", "ambiguous": "found, but not told apart",
              "unexplained": "structure that no known effect explains",
              "not_judged": "not judged: no channel of this data could be held against the model"
                            + ("; applied against target was" if found.rates else "")}
-    return f"{data.path} ({data.kind}, {data.rows} rows{span}) on {data.machine}: {words[found.verdict]}"
+    return words[found.verdict]
 
 
 def _left(left: Unexplained) -> str:

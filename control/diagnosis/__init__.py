@@ -16,11 +16,12 @@ from .result import Diagnosis
 if TYPE_CHECKING:
     from .runs.compared import compared
     from .runs.diagnose import diagnose_run
+    from .runs.several import diagnose_runs
     from .tables.diagnose import diagnose_tables
 
-__all__ = ["Diagnosis", "compared", "diagnose_run", "diagnose_tables", "extend"]
+__all__ = ["Diagnosis", "compared", "diagnose_run", "diagnose_runs", "diagnose_tables", "extend"]
 
-_ENTRIES = {"compared": ".runs.compared", "diagnose_run": ".runs.diagnose", "diagnose_tables": ".tables.diagnose"}
+_ENTRIES = {"compared": ".runs.compared", "diagnose_run": ".runs.diagnose", "diagnose_runs": ".runs.several", "diagnose_tables": ".tables.diagnose"}
 
 
 def __getattr__(name: str) -> Any:

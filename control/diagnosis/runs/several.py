@@ -1,0 +1,126 @@
+"""Several logs of one machine: what they share is found once, on all of them; what differs is told by log."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.extend import extend
+from control.diagnosis.given import columns_of
+from control.diagnosis.outside import machine_of
+from control.diagnosis.result import Diagnosis
+from control.log_row import COMMANDS_HELD
+from control.machine.machine import Machine
+
+from .diagnose import Each, diagnose_run
+from .stages import SETTLE_S, SETTLES
+
+Columns = dict[str, npt.NDArray[Any]]
+
+GAP_S = 60.0                # between logs that follow each other, as `import` joins runs
+READINGS = ("shaft_rpm", "opening_mm", "hopper_kg")     # not judged while a drive comes to what a log begins with
+
+
+class Several(NamedTuple):
+    """together : what all logs show as one, with the machine file that it was held against. machine : that with what
+    they share. each : every log held against `machine`: what is left is its own."""
+
+    together: Diagnosis
+    machine: Machine
+    each: tuple[Diagnosis, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The diagnosis of all together; under `logs` what each has beyond it."""
+        return {**self.together.to_json(), "logs": [one.to_json() for one in self.each]}
+
+
+def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequence[str] = (),
+                  progress: Callable[[float, str], None] | None = None, each: Each = map) -> Several:
+    """What several logs of one machine share, named once, and what each of them has of its own.
+
+    The logs are put one after the other and judged as one: a size is one size for all of them. Then each is held
+    against the machine that has what they share.
+
+    Parameters
+    ----------
+    logs
+        Tables of columns (n,), in any form that `diagnose_run` takes, two or more.
+    machine
+        As for `diagnose_run`.
+    paths
+        Of the logs, for the result.
+    progress
+        `progress(share, word)` is called between steps.
+    each
+        `map`, or that of a pool.
+
+    Raises
+    ------
+    ValueError
+        One line, for fewer than two logs, a log without times, or where some hold settled answers and others do not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from control.machine.machine import Machine
+    >>> def log(seed):
+    ...     rng, time_s = np.random.default_rng(seed), np.arange(0.0, 120.0, 0.1)
+    ...     speed_mps = 1.3 + 0.2 * np.sin(time_s / (5.0 + seed))
+    ...     return {"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(1200),
+    ...             "wheel_speed_mps": 1.02 * speed_mps + 0.02 * rng.standard_normal(1200)}
+    >>> found = diagnose_runs([log(1), log(2)], Machine())
+    >>> [cause.id for cause in found.together.causes], [one.verdict for one in found.each]
+    (['speed.wheel_radius'], ['none', 'none'])
+    """
+    of = machine_of(machine)
+    given = [columns_of(log) for log in logs]
+    names = [*paths, *(f"log {k + 1}" for k in range(len(paths), len(given)))]
+
+    def part(number: int) -> Callable[[float, str], None] | None:
+        if progress is None:
+            return None
+        return lambda share, word: progress((number + share) / (1 + len(given)), word)
+    together = diagnose_run(joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each)
+    known = extend(of, together)
+    alone = tuple(diagnose_run(log, known, path=name, progress=part(1 + k), each=each)
+                  for k, (log, name) in enumerate(zip(given, names, strict=True)))
+    return Several(together, known, alone)
+
+
+def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine) -> Columns:
+    """One log of several, GAP_S between them: columns that a log has not are empty in its rows.
+
+    Raises ValueError where they cannot be judged as one.
+    """
+    if len(logs) < 2:
+        raise ValueError(f"{len(logs)} log: allowed two or more")
+    held = [_is_held(log) for log in logs]
+    if len(set(held)) > 1:
+        raise ValueError(f"{names[held.index(True)]} holds settled answers, {names[held.index(False)]} does not: "
+                         "allowed logs of one kind together")
+    settle_s = 0.0 if held[0] else min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+    kinds = {name: np.asarray(values).dtype.kind for log in reversed(logs) for name, values in log.items()}
+    parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in kinds}
+    begin_s = 0.0
+    for number, log in enumerate(logs):
+        time_s = np.asarray(log["time_s"], np.float64)
+        since = time_s - np.nanmin(time_s)
+        for name, kind in kinds.items():
+            parts[name].append(_column(log, name, kind, since, settle_s if number else 0.0))
+        parts["time_s"][-1] = begin_s + since
+        begin_s += float(np.nanmax(since)) + GAP_S
+    return {name: np.concatenate(pieces) for name, pieces in parts.items()}
+
+
+def _column(log: Mapping[str, npt.NDArray[Any]], name: str, kind: str, since: npt.NDArray[np.float64],
+            settle_s: float) -> npt.NDArray[Any]:
+    if name not in log:
+        return np.full(len(since), "", object) if kind == "O" else np.full(len(since), np.nan)
+    values = np.asarray(log[name])
+    return np.where(since < settle_s, np.nan, values) if name in READINGS and settle_s > 0.0 else values
+
+
+def _is_held(log: Mapping[str, npt.NDArray[Any]]) -> bool:
+    return any(COMMANDS_HELD in str(text).split(";") for text in log.get("events", ()))
