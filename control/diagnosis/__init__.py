@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Diagnosis", "compared", "diagnose_run", "diagnose_runs", "diagnose_tables", "extend"]
 
-_ENTRIES = {"compared": ".runs.compared", "diagnose_run": ".runs.diagnose", "diagnose_runs": ".runs.several", "diagnose_tables": ".tables.diagnose"}
+_ENTRIES = {"compared": ".runs.compared", "diagnose_run": ".runs.diagnose", "diagnose_runs": ".runs.several",
+            "diagnose_tables": ".tables.diagnose"}
 
 
 def __getattr__(name: str) -> Any:
