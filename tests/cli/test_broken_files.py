@@ -108,18 +108,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-QUICK = {"simulate job", "replay headless", "diagnose", "import", "import mapping", "map", "check"}      # readers apart
+QUICK = {"simulate job", "replay headless", "diagnose", "import", "import mapping", "check"}             # readers apart
 
 
-@pytest.mark.parametrize("command", [
-    pytest.param(name, marks=() if name in QUICK else pytest.mark.exam) for name in sorted(COMMANDS)])
-def test_a_broken_file_is_one_plain_line(folder: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def endings_of(command: str) -> tuple[str, ...]:
+    return ENDINGS if command == "map" else (".yaml",) if command in OF_CONFIGURATION else (".csv",)
+
+
+@pytest.mark.parametrize(("command", "endings"), [
+    ("map", (".geojson", ".zip", "")), *(
+        pytest.param(name, endings_of(name), marks=() if name in QUICK else pytest.mark.exam)
+        for name in sorted(COMMANDS))], ids=lambda one: one if isinstance(one, str) else " ".join(one))
+def test_a_broken_file_is_one_plain_line(folder: Path, command: str, endings: tuple[str, ...],
+                                         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())
     monkeypatch.setattr("console.cli.screens.show_replay", lambda _: None)
     wrong = []
     for name in BROKEN:
-        for one in ENDINGS if command == "map" else (".yaml",) if command in OF_CONFIGURATION else (".csv",):
+        for one in endings:
             result = CliRunner().invoke(app, COMMANDS[command](f"./{name}{one}"))
             said = [line for line in result.stderr.splitlines() if line.strip() and not line.startswith("note: ")
                     and "not imported: --guess writes" not in line]             # how to go on is a line of its own

@@ -15,7 +15,8 @@ DEALS = 24
 SEED = 20261122
 
 
-@pytest.mark.parametrize("number", range(DEALS))
+@pytest.mark.parametrize("number", [
+    number if number < DEALS // 2 else pytest.param(number, marks=pytest.mark.exam) for number in range(DEALS)])
 def test_a_dress_is_seen_through_or_asked_about(number: int, dresses: ModuleType, tmp_path: Path) -> None:
     what, lines = dresses.problems(dresses.dress(number, SEED), dresses.D.true_log(), tmp_path)
     assert what in ("imported", "asked", "refused"), lines
