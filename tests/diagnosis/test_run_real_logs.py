@@ -67,3 +67,16 @@ def test_evidence_of_one_stretch_falls_with_it():
     nowhere = Scores(score, np.where(score > 0.0, 1.0, 0.0))
     assert without_best_stretch(even, 0) == pytest.approx(16.0)
     assert without_best_stretch(one, 0) == 0.0 and without_best_stretch(nowhere, 0) == 0.0
+
+
+def test_one_staircase_up_is_a_log():
+    """26 settings with their settled answers, as a calibration of a wheel is written: it is judged, and none is not
+    said of a drive that loses 100 r/min of every command."""
+    stairs = np.arange(0.0, 650.0, 25.0)
+    settled = np.maximum(0.0, stairs - 100.0) + np.random.default_rng(2).standard_normal(len(stairs))
+    events = np.array([COMMANDS_HELD] + [""] * 26, object)
+    found = diagnose_run({"time_s": 1.1 * np.arange(27.0), "shaft_rpm_cmd": np.append(stairs, stairs[-1]),
+                          "shaft_rpm": np.append(0.0, settled), "events": events}, "drive_alone")
+    assert [one.channel for one in found.channels] == ["shaft"] and found.verdict not in ("none", "not_judged")
+    with pytest.raises(ValueError, match="at least 40"):
+        diagnose_run({"time_s": 1.1 * np.arange(26.0), "shaft_rpm_cmd": stairs, "shaft_rpm": settled}, "drive_alone")

@@ -36,6 +36,7 @@ NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
 PRINTED_DIGITS = 8          # after the point: logs print three to six, places (which are not read here) eight
 MIN_ROWS = 40
+MIN_SETTLED = 20            # of settled answers: each is a mean of its own, and a staircase up has as many steps
 MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothing of their noise
 MAX_HELD_S = 3.0
 MIN_KNOWN = 0.5             # of the rows, of a further column
@@ -77,7 +78,9 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     if "time_s" not in columns:
         raise ValueError("column time_s: missing: a run log needs it")
     findings: list[str] = []
-    time, order = _times(np.asarray(columns["time_s"], np.float64), findings)
+    held = any(COMMANDS_HELD in str(text).split(";") for text in columns.get("events", ()))
+    least = MIN_SETTLED if held else MIN_ROWS
+    time, order = _times(np.asarray(columns["time_s"], np.float64), least, findings)
     found: dict[str, Array] = {}
     for name in NUMBERS:
         raw = columns.get(name)
@@ -94,7 +97,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     for stage, needed in NEEDED.items():
         if not has(stage) or (stood and stage in ("speed", "heads")):
             continue
-        missing = [name for name in needed if np.isfinite(found[name]).sum() < MIN_ROWS]
+        missing = [name for name in needed if np.isfinite(found[name]).sum() < least]
         if missing:
             findings.append(f"stage {stage} is left out: column {missing[0]} is missing or nearly empty")
         else:
@@ -104,7 +107,6 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     step = float(np.median(np.diff(time)))
     further = _further(columns, order, {**found, "time_s": time}, findings)
     events = _texts(columns, "events", order)
-    held = any(COMMANDS_HELD in str(text).split(";") for text in events[events != ""])
     return Clean(time, step, found, events, _texts(columns, "state", order), tuple(stages), tuple(findings), further,
                  held)
 
@@ -125,7 +127,7 @@ def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int6
     return kept.columns
 
 
-def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int64]]:
+def _times(time: Array, least: int, findings: list[str]) -> tuple[Array, npt.NDArray[np.int64]]:
     finite = np.flatnonzero(np.isfinite(time))
     if len(finite) < len(time):
         findings.append(f"column time_s: {len(time) - len(finite)} rows have no time and are left out")
@@ -136,8 +138,8 @@ def _times(time: Array, findings: list[str]) -> tuple[Array, npt.NDArray[np.int6
     if not keep.all():
         findings.append(f"column time_s: {int((~keep).sum())} rows repeat a time; the first of each is kept")
     order = order[keep]
-    if len(order) < MIN_ROWS:
-        raise ValueError(f"column time_s: {len(order)} usable rows: at least {MIN_ROWS} are needed")
+    if len(order) < least:
+        raise ValueError(f"column time_s: {len(order)} usable rows: at least {least} are needed")
     steps = np.diff(time[order])
     step = float(np.median(steps))
     if step > LONGEST_STEP_S:

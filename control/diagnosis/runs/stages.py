@@ -13,7 +13,7 @@ from control.machine.machine import Machine, of_nominal
 from control.machine.term_sums import angle_over_log, dead_times_s, over_log, told_over_log
 from control.machine.terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM
 
-from .log import HEADS, MIN_ROWS, MOVING_MPS, Clean
+from .log import HEADS, MIN_ROWS, MIN_SETTLED, MOVING_MPS, Clean
 
 Array = npt.NDArray[np.float64]
 
@@ -323,7 +323,7 @@ def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole, machine.noise.shaft_rpm,
-                                settle_s)
+                                settle_s, log.held)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
         found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
@@ -375,13 +375,13 @@ def _quick(every: _Rows, measured: Array, noise: float) -> npt.NDArray[np.bool_]
 
 
 def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
-           whole: bool, noise: float, settle_s: float = SETTLE_S) -> Drive | None:
-    """None where hardly a row can be judged. noise : of a reading (1 s.d.)."""
+           whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False) -> Drive | None:
+    """None where hardly a row can be judged. noise : of a reading (1 s.d.). settled : a row holds a settled answer."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
     quick = _quick(every, measured, noise)[pick]
     known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick
-    if known.sum() < MIN_ROWS:
+    if known.sum() < (MIN_SETTLED if settled else MIN_ROWS):
         return None
     grid = _grid(time[pick], known, every.step_s, clock)
     more, more_rpm = every.more.get("shaft_percent" if name == "shaft" else "gate_mm"), every.more.get("shaft_rpm")
