@@ -80,3 +80,15 @@ def test_one_staircase_up_is_a_log():
     assert [one.channel for one in found.channels] == ["shaft"] and found.verdict not in ("none", "not_judged")
     with pytest.raises(ValueError, match="at least 40"):
         diagnose_run({"time_s": 1.1 * np.arange(26.0), "shaft_rpm_cmd": stairs, "shaft_rpm": settled}, "drive_alone")
+
+
+def test_settled_answers_say_nothing_of_dynamics():
+    """A sweep of the command, a row a second, of a drive that answers within 0.6 s: no effect of its moves is tried."""
+    sweep = np.tile(np.concatenate((np.arange(10.0, 640.0, 15.0), np.arange(640.0, 10.0, -15.0))), 3)
+    settled = 0.9 * sweep + np.random.default_rng(5).standard_normal(len(sweep))
+    events = np.array([COMMANDS_HELD] + [""] * len(sweep), object)
+    found = diagnose_run({"time_s": np.arange(len(sweep) + 1.0), "shaft_rpm_cmd": np.append(sweep, sweep[-1]),
+                          "shaft_rpm": np.append(0.0, settled), "events": events}, "drive_alone")
+    assert [one.id for one in found.causes] == ["shaft.gain"]
+    blind = {one.id for one in found.not_shown if one.smallest_detectable.value is None}
+    assert {"shaft.slow", "shaft.dead_time"} <= blind

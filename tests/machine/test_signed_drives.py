@@ -11,6 +11,8 @@ from control.machine.compiled import shaft_run
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
 from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, asked_rpm, shaft_start, shaft_step
+from control.machine.term_step import TermState, term_step
+from control.machine.terms import Term, params_of
 from control.metering.inverse import shaft_command
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
@@ -76,3 +78,16 @@ def test_of_a_drive_that_turns_one_way_rows_against_it_are_counted_and_left_out(
     assert found.channels[0].rmse < 2.5, "what stands against the file is no error of the model"
     told = compared(both_ways, DRIVE, one_way).channels[0]
     assert told.old == pytest.approx(2.0, abs=0.1) and told.new > 100.0 and told.high < 0.0
+
+
+def test_a_dead_zone_is_also_a_term_over_the_command() -> None:
+    """Form saturation with slope -1 between -D and D takes D from every command, either way: the same to the shaft."""
+    term = Term.model_validate({"id": "shaft.zone", "acts_on": "shaft_rpm", "form": "saturation",
+                                "over": [{"name": "shaft_rpm"}],
+                                "coefficients": {"slope": -1.0, "low_end": -40.0, "high_end": 40.0, "level": 40.0}})
+    for command in (-300.0, -41.0, -20.0, 20.0, 41.0, 300.0):
+        _, more_rpm = term_step(params_of(term), TermState(), command, 0.0, 0.01)
+        state = shaft_start(0.0)
+        for _ in range(400):
+            state, out = shaft_step(DRIVE.shaft, state, ShaftInput(command, 0.0, 7.4, 0.0, more_rpm), 0.01)
+        assert out.rpm == pytest.approx(settled(DRIVE.shaft._replace(dead_zone_rpm=40.0), command), abs=0.01)

@@ -88,7 +88,7 @@ class Drive(NamedTuple):
     grid: Grid
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written ...
     steps_from_s: float | None = None   # ... from then on, or all along
-    moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves
+    moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves: no settled answers do
     left_out: int = 0           # rows in which it moves, of a computer that was late
     more: Array | float = 0.0           # of the machine file's terms: % of the shaft, mm of the gate
     more_rpm: Array | float = 0.0
@@ -386,7 +386,8 @@ def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.N
     grid = _grid(time[pick], known, every.step_s, clock)
     more, more_rpm = every.more.get("shaft_percent" if name == "shaft" else "gate_mm"), every.more.get("shaft_rpm")
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
-                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any(),
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any() and not (
+                     settled and every.step_s > settle_s),
                  left_out=int(np.sum(quick)),
                  more=0.0 if more is None else more[pick],
                  more_rpm=0.0 if more_rpm is None or name != "shaft" else more_rpm[pick])
