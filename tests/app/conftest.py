@@ -22,35 +22,29 @@ from console.locale import ENGLISH, use  # noqa: E402
 
 LOOK_S = 0.02               # as Textual's own wait: between two looks,
 IDLE_S = 0.001              # and how little is done between them where nothing is left to do
+SCHEDULED = Path("/proc/self/schedstat")
 
 
-def _queued_s() -> tuple[float, float]:
-    """How long the first thread, and all others together, stood in the queue for a processor; 0 where none tells."""
+def _queued_s() -> float:
+    """How long the thread that draws stood in the queue for a processor; 0 where the system does not tell."""
     try:
-        waits = {task.name: int((task / "schedstat").read_text().split()[1]) * 1e-9
-                 for task in Path("/proc/self/task").iterdir()}
+        return int(SCHEDULED.read_text().split()[1]) * 1e-9
     except (OSError, IndexError):
-        return 0.0, 0.0
-    first = waits.pop(str(os.getpid()), 0.0)
-    return first, sum(waits.values())
+        return 0.0
 
 
 async def come_to_rest(min_sleep: float = LOOK_S, max_sleep: float = 1.0) -> None:
     """Textual's `wait_for_idle`, by time in which the program could run.
 
-    Where many programs share a processor, its second at most is over before a page is drawn, and a thread that stands
-    in the queue looks as idle as one that is done.
+    Where many programs share a processor, the second that it waits at most is over before a page is drawn.
     """
-    start_s, (start_queued_s, _) = monotonic(), _queued_s()
+    start_s = monotonic() - _queued_s()
     while True:
-        ran_s, (_, others_s) = process_time(), _queued_s()
+        ran_s = process_time()
         await asyncio.sleep(LOOK_S)
         ran_s = process_time() - ran_s
-        queued_s, others_now_s = _queued_s()
-        could_run_s = monotonic() - start_s - (queued_s - start_queued_s)
-        if could_run_s >= max_sleep:
-            return
-        if could_run_s > min_sleep and ran_s < IDLE_S and others_now_s - others_s < IDLE_S:
+        could_run_s = monotonic() - _queued_s() - start_s
+        if could_run_s >= max_sleep or (could_run_s > min_sleep and ran_s < IDLE_S):
             return
 
 
