@@ -33,6 +33,8 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "reproduce": (),
     "import": ("other.csv", "--mapping", "import.yaml"),
     "import --guess": ("other.csv",),
+    "compare": ("machine.yaml", "huanghai", "run.csv"),
+    "machine": ("--from", "run.csv", "--yes"),
 }
 OF_JOB = ("job.yaml", "crop.yaml", "weather.csv", "plan.geojson")
 READ = {             # and the files that it reads with them
@@ -46,14 +48,17 @@ READ = {             # and the files that it reads with them
     "serve-machine": (*OF_JOB, "machine.yaml"),
     "import": ("other.csv", "import.yaml"),
     "import --guess": ("other.csv",),
+    "compare": ("machine.yaml", "run.csv", "run.yaml"),
+    "machine": ("run.csv",),
 }
 WRITES = {           # every option that names an output
     ("simulate", "--out"), ("replay", "--out"), ("diagnose", "--json"), ("diagnose", "--report"),
     ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
     ("history", "--out"), ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
-    ("import", "--out"), ("import --guess", "--mapping")}
+    ("import", "--out"), ("import --guess", "--mapping"), ("compare", "--report"), ("machine", "--out")}
 # The worker takes a free name; never written over; a folder of several files, below.
 ELSEWHERE = {("run", "--log"), ("serve", "--token-file"), ("fleet", "--out")}
+INPUT = {("machine", "--from")}                                 # though it is an option of a path
 LOGS = {"simulate", "replay", "import"}                         # their --out is a run log, whose name ends in .csv
 FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
 
@@ -127,7 +132,8 @@ def test_every_option_that_names_an_output_is_tried_here() -> None:
             option = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, OptionInfo)), None)
             if option is not None and Path in (hint.__origin__, *typing.get_args(hint.__origin__)):
                 found.add((said, next(one.opts[0] for one in parsed.params if one.name == name)))
-    assert found | {("run", "--log")} == {(command.split()[0], option) for command, option in WRITES} | ELSEWHERE
+    tried = {(command.split()[0], option) for command, option in WRITES}
+    assert found | {("run", "--log")} == tried | ELSEWHERE | INPUT
 
 
 @pytest.mark.parametrize("theirs", ["report.html", "logs.parquet", "machines.parquet"])
