@@ -1,7 +1,8 @@
-"""What console and worker take while they work: `python benchmarks/console_load.py [--minutes 15]`
+"""What console and worker take: `python benchmarks/console_load.py [--minutes 15]`, or `--idle [--against TREE]`
 
-The real program in a pseudo-terminal of 120 x 40, on the simulated machine at work in real time. Run (with its map and
-trend) is looked at all the time; then each other page for a while. Linux only: reads /proc.
+The real program in a pseudo-terminal of 120 x 40, on the simulated machine, at work in real time. Run (with its map and
+trend) is looked at all the time; then each other page for a while. --idle: a machine that was not even made ready, five
+times for some seconds, in turns with the other tree's where one is given. Linux only: reads /proc.
 """
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from console_deaths import Console, at_work
+from console_deaths import Console, at_work, wait
+from trees import environment_of, ratio, spread, trees
 from verdict import exit_code
 
 from console.frame import Frame
@@ -25,6 +27,7 @@ from console.running import Where
 SAMPLE_S = 10.0
 SETTLE_S = 60.0            # not counted in the slope: caches fill, Python's heap finds its size
 PAGE_S = 20.0
+IDLE_S, IDLE_SETTLE_S, IDLE_TIMES = 15.0, 5.0, 5
 TICKS_A_S = os.sysconf("SC_CLK_TCK")
 PAGES = (("map", "\x1bOR"), ("trends", "\x1bOS"), ("devices", "\x1b[15~"), ("run", "\x1bOQ"))
 
@@ -101,7 +104,42 @@ def measure(minutes: float) -> int:
             console.end_worker()
 
 
+def idle_shares(tree: Path) -> dict[str, float]:
+    """Percent of one core that console and worker take while nothing moves."""
+    os.environ.update(environment_of(tree))
+    with tempfile.TemporaryDirectory() as folder:
+        console = Console(Path(folder))
+        try:
+            wait(lambda: console.terminal.shows("NDVI 0."), 60.0, "numbers", console.terminal)
+            time.sleep(IDLE_SETTLE_S)
+            pids = {"console": console.terminal.process.pid, "worker": console.where().pid}
+            before, begun_s = {name: taken(pid) for name, pid in pids.items()}, time.monotonic()
+            time.sleep(IDLE_S)
+            took_s = time.monotonic() - begun_s
+            return {name: 100.0 * (taken(pid).cpu_s - before[name].cpu_s) / took_s for name, pid in pids.items()}
+        finally:
+            console.terminal.end()
+            console.end_worker()
+
+
+def idle(against: Path | None) -> int:
+    both = trees(against)
+    found: dict[str, dict[str, list[float]]] = {what: {name: [] for name in both} for what in ("console", "worker")}
+    for _time in range(IDLE_TIMES):
+        for name, tree in both.items():
+            for what, share_percent in idle_shares(tree).items():
+                found[what][name].append(share_percent)
+    for what, shares in found.items():
+        for name, some in shares.items():
+            print(f"idle {what:8} {name} {spread(some, 1)}, % of a core")
+        print(ratio(f"idle {what:8}", shares))
+    return exit_code({"measured": all(found["console"]["new"])})
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=15.0)
-    sys.exit(measure(parser.parse_args().minutes))
+    parser.add_argument("--idle", action="store_true", help="nothing moves")
+    parser.add_argument("--against", type=Path, help="with --idle: another tree, measured in the same run")
+    given = parser.parse_args()
+    sys.exit(idle(given.against) if given.idle else measure(given.minutes))

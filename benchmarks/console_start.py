@@ -1,9 +1,9 @@
-"""From the command to the first moving number: `python benchmarks/console_start.py [--times 5]`
+"""From the command to the first moving number: `python benchmarks/console_start.py [--times 5] [--against TREE]`
 
 Cold: the kernel's file cache is emptied before (needs root on Linux, said when it cannot). Warm: started just before.
 Moving: the worker's running time on the screen changed once. The modules are compiled already, as an installer leaves
 them, whatever PYTHONDONTWRITEBYTECODE says here. Beside the time: the processor's time of console and worker, which a
-busy machine stretches less.
+busy machine stretches less. --against: another tree, in turns with this one.
 """
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from console_deaths import Console, wait
+from trees import environment_of, ratio, trees
 from verdict import exit_code
 
 ELAPSED = re.compile(r"\d\d:\d\d  \d\d:\d\d:\d\d")
@@ -46,7 +47,8 @@ def worked_s(process: int) -> float:
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def once() -> Start:
+def once(tree: Path) -> Start:
+    os.environ.update(environment_of(tree))
     with tempfile.TemporaryDirectory() as folder:
         begun_s = time.monotonic()
         console = Console(Path(folder))
@@ -66,6 +68,7 @@ def once() -> Start:
 def run() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=5)
+    parser.add_argument("--against", type=Path, help="another tree, measured in the same run")
     parser.add_argument("--warm", action="store_true", help="leave the cold starts out")
     given = parser.parse_args()
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -75,20 +78,35 @@ def run() -> int:
 
 
 def measure(given: argparse.Namespace) -> int:
-    once()
-    cold = [once() for _ in range(given.times) if not given.warm and empty_the_cache()]
-    if not cold and not given.warm:
+    both = trees(given.against)
+    for tree in both.values():
+        once(tree)
+    cold: dict[str, list[Start]] = {name: [] for name in both}
+    warm: dict[str, list[Start]] = {name: [] for name in both}
+    for _time in range(given.times):
+        for name, tree in both.items():
+            if not given.warm and empty_the_cache():
+                cold[name].append(once(tree))
+    if not cold["new"] and not given.warm:
         print("cold: the file cache cannot be emptied here")
-    warm = [once() for _ in range(given.times)]
-    for name, found in (("cold", cold), ("warm", warm)):
-        for what, place in (("numbers shown", 0), ("first number moved", 1), ("processor, console", 2),
-                            ("processor, worker", 3)):
-            seconds = [one[place] for one in found]
-            if seconds:
-                print(f"{name:5} {what:20} median {statistics.median(seconds):.2f} s, {min(seconds):.2f} to "
-                      f"{max(seconds):.2f} s, {len(seconds)} times")
-    return exit_code({"started at least once": warm,
-                      "a number moved after it was shown": all(one.moved_s >= one.seen_s for one in warm)})
+    for _time in range(given.times):
+        for name, tree in both.items():
+            warm[name].append(once(tree))
+    tell("cold", cold)
+    tell("warm", warm)
+    return exit_code({"started at least once": warm["new"],
+                      "a number moved after it was shown": all(one.moved_s >= one.seen_s for one in warm["new"])})
+
+
+def tell(name: str, found: dict[str, list[Start]]) -> None:
+    for what, place in (("numbers shown", 0), ("first number moved", 1), ("processor, console", 2),
+                        ("processor, worker", 3)):
+        seconds = {which: [one[place] for one in starts] for which, starts in found.items() if starts}
+        for which, some in seconds.items():
+            print(f"{name:5} {what:20} {which} median {statistics.median(some):.2f} s, {min(some):.2f} to "
+                  f"{max(some):.2f} s, {len(some)} times")
+        if len(seconds) > 1:
+            print(ratio(f"{name:5} {what:20}", seconds))
 
 
 if __name__ == "__main__":
