@@ -5,7 +5,7 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual import events
 from textual.app import App, SystemCommand
@@ -25,11 +25,8 @@ from console.app.history import History
 from console.app.joined import Joined, joined_words
 from console.app.keys import ACTIONS
 from console.app.pace import NUMBERS_S
-from console.app.pages.all import all_pages
-from console.app.pages.job.desk import JobDesk
-from console.app.pages.job.page import JobScreen
+from console.app.pages.all import Pages
 from console.app.pages.page import Page
-from console.app.pages.replay.page import ReplayScreen
 from console.app.plain_lines import PlainLines
 from console.app.replay_job import ReplayJob
 from console.app.screens.gone import GoneScreen
@@ -50,10 +47,18 @@ from console.running import WorkerFailed
 from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order
+from drivers.files.settings import Rates
+
+if TYPE_CHECKING:
+    from console.app.pages.job.desk import JobDesk
+    from console.app.pages.job.page import JobScreen
+    from console.app.pages.replay.page import ReplayScreen
 
 NOTICE_S = 4.0
 STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
 FIRST_S = 0.02                 # how often the first frame is looked for
+SEEN_S = 0.5                   # after the first frame: its picture is drawn, and the other pages are made ready, ...
+BESIDE_S = 0.05                # ... so far apart that keys come between them
 _HERE = Path(__file__).parent
 Connect = Callable[[], Awaitable[FrameSource]]
 
@@ -107,7 +112,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.not_started = ""              # why the worker that this console began with never came up
         self.arrival, self.history = Arrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
-        self.pages = all_pages(replay, self.services)
+        self.rates = Rates()
+        self.pages = Pages(replay, self.services, self._page_made)
         self.page_actions = actions.pages()
         self._supervisor: Worker[None] | None = None
         self._restarting = False
@@ -152,19 +158,28 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     @property
     def replay_page(self) -> ReplayScreen:
-        page = self.pages[REPLAY]
-        assert isinstance(page, ReplayScreen)
-        return page
+        return cast("ReplayScreen", self.pages[REPLAY])
 
     @property
     def job_page(self) -> JobScreen:
-        page = self.pages[JOB]
-        assert isinstance(page, JobScreen)
-        return page
+        return cast("JobScreen", self.pages[JOB])
+
+    def _page_made(self, where: str, page: Page) -> None:
+        self.pace(page)
+        if self.arrival.frame is not None:
+            page.gather(self.arrival.frame)
+        if self.is_running:                 # the first page is the app's own screen
+            self.install_screen(page, where)
+
+    def pace(self, page: Page) -> None:
+        """How often its panels are looked at, as the settings have it."""
+        rates = self.rates
+        page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
+        page.maps.every_s = 1.0 / rates.maps_hz
 
     def on_mount(self) -> None:
-        for where, page in self.pages.items():
-            if page is not self.screen:
+        for where, page in (self.pages.made if self.live else self.pages).items():
+            if page is not self.screen and not self.is_screen_installed(page):
                 self.install_screen(page, where)
         self._supervise()
         self._say_setting_trouble()
@@ -228,7 +243,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.history.add(self.arrival.frame)
             self._note_consoles(self.arrival.frame)
             self._note_alarms(self.arrival.frame, now_s)
-            for page in self.pages.values():
+            for page in self.pages.made.values():
                 page.gather(self.arrival.frame)
         if self.notice_text and now_s >= self._notice_until_s:
             self.notice_text = ""
@@ -248,6 +263,14 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._until_first.stop()
             self.page.hurry()
             self.tick()
+            self.set_timer(SEEN_S, self._make_a_page)
+
+    def _make_a_page(self) -> None:
+        """The other pages come up once the first one is seen."""
+        if self.pages.make_one():
+            self.set_timer(BESIDE_S, self._make_a_page)
+        else:
+            quick_start.done()
 
     def _note_consoles(self, frame: Frame) -> None:
         """Another console that ended, or was ended, is said by those that are left."""

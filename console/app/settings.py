@@ -100,10 +100,9 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     app.sound = settings.sound
     app.sounds = {STROKES[Severity.RED]: settings.sounds.alarm, STROKES[Severity.AMBER]: settings.sounds.caution}
     limit_rates(app, settings.manual_rate)
-    rates = settings.console
-    for page in app.pages.values():
-        page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
-        page.maps.every_s = 1.0 / rates.maps_hz
+    app.rates = settings.console
+    for page in app.pages.made.values():
+        app.pace(page)
     return trouble
 
 

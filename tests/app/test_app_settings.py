@@ -10,7 +10,7 @@ from console.app import actions
 from console.app.action import ANYWHERE
 from console.app.app import TopdressApp
 from console.app.dialogs import Choice
-from console.app.pages.all import all_pages
+from console.app.pages.all import SCREENS
 from console.app.pages.settings.page import ThemeDialog
 from console.app.pages.settings.settings_list import SettingsList
 from console.app.sample import sample_services
@@ -248,7 +248,7 @@ async def test_a_theme_of_the_users_own(source, clock):
 
 def test_the_tables_of_pages_name_the_same_pages():
     opened = [one.id.removesuffix("_screen") for one in actions.pages()]
-    assert opened == list(all_pages(None, Services()))
+    assert opened == list(SCREENS)
     assert {one.where for one in actions.ACTIONS} - {ANYWHERE} <= set(opened)
 
 

@@ -1,31 +1,44 @@
-"""All pages of the console, by the word that their actions carry."""
+"""All pages of the console, by the word that their actions carry; each is imported and made when first wanted."""
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
+
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS, JOB, MAP, REPLAY, RUN, SETTINGS, TRENDS
-from console.app.pages.calibrate.page import CalibrateScreen
-from console.app.pages.devices.page import DevicesScreen
-from console.app.pages.diagnosis.page import DiagnosisScreen
-from console.app.pages.job.page import JobScreen
-from console.app.pages.map.page import MapScreen
 from console.app.pages.page import Page
-from console.app.pages.replay.page import ReplayScreen
-from console.app.pages.run.page import RunScreen
-from console.app.pages.settings.page import SettingsScreen
-from console.app.pages.trends.page import TrendsScreen
 from console.app.replay_job import ReplayJob
 from console.app.services import Services
 
+SCREENS = {RUN: "RunScreen", MAP: "MapScreen", TRENDS: "TrendsScreen", DEVICES: "DevicesScreen",
+           CALIBRATE: "CalibrateScreen", REPLAY: "ReplayScreen", DIAGNOSIS: "DiagnosisScreen", JOB: "JobScreen",
+           SETTINGS: "SettingsScreen"}
 
-def all_pages(replay: ReplayJob | None, services: Services) -> dict[str, Page]:
-    """One of each. They are composed when they are first turned to."""
-    return {
-        RUN: RunScreen(),
-        MAP: MapScreen(),
-        TRENDS: TrendsScreen(),
-        DEVICES: DevicesScreen(),
-        CALIBRATE: CalibrateScreen(services.calibrate),
-        REPLAY: ReplayScreen(replay),
-        DIAGNOSIS: DiagnosisScreen(),
-        JOB: JobScreen(),
-        SETTINGS: SettingsScreen(),
-    }
+
+class Pages(Mapping[str, Page]):
+    """One of each. begin: is called with every page that is made. They are composed when they are first turned to."""
+
+    def __init__(self, replay: ReplayJob | None, services: Services, begin: Callable[[str, Page], None]) -> None:
+        self._needs: dict[str, tuple[object, ...]] = {CALIBRATE: (services.calibrate,), REPLAY: (replay,)}
+        self._begin = begin
+        self.made: dict[str, Page] = {}
+
+    def __getitem__(self, where: str) -> Page:
+        if where not in self.made:
+            screen = getattr(import_module(f"console.app.pages.{where}.page"), SCREENS[where])
+            self.made[where] = screen(*self._needs.get(where, ()))
+            self._begin(where, self.made[where])
+        return self.made[where]
+
+    def __contains__(self, where: object) -> bool:
+        return where in SCREENS
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(SCREENS)
+
+    def __len__(self) -> int:
+        return len(SCREENS)
+
+    def make_one(self) -> bool:
+        """The next one that nobody has wanted yet; False: all are there."""
+        where = next((where for where in SCREENS if where not in self.made), None)
+        return where is not None and self[where] is not None

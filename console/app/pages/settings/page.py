@@ -203,7 +203,7 @@ class SettingsScreen(Page):
             apply(self.app, before)
             store.trouble = _("not kept: {why}").format(why=f"{store.place}: {error.strerror or error}")
             self.app.notice(store.trouble)
-        for page in self.app.pages.values():
+        for page in self.app.pages.made.values():
             if page.is_mounted:
                 page.redraw()
         self._look()
