@@ -283,11 +283,16 @@ def main() -> int:
     told: dict[str, Any] = {"cases": {}, "pairs": {}}
     with tempfile.TemporaryDirectory(prefix="drives-") as name:
         ran = _run_cases(given.only, Path(name), told, before)
+        _kept(told, given.out)
         if not given.no_pairs:
-            _run_pairs(ran, told, before, given.no_rival)
-    if given.out:
-        given.out.write_text(json.dumps(told, indent=1) + "\n")
+            _run_pairs(ran, told, before, given.no_rival, given.out)
     return 0
+
+
+def _kept(told: dict[str, Any], out: Path | None) -> None:
+    """What is known so far: a run that is cut keeps it."""
+    if out is not None:
+        out.write_text(json.dumps(told, indent=1) + "\n")
 
 
 def _run_cases(only: str, folder: Path, told: dict[str, Any], before: dict[str, Any]) -> dict[str, Ran]:
@@ -309,7 +314,8 @@ def _run_cases(only: str, folder: Path, told: dict[str, Any], before: dict[str, 
     return ran
 
 
-def _run_pairs(ran: dict[str, Ran], told: dict[str, Any], before: dict[str, Any], no_rival: bool) -> None:
+def _run_pairs(ran: dict[str, Ran], told: dict[str, Any], before: dict[str, Any], no_rival: bool,
+               out: Path | None) -> None:
     print(f"{'fitted to -> judged on':52s} {'nominal':>8s} {'adopted':>8s} {'rival':>8s}")
     for case, other in pairs(ran):
         key = f"{case.name} -> {other.name}"
@@ -321,6 +327,7 @@ def _run_pairs(ran: dict[str, Ran], told: dict[str, Any], before: dict[str, Any]
         if rival is None and not no_rival:
             rival, form = rival_on(one.log, held.log, case.sheet["tau_s"])
         told["pairs"][key] = {"nominal": nominal, "adopted": adopted, "rival": rival, "form": form}
+        _kept(told, out)
         print(f"{key:52s} {nominal:8.1f} {'-' if adopted is None else f'{adopted:.1f}':>8s} "
               f"{'-' if rival is None else f'{rival:.1f}':>8s}  {form}", flush=True)
     done = list(told["pairs"].values())
