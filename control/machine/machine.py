@@ -95,6 +95,8 @@ class Tolerance(Part):
     gate_slew_percent: Share = 3.0
     opening_mm: Annotated[float, Field(ge=1e-6, le=100)] = 0.01
     head_percent: Share = 0.1
+    # Lag paper, table 3: the slope of 70 drop times up to 70 r/min, standard error by their own scatter.
+    drop_s_per_rpm: Annotated[float, Field(ge=1e-6, le=1)] = 0.001
     carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5    # not measured, see `tube_is_settled`
 
 
