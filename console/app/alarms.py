@@ -83,7 +83,7 @@ def _entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry
             _("{count} times").format(count=record.times) if record.times != 1 else _("once")]
     gone = record.stands and bool(record.gone_utc)
     if gone:
-        when.append(_("cause gone since {time}").format(time=clock(record.gone_utc, record.last_s)))
+        when.append(_("cause gone at {time}").format(time=clock(record.gone_utc, record.last_s)))
     if record.acknowledged_utc or record.acknowledged:
         when.append(_("acknowledged {time}").format(time=wall_clock(record.acknowledged_utc, utc_offset_s) or ""))
     elif record.severity is Severity.RED:

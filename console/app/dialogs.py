@@ -14,6 +14,7 @@ from textual.widgets import Button, Static
 from console.locale import _
 
 R = TypeVar("R")
+DIALOG_FRAME = 7          # rows of the border, and of alarms and keys that stay in sight
 
 
 class Choice(NamedTuple):
@@ -31,6 +32,7 @@ class Dialog(ModalScreen[R], Generic[R]):
     """
 
     AUTO_FOCUS = ""
+    VERTICAL_BREAKPOINTS = [(0, "-few"), (28, "-enough")]
     BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False),
                           Binding("apostrophe", "app.do('jump')", id="jump", show=False)]
 
@@ -41,11 +43,19 @@ class Dialog(ModalScreen[R], Generic[R]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self.heading, classes="dialog-title", markup=False)
-            if self.text:
-                yield Static(self.text, classes="dialog-text", markup=False)
-            yield from self.body()
+            with VerticalScroll(classes="dialog-body", can_focus=False):
+                if self.text:
+                    yield Static(self.text, classes="dialog-text", markup=False)
+                yield from self.body()
             with Horizontal(classes="dialog-buttons"):
                 yield from self.buttons()
+
+    def on_resize(self, event: events.Resize) -> None:
+        """The middle part has the rows that are left: title and keys stay in sight at any height."""
+        for box in self.query(".dialog-body"):
+            around = sum(one.outer_size.height + one.styles.margin.height for one in self.query(
+                ".dialog-title, .dialog-buttons"))
+            box.styles.max_height = max(1, event.size.height - around - DIALOG_FRAME)
 
     def body(self) -> ComposeResult:
         yield from ()
@@ -161,6 +171,8 @@ class ChoiceDialog(Dialog[str | None]):
             button.label = self._line(index)
             button.set_class(index == self.at, "-chosen")
             button.set_class(bool(self.choices[index].why), "-off")
+            if index == self.at:
+                button.scroll_visible(animate=False)
 
     def action_move(self, by: int) -> None:
         self.at = (self.at + by) % len(self.choices)

@@ -4,6 +4,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 M2_PER_HA = 10_000.0
+FAR_M = {"metric": 10_000.0, "imperial": 0.5 * 1609.344}     # 10 km; half a mile: 2640 ft is a number nobody pictures
 
 
 class Unit(NamedTuple):
@@ -41,16 +42,21 @@ class Units(NamedTuple):
     shaft: Unit        # r/min
     time: Unit         # s
     voltage: Unit      # V
+    far: Unit          # m, of a way that is long
+
+    def way(self, metres: float | None) -> Unit:
+        """The unit of a way or a distance over ground: feet up to half a mile, then miles; metres up to 10 km."""
+        return self.far if metres is not None and abs(metres) >= FAR_M[self.id] else self.distance
 
 
 METRIC = Units("metric", Unit("km/h", 3.6, 1), Unit("kg/ha", 1.0, 0), Unit("kg", 1.0, 0), Unit("ha", 1.0, 2),
                Unit("m", 1.0, 0), Unit("m", 1.0, 1), Unit("mm", 1.0, 1), Unit("r/min", 1.0, 1), Unit("s", 1.0, 2),
-               Unit("V", 1.0, 1))
+               Unit("V", 1.0, 1), Unit("km", 0.001, 1))
 
 # 1 lb = 0.45359237 kg, 1 ac = 4046.8564224 m2, 1 ft = 0.3048 m, 1 mile = 1609.344 m (international yard and pound)
 IMPERIAL = Units("imperial", Unit("mph", 3600 / 1609.344, 1), Unit("lb/ac", 4046.8564224 / 10_000 / 0.45359237, 0),
                  Unit("lb", 1 / 0.45359237, 0), Unit("ac", 10_000 / 4046.8564224, 2), Unit("ft", 1 / 0.3048, 0),
                  Unit("ft", 1 / 0.3048, 1), Unit("mm", 1.0, 1), Unit("r/min", 1.0, 1), Unit("s", 1.0, 2),
-                 Unit("V", 1.0, 1))
+                 Unit("V", 1.0, 1), Unit("mi", 1 / 1609.344, 2))
 
 UNITS = {units.id: units for units in (METRIC, IMPERIAL)}

@@ -84,6 +84,7 @@ class Tile(NamedTuple):
     value: Shown
     below: str
     level: str = ""
+    below_short: str = ""         # where there is no room for it
 
 
 class Head(NamedTuple):
@@ -216,7 +217,9 @@ def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
         return ""
     ago_s = max(0.0, frame.at_s - alarm.gone_s)
     since = wall_clock(frame.row.utc, utc_offset_s, ago_s)
-    return _("cause gone since {time}").format(time=since or duration(ago_s))
+    if since:
+        return _("cause gone at {time}").format(time=since)
+    return _("cause gone for {duration}").format(duration=duration(ago_s))
 
 
 def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
@@ -259,14 +262,16 @@ def _tiles(frame: Frame, old: bool, units: Units) -> tuple[Tile, ...]:
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
     speed_below = _("max {speed}").format(speed=units.speed.text(usable)) if usable is not None else ""
     left = frame.metres_left_m
-    hopper_below = _("{distance} left").format(distance=units.distance.full(left)) if left is not None else ""
+    hopper_below = _("{distance} left").format(distance=units.way(left).full(left)) if left is not None else ""
     below = (speed_below, _set(units.shaft.text(row.shaft_rpm_cmd)), _set(units.opening.text(row.opening_mm_cmd)),
              hopper_below)
     values = (Shown(units.speed.text(speed_mps), old), Shown(units.shaft.text(row.shaft_rpm), board_old),
               Shown(units.opening.text(row.opening_mm), board_old), Shown(units.mass.text(row.hopper_kg), board_old))
     levels = ("amber" if fast else "", "", "", "amber" if low else "")
-    return tuple(Tile(label, unit, value, under, level) for (label, unit), value, under, level
-                 in zip(_tile_labels(units), values, below, levels, strict=True))
+    short = (units.speed.text(usable), units.shaft.text(row.shaft_rpm_cmd), units.opening.text(row.opening_mm_cmd),
+             units.way(left).full(left) if left is not None else "")
+    return tuple(Tile(label, unit, value, under, level, fewer) for (label, unit), value, under, level, fewer
+                 in zip(_tile_labels(units), values, below, levels, short, strict=True))
 
 
 def _set(value: str) -> str:

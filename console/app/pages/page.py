@@ -7,14 +7,16 @@ from textual import events, getters
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal
+from textual.css.scalar import Scalar
 from textual.screen import Screen
 
-from console.app.action import ANYWHERE, REPLAY, RUN, Action
+from console.app.action import ANYWHERE, DIAGNOSIS, REPLAY, RUN, Action
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
-from console.app.view import RunView, look, without_worker
-from console.app.widgets.alarm_bar import AlarmBar
+from console.app.view import AlarmsView, RunView, look, without_worker
+from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.key_bar import KeyBar, KeysView
+from console.app.widgets.notice_rows import NoticeRows
 from console.app.widgets.page_bar import PageBar, PagesView
 from console.app.widgets.panel import Panel
 from console.app.widgets.small import Small, SmallView
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
 HUGE_COLUMNS, HUGE_ROWS = 150, 46      # from here on numerals and state are drawn twice as large
+MIDDLE_ROWS, TALL_ROWS = 28, 36
+ALARM_ROWS, MOST_ALARM_ROWS = 3, 7
+ALARM_ROWS_LOW = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}    # at low and middle height, as their style sheets have it
 GONE_AGE_S = 1.1               # old enough to be greyed
 
 
@@ -59,6 +64,7 @@ class Page(Screen[None]):
         yield Small(SmallView(view.rates, view.tiles, ""), id="small")
         yield PageBar(PagesView((), "", in_use()), id="pages")
         yield KeyBar(KeysView((), False, "", in_use()), id="keys")
+        yield NoticeRows("", id="notice")
 
     def extra(self) -> ComposeResult:
         """Panels between the alarms and the body."""
@@ -116,6 +122,7 @@ class Page(Screen[None]):
         self.query_one("#status", StatusLine).show(view.status)
         self.query_one("#alarms", AlarmBar).show(view.alarms)
         self.set_class(bool(view.alarms.fault and view.alarms.lines), "-fault")
+        self._room_for_alarms(view.alarms)
         small = self.query_one("#small", Small)
         if small.display:
             page = "" if self.where in (RUN, REPLAY) else next(
@@ -124,6 +131,17 @@ class Page(Screen[None]):
                 columns=LEAST_COLUMNS, rows=LEAST_ROWS), page))
         self.show_tour()
         self.show_keys()
+
+    def _room_for_alarms(self, shown: AlarmsView) -> None:
+        """More rows than the style sheet's where the worst alarm needs them to be read to its end."""
+        bar = self.query_one("#alarms", AlarmBar)
+        low, middle = ALARM_ROWS_LOW.get(self.where, (ALARM_ROWS, ALARM_ROWS))
+        rows = self.size.height
+        least = low if rows < MIDDLE_ROWS else middle if rows < TALL_ROWS else ALARM_ROWS
+        need = rows_needed(shown, self.size.width, todo=least >= ALARM_ROWS) if shown.lines or shown.urgent else 0
+        height = min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
+        if bar.styles.inline.height != (None if height is None else Scalar.from_number(height)):
+            bar.styles.height = height
 
     def show_tour(self) -> None:
         """The guided tour's rows, while there is one."""
@@ -136,8 +154,9 @@ class Page(Screen[None]):
     def show_keys(self) -> None:
         offered = self.app.offered(self.where)
         off = frozenset(action.id for action in offered if action.bar and self.app.why_not(action))
-        self.query_one("#keys", KeyBar).show(
-            KeysView(offered, self.app.locked, self.app.notice_text, in_use(), self.app.why_no_stop(), off))
+        keys, text = self.query_one("#keys", KeyBar), self.app.notice_text
+        keys.show(KeysView(offered, self.app.locked, text, in_use(), self.app.why_no_stop(), off))
+        self.query_one("#notice", NoticeRows).say(text, keys.room_for_notice(offered), self.size.width)
         self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where, in_use()))
 
     def marks(self) -> tuple[str, ...]:

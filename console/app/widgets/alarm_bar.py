@@ -6,7 +6,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.view import AlarmLine, AlarmsView
-from console.app.widgets.panel import Panel, Part, fit, line, spread
+from console.app.widgets.panel import Panel, Part, fit, fullest, line
 from console.app.widgets.wrap import wrapped
 from console.locale import _
 from control.orders import Severity
@@ -29,54 +29,16 @@ def _cells(parts: list[tuple[str, str]]) -> int:
 
 
 class AlarmBar(Panel[AlarmsView]):
-    """Two rows for the worst alarm (what it is; what to do), one each for the next ones, as far as there is room. A
-    fault is written out where the page gives it the rows."""
+    """The worst alarm is written out (what it is; what to do), the next ones follow as far as there is room for all of
+    a row. A fault has a form of its own where the page gives it the rows."""
 
     def lines(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         if not view.lines:
             style = "bold $background on $foreground" if view.urgent else "$muted"
-            rows = wrapped(view.calm, max(10, width - 6))[:height] if view.urgent else [view.calm]
-            return [Content.assemble((fit(f"   {row}", width), style)) for row in rows]
+            return [Content.assemble((fit(f"   {row}", width), style)) for row in _calm(view, width)[:height]]
         if view.fault and height >= LEAST_BIG:
             return self._fault(view, width, height)
-        return self._rows(view.lines, width, height)
-
-    def _rows(self, alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
-        rows: list[Content] = []
-        for index, alarm in enumerate(alarms):
-            room = height - len(rows)
-            if room <= 0:
-                break
-            more = len(alarms) - index - 1
-            if index == 0:
-                rows.append(self._first(alarm, width, more if height == 1 else 0))
-                if height > 1 and alarm.todo:
-                    rows.append(self._todo(alarm, width))
-            else:
-                rows.append(self._first(alarm, width, more if room == 1 else 0))
-        return rows
-
-    def _first(self, alarm: AlarmLine, width: int, more: int) -> Content:
-        word, style = _styles(alarm)
-        place = f"{alarm.place}: " if alarm.place else ""
-        left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {place}{alarm.text} ", style)]
-        rest = [(f" {_('+{count} more').format(count=more)} ", "bold reverse")] if more else []
-        if alarm.gone:
-            since = f" {alarm.gone} "
-        else:
-            since = f" {alarm.since} ({alarm.lasted}) " if alarm.since else f" {alarm.lasted} "
-            if _cells(left + rest) + cell_len(since) > width and alarm.since:
-                since = f" {alarm.since} "            # the text matters more than how long ago
-        end = [(since, style), *rest]
-        used = _cells(left + end)
-        left.append((" " * max(0, width - used), style))
-        return spread([*left], [*end], width)
-
-    def _todo(self, alarm: AlarmLine, width: int) -> Content:
-        _word, style = _styles(alarm)
-        hint = f" {_acknowledging(alarm)} " if _acknowledging(alarm) else ""
-        text = fit(f"   {alarm.todo}", width - cell_len(hint))
-        return Content.assemble((text, style), (hint, style if style.startswith("bold") else f"bold {style}"))
+        return _rows(view.lines, width, height)
 
     def _fault(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         """What is wrong, where, since when, and what to do about it, step by step; the other alarms below."""
@@ -86,12 +48,13 @@ class AlarmBar(Panel[AlarmsView]):
         def band(text: str, end: str = "") -> Content:
             return line((fit(f"  {text}", width - cell_len(end)), f"bold {colour}"), (end, f"bold {colour}"))
 
-        since = f"{alarm.since} ({alarm.lasted})  " if alarm.since else f"{alarm.lasted}  "
+        since = f"{_since(alarm)}  "
         steps = [alarm.todo] if alarm.todo else []
         if not alarm.acknowledged:
             steps.append(_("A: acknowledge the alarm."))
         steps.append(_("R: make the machine ready; it stays in fault while the cause is there."))
-        rows = [band(""), band(f"{alarm.symbol}  {_('FAULT')}   {alarm.place}", since), band(alarm.text), band("")]
+        rows = [band(""), band(f"{alarm.symbol}  {_('FAULT')}   {alarm.place}", since),
+                *(band(row) for row in wrapped(alarm.text, width - 3)), band("")]
         rows.append(line((fit(f"  {alarm.gone or _('The cause is still there.')}", width), "bold")))
         for number, step in enumerate(steps, 1):
             for index, text in enumerate(wrapped(step, max(10, width - 8))):
@@ -99,7 +62,7 @@ class AlarmBar(Panel[AlarmsView]):
                 rows.append(line(lead, (text, "bold")))
         others = tuple(one for one in view.lines if one is not alarm)
         room = height - len(rows)
-        return rows[:height] + (self._rows(others, width, room)[:room] if others and room > 0 else [])
+        return rows[:height] + (_rows(others, width, room)[:room] if others and room > 0 else [])
 
     def places(self) -> tuple[tuple[int, int], ...]:
         return ((0, 0),) if self.view.lines else ()
@@ -107,6 +70,98 @@ class AlarmBar(Panel[AlarmsView]):
     async def on_click(self, event: events.Click) -> None:
         event.stop()
         await self.run_action("app.do('acknowledge')")
+
+
+def rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
+    """Rows in which the worst alarm is written out; with the others counted behind it."""
+    if not view.lines:
+        return len(_calm(view, width))
+    first = view.lines[0]
+    return len(_written(first, width, todo)) + (len(view.lines) > 1)
+
+
+def _calm(view: AlarmsView, width: int) -> list[str]:
+    """Whole parts to a row; what is urgent is wrapped."""
+    if view.urgent:
+        return wrapped(view.calm, max(10, width - 6))
+    rows: list[str] = []
+    for part in (part for part in view.calm.split("   ") if part):
+        if rows and cell_len(f"{rows[-1]}   {part}") <= width - 3:
+            rows[-1] += f"   {part}"
+        else:
+            rows.append(part)
+    return rows
+
+
+def _rows(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
+    """The worst one written out, the next ones as far as there is room for whole rows; the rest is counted."""
+    rows = _written(alarms[0], width, height > 1)[:max(1, height)]
+    for index, alarm in enumerate(alarms[1:], 1):
+        left, room = len(alarms) - index, height - len(rows)
+        text = _written(alarm, width, False)
+        if len(text) + (left > 1) <= room:
+            rows += text
+            continue
+        more = f" {_('+{count} more').format(count=left - 1)} " if left > 1 else ""
+        one = _one_row(alarm, width, more)
+        if room > 0:
+            rows.append(one or line((f" {_('+{count} more').format(count=left)}  {_('! shows all')} ", "bold reverse")))
+        elif len(_written(alarms[0], width, False)) == 1:
+            rows[0] = _one_row(alarms[0], width, f" {_('+{count} more').format(count=left)} ") or rows[0]
+        break
+    return rows
+
+
+def _one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
+    """Word, text and when in one row, the last only where there is room; None where even the text has none."""
+    word, style = _styles(alarm)
+    left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {_placed(alarm)} ", style)]
+    rest = [(more, "bold reverse")] if more else []
+    spare = width - _cells(left + rest)
+    if spare < 0:
+        return None
+    when = fullest((*(f" {form} " for form in _when(alarm)), ""), spare)
+    return line(*left, (" " * (spare - cell_len(when)), style), (when, style), *rest)
+
+
+def _written(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
+    """As many rows as the text takes, then those of what is to be done, with who has to look at the end."""
+    word, style = _styles(alarm)
+    bold = style if style.startswith("bold") else f"bold {style}"
+    first = _one_row(alarm, width, "")
+    rows = [first] if first is not None else []
+    if first is None:
+        lead = f" {alarm.symbol} {alarm.word} "
+        texts = wrapped(_placed(alarm), width - cell_len(lead) - 2)
+        rows = [line((lead if not k else " " * cell_len(lead), word), (fit(f" {text}", width - cell_len(lead)), style))
+                for k, text in enumerate(texts)]
+    if not todo:
+        return rows
+    hint = f" {_acknowledging(alarm)} " if _acknowledging(alarm) else ""
+    steps = wrapped(alarm.todo, width - 4) if alarm.todo else []
+    if steps and cell_len(steps[-1]) + 3 + cell_len(hint) > width:
+        steps = wrapped(alarm.todo, width - 4 - cell_len(hint))
+    for k, text in enumerate(steps or ([""] if hint else [])):
+        end = hint if k >= len(steps) - 1 else ""
+        rows.append(line((fit(f"   {text}", width - cell_len(end)), style), (end, bold)))
+    return rows
+
+
+def _placed(alarm: AlarmLine) -> str:
+    return f"{alarm.place}: {alarm.text}" if alarm.place else alarm.text
+
+
+def _since(alarm: AlarmLine) -> str:
+    """A time of day where it is known, else for how long."""
+    return f"{alarm.since} ({alarm.lasted})" if alarm.since else _("for {duration}").format(duration=alarm.lasted)
+
+
+def _when(alarm: AlarmLine) -> tuple[str, ...]:
+    """Since when it stands, or since when its cause is gone; the fullest form first."""
+    seen = f"{_('acknowledged')}  " if alarm.acknowledged else ""
+    if alarm.gone:
+        return f"{seen}{alarm.gone}", alarm.gone
+    return (f"{seen}{_since(alarm)}", *((f"{seen}{alarm.since}",) if alarm.since else ()), _since(alarm), alarm.since)
 
 
 def _acknowledging(alarm: AlarmLine) -> str:

@@ -64,7 +64,8 @@ class KeyBar(Panel[KeysView]):
                 key = word = "bold $on-stop on $stop"
             parts += [(f"{first}{action.shown} ", key), (f"{_(action.label)}{last}", word)]
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
-        rest = (fit(f" {view.notice}", left), "bold reverse") if view.notice else (" " * left, "on $keybar")
+        said = view.notice and cell_len(view.notice) < left         # else it has rows of its own above
+        rest = (fit(f" {view.notice}", left), "bold reverse") if said else (" " * left, "on $keybar")
         return [line(*parts, rest)]
 
     @staticmethod
@@ -75,6 +76,12 @@ class KeyBar(Panel[KeysView]):
         kept = laid_out(tuple(action for action in view.actions if action.id in ALWAYS), width)
         start = min(cell_len(_why(view)), width - sum(cells for _action, _start, cells in kept))
         return tuple((action, start + at, cells) for action, at, cells in laid_out(view.actions, width - start))
+
+    def room_for_notice(self, actions: tuple[Action, ...]) -> int:
+        """Cells beside hold and STOP."""
+        width = self.content_size.width
+        urgent = [one for one in laid_out(actions, width) if one[0].id in URGENT]
+        return width - sum(cells for _action, _start, cells in urgent)
 
     def action_at(self, x: int) -> str:
         """The action at a column of the content; "" where there is none."""

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import ClassVar, Generic, TypeVar
 
 from rich.cells import cell_len, set_cell_size
@@ -70,6 +71,15 @@ def fit(text: str, width: int) -> str:
     if width <= 3:
         return set_cell_size(text, width)
     return set_cell_size(text, width - 2) + ".."
+
+
+def fullest(forms: Iterable[str], width: int) -> str:
+    """The first of the forms, the fullest one first, that has room; the last where none has."""
+    form = ""
+    for form in forms:
+        if cell_len(form) <= width:
+            break
+    return form
 
 
 def right(text: str, width: int) -> str:

@@ -6,11 +6,18 @@ from textual.content import Content
 
 from console.app.digits import ROWS, draw, largest
 from console.app.view import ERROR_SPAN, RatesView
-from console.app.widgets.panel import Panel, fit, line, solid
+from console.app.widgets.panel import Panel, fit, fullest, line, solid
 from console.locale import _
 
 _LEVELS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
 _MARKS = {"": " ", "amber": "!", "red": "✖"}
+
+
+def fewer(note: str) -> tuple[str, ...]:
+    """All reasons; then without the last ones, which are counted."""
+    parts = note.split(", ")
+    return tuple(", ".join(parts[:kept]) + (f"  +{len(parts) - kept}" if kept < len(parts) else "")
+                 for kept in range(len(parts), 0, -1))
 
 
 class Rates(Panel[RatesView]):
@@ -23,7 +30,8 @@ class Rates(Panel[RatesView]):
         used = cell_len(label) + cell_len(view.unit) + 2 + cell_len(nudge)
         room = width - half - cell_len(f" {_('applied')} {view.unit}  ")
         note = f" {view.note} " if view.note else ""
-        note = fit(note, min(room, cell_len(note)))
+        low = cell_len(note) > room             # a row of its own then
+        note = "" if low else note
         rows = [line((label, "bold $target"), (f"{view.unit}  ", "$muted"), (nudge, "bold reverse"),
                      " " * max(0, half - used), (f" {_('applied')} ", "bold $applied"), (f"{view.unit}  ", "$muted"),
                      (note, "bold $on-alarm-amber on $alarm-amber"))]
@@ -34,9 +42,19 @@ class Rates(Panel[RatesView]):
         rows += [line(" ", *solid(fit(a, half - 1), target_style), " ", *solid(fit(b, width - half - 1), applied_style))
                  for a, b in zip(target, applied, strict=True)]
         if height > ROWS[scale] + 2:
-            rows.append(line(""))
-        rows.append(self._bar(view, width))
+            rows.append(self._note(view, width) if low else line(""))
+            low = False
+        rows.append(self._note(view, width, error=True) if low else self._bar(view, width))
         return rows
+
+    @staticmethod
+    def _note(view: RatesView, width: int, error: bool = False) -> Content:
+        """Why the rate is another one, in a row of its own; with `error` in the place of the bar, whose value stays."""
+        end = f"  {_('error')} {view.error.text} " if error and view.error.text != "--" else ""
+        note = fullest((f" {note} " for note in fewer(view.note)), width - cell_len(end))
+        note = fit(note, min(cell_len(note), width - cell_len(end)))
+        return line((note, "bold $on-alarm-amber on $alarm-amber"), " " * (width - cell_len(note) - cell_len(end)),
+                    (end, "bold"))
 
     @staticmethod
     def _bar(view: RatesView, width: int) -> Content:

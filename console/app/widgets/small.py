@@ -7,7 +7,8 @@ from textual.content import Content
 
 from console.app.digits import ROWS, draw, largest
 from console.app.view import RatesView, Tile
-from console.app.widgets.panel import Panel, fit, line, solid
+from console.app.widgets.panel import Panel, fit, fullest, line, solid
+from console.app.widgets.wrap import wrapped
 from console.locale import _
 
 
@@ -39,9 +40,13 @@ class Small(Panel[SmallView]):
         else:
             rows.append(line(*((fit(f" {one.text}", half), "bold $stale" if one.stale else f"bold {colour}")
                                for one, colour in shown)))
+        if rates.note:
+            rows += [line((fit(f" {row}", width), "bold $on-alarm-amber on $alarm-amber"))
+                     for row in wrapped(rates.note, width - 2)[:2]]
         each = (width - 1) // 2
         for left in range(0, len(view.tiles), 2):
-            rows.append(line(*((fit(f" {tile.label} {tile.value.text} {tile.unit}  {tile.below}", each),
+            rows.append(line(*((fit(fullest((f" {tile.label} {tile.value.text} {tile.unit}  {tile.below}",
+                                             f" {tile.label} {tile.value.text} {tile.unit}"), each), each),
                                 "bold $on-alarm-amber on $alarm-amber" if tile.level else
                                 "$stale" if tile.value.stale else "bold") for tile in view.tiles[left:left + 2])))
         return [*rows, line((fit(f" {view.hint}", width), "$muted"))]

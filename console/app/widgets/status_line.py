@@ -7,12 +7,32 @@ from textual.content import Content
 from console.app.view import StatusView
 from console.app.widgets.panel import Panel, Part, line, spread
 
+GIVES_WAY = ("elapsed", "clock", "strategy", "source")
+
+
+def with_room(view: StatusView, width: int) -> StatusView:
+    """What has room beside state and marks: whole words go, none is cut."""
+    for name in GIVES_WAY:
+        if _cells(view) <= width:
+            break
+        view = view._replace(**{name: ""})
+    return view
+
+
+def _cells(view: StatusView) -> int:
+    """Of one row, blanks between its parts included."""
+    chips = (view.lead, f"{view.symbol} {view.word}", view.silent, *view.marks)
+    time = "  ".join(text for text in (view.elapsed, view.clock) if text)
+    return sum(cell_len(text) + 3 for text in chips if text) + sum(
+        cell_len(text) + 2 for text in (view.strategy, view.source) if text) + (cell_len(time) + 1 if time else 0)
+
 
 class StatusLine(Panel[StatusView]):
     """One row; three where the page gives it so many: the state is read from outside the cab."""
 
     def lines(self, view: StatusView, width: int, height: int) -> list[Content]:
         state = view.state if view.state else "off"
+        view = with_room(view, width)
         left: list[Part] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
         chip = f"bold $on-state-{state} on $state-{state}" if not view.silent else "bold $background on $stale"
         left += [(f" {view.symbol} {view.word} ", chip), " "]
@@ -24,7 +44,8 @@ class StatusLine(Panel[StatusView]):
             end += [(f" {view.silent} ", "bold $on-alarm-red on $alarm-red"), " "]
         for mark in view.marks:
             end += [(f" {mark} ", "bold reverse"), " "]
-        end += [(f"{view.elapsed}  {view.clock} ", "bold" if not view.silent else "$stale")]
+        time = "  ".join(text for text in (view.elapsed, view.clock) if text)
+        end += [(f"{time} ", "bold" if not view.silent else "$stale")] if time else []
         if height < 3:
             return [spread(left, end, width)]
         word = "  ".join(view.word) if view.word.isascii() else view.word

@@ -6,7 +6,7 @@ from textual.content import Content
 
 from console.app.digits import ROWS, draw, largest
 from console.app.view import Tile
-from console.app.widgets.panel import Panel, Part, fit, line, solid
+from console.app.widgets.panel import Panel, Part, fit, fullest, line, solid
 
 
 class Tiles(Panel[tuple[Tile, ...]]):
@@ -24,6 +24,6 @@ class Tiles(Panel[tuple[Tile, ...]]):
                 rows[1 + index] += [" ", *solid(fit(text, each - 1), style)]
             mark = "! " if tile.level else ""
             under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
-            text = fit(mark + tile.below, each - 2) if tile.level else fit(tile.below, each - 2)
+            text = fit(fullest((mark + tile.below, mark + tile.below_short), each - 2), each - 2)
             rows[-1] += [" ", (text, under), " "]
         return [line(*row) for row in rows]

@@ -41,8 +41,8 @@ class Guide(Panel[GuideView]):
         if view.found:
             tail.append(line((f" {_('found')}", "bold $primary")))
             tail += [line((f" {row}", "bold")) for one in view.found for row in wrapped(one, width - 2)]
-        room = height - len(tail) - 1
-        rows = [line((fit(f" {view.title}", width), "bold $primary"))]
+        rows = [line((f" {row}", "bold $primary")) for row in wrapped(view.title, width - 1)]
+        room = height - len(tail) - len(rows)
         rows += self._steps(view.steps, width, room)
         rows += [line("")] * max(0, min(1, height - len(rows) - len(tail)))
         return (rows + tail) if len(rows) + len(tail) <= height else [*rows[:max(1, height - len(tail))], *tail]

@@ -7,6 +7,7 @@ from rich.cells import cell_len
 from textual.content import Content
 
 from console.app.widgets.panel import Panel, Part, fit, line, right, solid
+from console.app.widgets.wrap import wrapped
 
 Level = str                    # "", stale, amber, red, lead
 
@@ -54,7 +55,16 @@ class Sheet(Panel[tuple[Row, ...]]):
         labels = max((cell_len(row.label) for row in view if not isinstance(row, Cells)), default=0) + 2
         texts = max((cell_len(row.text) for row in view if isinstance(row, (Bar, Middle))), default=0) + 2
         room = max(6, width - labels - texts - 2)
-        return [self._row(row, labels, room, width) for row in _kept(view, height)]
+        return [line_ for row in _kept(view, height) for line_ in self._rows(row, labels, room, width)][:height]
+
+    @classmethod
+    def _rows(cls, row: Row, labels: int, room: int, width: int) -> list[Content]:
+        """A text that is too long goes on below."""
+        if not isinstance(row, Line) or cell_len(row.text) + 1 <= width - labels:
+            return [cls._row(row, labels, room, width)]
+        texts = wrapped(row.text, width - labels - 1)
+        return [cls._row(Line("" if k else row.label, text, row.level), labels, room, width)
+                for k, text in enumerate(texts)]
 
     @staticmethod
     def _row(row: Row, labels: int, room: int, width: int) -> Content:

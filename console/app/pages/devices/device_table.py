@@ -8,7 +8,7 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 
-from console.app.widgets.panel import Panel, Part, fit, line, right
+from console.app.widgets.panel import Panel, Part, fit, fullest, line, right
 from console.locale import _
 
 
@@ -65,14 +65,17 @@ class DeviceTable(Panel[TableView]):
         chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
         name = "bold $on-select on $select" if picked else "bold"
         used = names + 3 + states + 34
-        rest = "  ".join(part for part in (one.marks, one.protocol, one.port) if part)
-        parts: list[Part] = [
+        end = one.port.rpartition("/")[2]           # the picked device's protocol and port stand in full below
+        rest = fullest(("  ".join(part for part in parts if part) for parts in (
+            (one.marks, one.protocol, one.port), (one.marks, one.port), (one.marks, end), (one.marks or end,))),
+            width - used - 2)
+        cells: list[Part] = [
             (f" {'>' if picked else ' '} {fit(one.name, names)}", name),
             (fit(f" {one.symbol} {one.word}", states), chip),
             (right(one.hz, 6), plain), (right(one.age, 8), plain), (right(one.accepted, 10), plain),
             (right(one.rejected, 10), plain or ("bold" if one.rejected != "0" else "")),
             (fit(f"  {rest}", width - used), "$muted" if not one.marks else "bold")]
-        return line(*parts)
+        return line(*cells)
 
     def places(self) -> tuple[tuple[int, int], ...]:
         shown = min(len(self.view.lines), max(1, self.content_size.height - 1))

@@ -39,7 +39,7 @@ class ChannelTable(Panel[ChannelsView]):
             rows.append(line((self._row(name, one.error, one.after, one.noise, one.beyond, width),
                               "bold" if one.wrong else "")))
         rows += [line((fit(f" {row}", width), "$muted")) for text in view.left for row in wrapped(text, width - 2)]
-        return rows + [line((fit(f" {text}", width), "$muted")) for text in view.gains]
+        return rows + [line((f" {row}", "$muted")) for text in view.gains for row in wrapped(text, width - 2)]
 
     @staticmethod
     def _row(name: str, error: str, after: str, noise: str, beyond: str, width: int) -> str:

@@ -3,9 +3,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fit, line
+from console.app.widgets.panel import Panel, fullest, line
 from console.app.widgets.wrap import wrapped
 
 _STYLES = {"none": "bold reverse", "named": "bold $on-alarm-amber on $alarm-amber",
@@ -38,10 +39,12 @@ class Verdict(Panel[tuple[Said, ...]]):
     @staticmethod
     def _one(said: Said, width: int, room: int) -> list[Content]:
         lead = f"{said.lead}: " if said.lead else ""
-        head = line((f" {said.symbol} {said.word} ", _STYLES[said.verdict]), (f"  {lead}", "bold"),
-                    (fit(said.about, max(0, width - len(said.word) - 10)), "$muted"))
+        left = cell_len(f" {said.symbol} {said.word}   {lead}")
+        parts = [part for part in said.about.split("   ") if part]
+        about = fullest(("   ".join(parts[:kept]) for kept in range(len(parts), -1, -1)), width - left)
+        head = line((f" {said.symbol} {said.word} ", _STYLES[said.verdict]), (f"  {lead}", "bold"), (about, "$muted"))
         todo = [line((f" > {row}" if not k else f"   {row}", "bold $primary"))
                 for k, row in enumerate(wrapped(said.todo, width - 4))]
         sentence = [line((f" {row}", "bold")) for row in wrapped(said.sentence, width - 2)]
-        left = room - 1 - len(sentence)
-        return [head, *sentence[:max(1, room - 1)], *todo[:max(0, left)]]
+        spare = room - 1 - len(sentence)
+        return [head, *sentence[:max(1, room - 1)], *todo[:max(0, spare)]]

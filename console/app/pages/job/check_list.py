@@ -9,6 +9,7 @@ from textual.content import Content
 
 from console.app.pages.job.day import LEVEL_WORDS, LOOK, OK, STOP, Check, worst
 from console.app.widgets.panel import Panel, Part, fit, line
+from console.app.widgets.wrap import wrapped
 from console.locale import _
 
 STYLES = {OK: "$muted", LOOK: "bold $on-alarm-amber on $alarm-amber", STOP: "bold $on-alarm-red on $alarm-red"}
@@ -20,13 +21,16 @@ class ChecksView(NamedTuple):
     language: str
 
 
-def with_room(checks: tuple[Check, ...], rows: int) -> tuple[Check, ...]:
-    """Those that are shown in so many rows, in their order: where not all have room what is well gives way first, and
-    one row says how many are left out."""
-    if len(checks) <= rows:
+def with_room(checks: tuple[Check, ...], rows: int, cells: int = 1000) -> tuple[Check, ...]:
+    """Those that are shown in so many rows, in their order, their texts in so many cells: where not all have room what
+    is well gives way first, and one row says how many are left out."""
+    need = [max(1, len(wrapped(check.text, cells))) for check in checks]
+    if sum(need) <= rows:
         return checks
-    ranked = sorted(range(len(checks)), key=lambda k: ((STOP, LOOK, OK).index(checks[k].level), k))
-    kept = set(ranked[:max(0, rows - 1)])
+    kept: set[int] = set()
+    for k in sorted(range(len(checks)), key=lambda k: ((STOP, LOOK, OK).index(checks[k].level), k)):
+        if sum(need[one] for one in kept) + need[k] <= rows - 1:
+            kept.add(k)
     return tuple(check for k, check in enumerate(checks) if k in kept)
 
 
@@ -38,16 +42,19 @@ class CheckList(Panel[ChecksView]):
         label = max((cell_len(check.label) for check in view.checks), default=0) + 2
         word = max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4
         rows = [line(*head)]
-        shown = with_room(view.checks, height - 1)
-        spare = height - 1 - len(shown) - (len(shown) < len(view.checks))
+        room = max(8, width - label - word - 1)
+        shown = with_room(view.checks, height - 1, room)
+        spare = height - 1 - sum(len(wrapped(check.text, room)) for check in shown) - (len(shown) < len(view.checks))
         for check in shown:
-            rows.append(line((fit(f" {check.label}", label), "$muted"),
-                             (fit(f" {SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}", word), STYLES[check.level]),
-                             (fit(f" {check.text}", width - label - word), "")))
+            for k, text in enumerate(wrapped(check.text, room)):
+                mark = f" {SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}"
+                rows.append(line((fit(f" {check.label}" if not k else "", label), "$muted"),
+                                 (fit(mark if not k else "", word), STYLES[check.level] if not k else ""), f" {text}"))
             more = [text for text in check.full if text not in check.text] if check.level != OK else []
-            for text in more[:max(0, spare)]:
-                rows.append(line(" " * (label + word), (fit(f" {text}", width - label - word), "$muted")))
-            spare -= len(more)
+            for text in (row for one in more for row in wrapped(one, room)):
+                if spare > 0:
+                    rows.append(line(" " * (label + word), (f" {text}", "$muted")))
+                    spare -= 1
         if len(shown) < len(view.checks):
             left = _("+{count} more").format(count=len(view.checks) - len(shown))
             rows.append(line((fit(f" {left}", width), "$muted")))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from textual.content import Content
 
 from console.app.widgets.panel import Panel, fit, line
+from console.app.widgets.wrap import wrapped
 from console.locale import _
 
 
@@ -24,7 +25,8 @@ class NotesView(NamedTuple):
 
 class JobNotes(Panel[NotesView]):
     def lines(self, view: NotesView, width: int, height: int) -> list[Content]:
-        rows = [line((fit(f" {note.text}", width), "bold reverse" if note.loud else "")) for note in view.notes]
+        rows = [line((fit(f" {row}", width), "bold reverse" if note.loud else ""))
+                for note in view.notes for row in wrapped(note.text, width - 2)]
         if view.refills:
             room = max(0, height - len(rows))
             rows.append(line((fit(f" {_('refills')}", width), "bold $primary")))

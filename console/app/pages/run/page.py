@@ -35,7 +35,9 @@ class RunScreen(PanelScreen):
         sections.display = frame is not None and bool(frame.sections)
         sections.show(() if frame is None else frame.sections)
         bar = self.query_one("#model-check", ModelCheck)
-        bar.display = found is not None
+        low = self.has_class("-low")
+        bar.display = found is not None and not (low and view.alarms.lines)     # where rows are few alarms come first
+        self.set_class(bar.display, "-checked")
         if found is not None and frame is not None:
             bar.show(model_check_texts(found, frame, self.app.utc_offset_s))
 

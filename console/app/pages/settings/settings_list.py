@@ -8,7 +8,9 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 
-from console.app.widgets.panel import Panel, Part, fit, line
+from console.app.pages.job.day import file_name
+from console.app.widgets.panel import Panel, Part, fit, fullest, line
+from console.app.widgets.wrap import wrapped
 
 
 class SettingLine(NamedTuple):
@@ -38,13 +40,12 @@ class SettingsList(Panel[SettingsView]):
             self.index = index
 
     def lines(self, view: SettingsView, width: int, height: int) -> list[Content]:
-        head = [line((fit(f" {view.place}", width), "$muted"))]
-        if view.trouble:
-            head.append(line((fit(f" ! {view.trouble}", width), "bold $on-alarm-amber on $alarm-amber")))
+        head = self._head(view, width)
         label = max((cell_len(one.label) for one in view.lines), default=0) + 4
         value = min(max((cell_len(one.value) for one in view.lines), default=0) + 3, max(12, width // 3))
         rows = []
-        for index in self._rows(view, height - len(head)):
+        foot = self._foot(view, width)
+        for index in self._rows(view, height - len(head) - len(foot)):
             if isinstance(index, str):
                 rows.append(line((fit(f" {index}", width), "bold $primary")))
                 continue
@@ -53,9 +54,25 @@ class SettingsList(Panel[SettingsView]):
             style = "bold $on-select on $select" if here else "bold" if one.own else ""
             parts: list[Part] = [(fit(f" {'>' if here else ' '} {one.label}", label), style),
                                  (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
-                                 (fit(f" {one.hint}", width - label - value), "$muted")]
+                                 (fullest((f" {one.hint}", ""), width - label - value), "$muted")]
             rows.append(line(*parts))
-        return head + rows
+        return [*head, *rows, *[line("")] * (height - len(head) - len(rows) - len(foot)), *foot]
+
+    @staticmethod
+    def _head(view: SettingsView, width: int) -> list[Content]:
+        """The file, and why it was not used."""
+        place = fullest((view.place, file_name(view.place)), width - 1)
+        trouble = wrapped(view.trouble, width - 4)
+        return [line((f" {place}", "$muted")),
+                *(line((fit(f" {'!' if not k else ' '} {row}", width), "bold $on-alarm-amber on $alarm-amber"))
+                  for k, row in enumerate(trouble))]
+
+    @staticmethod
+    def _foot(view: SettingsView, width: int) -> list[Content]:
+        """What the marked setting is about, in full, and as many rows for each: the list must not jump."""
+        count = max((len(wrapped(one.hint, width - 2)) for one in view.lines), default=0)
+        said = wrapped(view.lines[view.at].hint, width - 2) if view.at < len(view.lines) else []
+        return [line((f" {row}", "$muted")) for row in (said + [""] * count)[:count]]
 
     def _rows(self, view: SettingsView, height: int) -> list[int | str]:
         """Indices of lines and texts of headings that are shown, the marked line always among them."""
@@ -70,15 +87,19 @@ class SettingsList(Panel[SettingsView]):
         first = max(0, min(at - height // 2, len(rows) - height))
         return rows[first:first + max(0, height)]
 
+    def _shown(self) -> tuple[int, list[int | str]]:
+        """Rows above the list, and what stands in its rows."""
+        width = self.content_size.width
+        head, foot = len(self._head(self.view, width)), len(self._foot(self.view, width))
+        return head, self._rows(self.view, self.content_size.height - head - foot)
+
     def places(self) -> tuple[tuple[int, int], ...]:
-        head = 2 if self.view.trouble else 1
-        rows = self._rows(self.view, self.content_size.height - head)
+        head, rows = self._shown()
         return tuple((0, head + row) for row, one in enumerate(rows) if isinstance(one, int))
 
     def on_click(self, event: events.Click) -> None:
         event.stop()
-        head = 2 if self.view.trouble else 1
-        rows = self._rows(self.view, self.content_size.height - head)
+        head, rows = self._shown()
         if 0 <= event.y - head < len(rows):
             picked = rows[event.y - head]
             if isinstance(picked, int):

@@ -1,0 +1,227 @@
+"""Nothing that carries meaning is cut, at any size of terminal that is allowed for, in any language."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import combinations, product
+
+import pytest
+from rich.cells import cell_len
+from rich.cells import set_cell_size as sized
+from rich.style import Style
+from textual.strip import Strip
+from textual.widget import Widget
+
+from console.app import words
+from console.app.app import TopdressApp
+from console.app.dialogs import Dialog
+from console.app.gallery import PICTURES, Picture, settle, still_app
+from console.app.number_dialog import NumberDialog
+from console.app.units import IMPERIAL, METRIC
+from console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
+from console.app.widgets import panel
+from console.app.widgets.alarm_bar import AlarmBar, rows_needed
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.notice_rows import NoticeRows
+from console.app.widgets.panel import Panel
+from console.app.widgets.rates import Rates
+from console.app.widgets.status_line import StatusLine
+from console.locale import languages, use
+from control.orders import Alarm, Severity
+from control.safety import ALARMS
+
+SIZES = ((120, 40), (100, 30), (80, 24), (60, 20))
+WIDTHS = tuple(width for width, _rows in SIZES)
+VALUES = {"hopper_kg": 118.5, "metres_left": 12640.0, "device": "rate_module", "speed_mps": 1.81, "file": "run.csv"}
+SCREENS = sorted({one.screen for one in PICTURES})
+
+
+@contextmanager
+def watched() -> Iterator[list[str]]:
+    """What is cut to fit while panels are drawn, each text as it was meant."""
+    found: list[str] = []
+
+    def noted(text: str, width: int) -> str:
+        if cell_len(text.rstrip()) > max(0, width):
+            found.append(f"{text.strip()!r} in {width}")
+        return sized(text, width)
+
+    def drawn(canvas: Canvas, width: int, *parts: tuple[str, Style]) -> Strip:
+        text = "".join(part[0] for part in parts)
+        if cell_len(text.rstrip()) > width:
+            found.append(f"{text.strip()!r} in {width}")
+        return before[1](canvas, width, *parts)
+
+    before = panel.set_cell_size, Canvas.text_strip
+    panel.set_cell_size, Canvas.text_strip = noted, drawn
+    try:
+        yield found
+    finally:
+        panel.set_cell_size, Canvas.text_strip = before
+
+
+def cut_on(app: TopdressApp) -> list[str]:
+    """Everything on the screen as it is now that is cut."""
+    found = []
+    for screen in dict.fromkeys((app.page, app.screen)):
+        for one in (*screen.query(Panel), *screen.query(Canvas)):
+            if one.is_mounted and one.visible and one.display and all(a.display for a in one.ancestors
+                                                                      if isinstance(a, Widget)):
+                found += [f"{type(one).__name__}: {what}" for what in _cut_in(one)]
+    if isinstance(app.screen, Dialog):
+        found += _beyond(app.screen)
+    return found
+
+
+def _cut_in(one: Panel | Canvas) -> list[str]:
+    width, height = one.content_size
+    if width <= 0 or height <= 0:
+        return []
+    if isinstance(one, Canvas):
+        with watched() as found:
+            one.paint(one.view, width, height)
+        return found
+    with watched() as found:
+        rows = one.lines(one.view, width, height)
+    found += [f"{row.plain.rstrip()!r} in {width}" for row in rows if cell_len(row.plain.rstrip()) > width]
+    return [*found, *(f"no row for {row.plain.strip()!r}" for row in rows[height:] if row.plain.strip())]
+
+
+def _beyond(dialog: Dialog) -> list[str]:
+    """Parts of a dialog that lie outside of what is seen and cannot be scrolled to."""
+    found = []
+    for box in dialog.query(".dialog"):
+        if box.allow_vertical_scroll and type(box).__name__ == "VerticalScroll":
+            continue
+        inside = box.content_region
+        for child in box.query("*"):
+            region = child.region
+            if region.area and not inside.contains_region(region):
+                found.append(f"{type(dialog).__name__}: {type(child).__name__} "
+                             f"{str(getattr(child, 'label', getattr(child, 'content', '')))[:40]!r} outside")
+    return found
+
+
+def cut_in(one, view, width, height):
+    """What of a view a panel of this size cuts."""
+    with watched() as found:
+        rows = one.lines(view, width, height)
+    return found + [row.plain for row in rows if cell_len(row.plain.rstrip()) > width] + [
+        row.plain for row in rows[height:] if row.plain.strip()]
+
+
+def test_the_finder_finds():
+    """A text that is too long, a row that is too long, a row too many."""
+    view = AlarmsView((), "a calm line that is much too long for so few cells", "", True)
+    assert cut_in(AlarmBar(view), view, 20, 1) == []
+    note = RatesView(Shown("1"), Shown("1"), "kg/ha", "", Shown("--"), None, "", "a note of more cells than there are")
+    assert cut_in(Rates(note), note, 24, 7)
+
+
+@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("width", WIDTHS)
+def test_every_alarm_is_read_to_its_end(frames, language, width):
+    use(language)
+    frame = frames[-1]
+    found = {}
+    for (name, kind), gone_s, seen, units in product(ALARMS.items(), (None, 12.0), (False, True), (METRIC, IMPERIAL)):
+        one = Alarm(name, kind.severity, 1.0, seen, tuple(VALUES.items()), gone_s)
+        others = [Alarm(other, Severity.AMBER, 2.0, False, tuple(VALUES.items())) for other in list(ALARMS)[:3]]
+        for standing in ([one], [one, *others]):
+            shown = alarms(type(frame)(**{**_fields(frame), "alarms": tuple(standing)}), 0.0, units)
+            rows = max(3, rows_needed(shown, width))
+            assert rows <= 7, name
+            cut = cut_in(AlarmBar(shown), shown, width, rows)
+            if cut:
+                found[name] = cut
+            text = "".join(row.plain for row in AlarmBar(shown).lines(shown, width, rows))
+            assert len(standing) == 1 or (width > 0 and any(char.isdigit() for char in text))
+    assert found == {}
+
+
+def _fields(frame):
+    return {name: getattr(frame, name) for name in frame.__dataclass_fields__}
+
+
+@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize(("width", "height"), [(76, 8), (62, 7), (80, 7)])
+def test_every_reason_for_another_rate_is_read_to_its_end(language, width, height):
+    use(language)
+    for some in [*((one,) for one in words.NOTES), *combinations(words.NOTES, 2)]:
+        note = ", ".join(words.note_word(one) for one in some)
+        view = RatesView(Shown("1234"), Shown("1234"), "kg/ha", "+30 %", Shown("-100 %"), -1.0, "red", note)
+        assert cut_in(Rates(view), view, width, height) == []
+        said = " ".join(row.plain for row in Rates(view).lines(view, width, height))
+        assert words.note_word(some[0]) in said, "the first reason always; the others are counted"
+
+
+@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("width", WIDTHS)
+def test_every_refusal_is_read_to_its_end(language, width):
+    use(language)
+    for why in words.ANSWERS:
+        text = f"refused: {words.answer_words(why)}"
+        bar = NoticeRows("")
+        rows = bar.lines(text, width, 6)
+        assert cut_in(bar, text, width, 6) == [] and len(rows) <= 6
+        shown = "".join(row.plain for row in rows).replace(" ", "")
+        assert shown == text.replace(" ", "")
+
+
+@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("width", WIDTHS)
+def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
+    use(language)
+    bar = StatusLine(StatusView("", "", "", "", "", "", (), "", "", ""))
+    for state, source, silent in product(words.STATES, words.SOURCES, ("", "NO DATA 12 s")):
+        view = StatusView(state, words.STATE_SYMBOLS[state], words.state_word(state), words.strategy_word("balanced"),
+                          words.source_word(source), "", ("SIMULATED", "LOCKED"), silent, "12:34:56", "1:23:45")
+        assert cut_in(bar, view, width, 1) == []
+        text = bar.lines(view, width, 1)[0].plain
+        assert words.state_word(state) in text and "SIMULATED" in text and silent in text
+
+
+async def on_every_size(picture):
+    app, _clock = still_app(picture)
+    found = []
+    async with app.run_test(size=SIZES[0]) as pilot:
+        await settle(app, picture, pilot.pause)
+        for size in SIZES:
+            await pilot.resize_terminal(*size)
+            for _again in range(2):
+                await pilot.pause()
+                app.page.hurry()
+                app.tick()
+            await pilot.pause()
+            found += [f"{size[0]}x{size[1]} {one}" for one in cut_on(app)]
+    return found
+
+
+@pytest.mark.parametrize("screen", ["run", "map", "job"])
+async def test_nothing_is_cut_with_alarms(screen):
+    assert await on_every_size(Picture("cut", SIZES[0], screen=screen, alarms=True)) == []
+
+
+@pytest.mark.exam
+@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("screen", SCREENS)
+async def test_nothing_is_cut_on_any_picture(screen, language):
+    assert await on_every_size(Picture("cut", SIZES[0], language=language, screen=screen)) == []
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_nothing_of_a_question_lies_outside(picture, size):
+    app = picture(size=size)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        for key in ("t", "o", "m", "plus", "l", "h", "tab", "f"):
+            await pilot.press(key)
+            await pilot.pause()
+            assert app.screen is not app.page, key
+            assert cut_on(app) == [], key
+            if isinstance(app.screen, NumberDialog):
+                await pilot.press("9", "9", "9", "9", "9", "enter")
+                await pilot.pause()
+                assert cut_on(app) == [], key
+            await pilot.press("escape")
+            await pilot.pause()
