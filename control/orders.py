@@ -58,6 +58,7 @@ class Do(StrEnum):
     ACKNOWLEDGE = "acknowledge"      # value: alarm id, or "" for all
     MARK = "mark"                    # value: free text, kept in the log's events
     REFILL = "refill"                # value: kg filled in
+    REFILL_BACK = "refill_back"      # value: kg; the last refill told with this mass was none
     ALLOW_REVERSE = "allow_reverse"  # value: True / False
     ALLOW_OUTSIDE = "allow_outside"  # value: True / False
     ALLOW_MAP_ELSEWHERE = "allow_map_elsewhere"     # value: True / False: the outside rate of a map that lies elsewhere

@@ -21,6 +21,7 @@ from console.app.alarms import Bell
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.fields import FieldPictures
+from console.app.guide_line import GuideLine
 from console.app.history import History
 from console.app.joined import Joined, joined_words
 from console.app.keys import ACTIONS
@@ -97,6 +98,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.units = METRIC
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
+        self.presets_kg_ha = (100.0, 150.0, 200.0)      # the settings' own take their place
+        self.guide = GuideLine()
         self.sound = live
         self.sounds: dict[int, str] = {}        # strokes of the bell -> the command in their place
         self.alarm_book, self.ring = AlarmBook(), Bell()

@@ -28,6 +28,7 @@ from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, w
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
 from console.app.screens.jump import JumpScreen, Place, places_of, press
+from console.app.start_question import start_from_any_page
 from console.app.tour import Tour
 from console.app.units import UNITS
 from console.locale import N_, _, in_use, languages, use
@@ -173,15 +174,6 @@ def pages(app: TopdressApp) -> None:
     app.push_screen(PagesDialog(_("Go to which page?"), choices, app.page.where), answer)
 
 
-def start_from_any_page(app: TopdressApp) -> None:
-    """Where the numbers of the machine are not in sight, START is asked."""
-    def answer(yes: bool | None) -> None:
-        if yes:
-            app.give(Do.START)
-
-    app.push_screen(Confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves.")), answer)
-
-
 def jump(app: TopdressApp) -> None:
     """Letters over what can be clicked on the screen as it is, a dialog included."""
     if isinstance(app.screen, JumpScreen):
@@ -254,13 +246,13 @@ ACTIONS = (
     Action("pages", "tab", "Tab", N_("pages"), N_("Goes to a page, where the terminal keeps the F-keys to itself."),
            pages, bar=10, locked=True),
     Action("start_anywhere", "ctrl+s", "^S", N_("start, asked"),
-           N_("Ready or held: begins to work, from any page; asked once."), start_from_any_page, why=why_no_start),
+           N_("Ready or held: begins to work, from any page; asks first."), start_from_any_page, why=why_no_start),
     Action("undo", "ctrl+z", "^Z", N_("undo"),
-           N_("Takes the last change of strategy, source, nudge, switch or setting back; asked once."), take_back,
+           N_("Takes the last change of strategy, source, nudge, switch or setting back; asks first."), take_back,
            why=why_no_undo),
     Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."),
            alarm_list, locked=True),
-    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking is asked once."), lock, bar=11,
+    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking asks first."), lock, bar=11,
            locked=True),
     Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), next_theme, bar=12, locked=True),
     Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), palette, bar=13),
@@ -272,6 +264,6 @@ ACTIONS = (
     Action("tour_end", "ctrl+e", "^E", N_("tour: end"), N_("Ends the guided tour."), end_tour, why=why_no_tour),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
     Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),
-    Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asked once while the machine works."),
+    Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asks first while the machine works."),
            leave),
 )

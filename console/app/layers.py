@@ -20,6 +20,7 @@ class Layer(StrEnum):
 
 
 LABELS = {Layer.APPLIED: N_("applied"), Layer.TARGET: N_("target"), Layer.ERROR: N_("error"), Layer.NDVI: N_("NDVI")}
+NDVI_ENDS = (0.2, 0.9)      # bare soil to a closed canopy, as the heads tell them
 RATES = frozenset({Layer.APPLIED, Layer.TARGET})
 
 
@@ -45,17 +46,21 @@ class LayerScale(NamedTuple):
 
 
 def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: Units,
-             laid: tuple[float, float] | None = None) -> LayerScale:
-    """Applied and target share one scale, which also holds what is planned, and the rates of a laid file."""
+             laid: tuple[float, float] | None = None, most_kg_ha: float | None = None) -> LayerScale:
+    """Applied and target share one scale, which also holds what is planned, and the rates of a laid file.
+
+    most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by the plan, else by this
+    limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha in the evening. None: by what was worked so far.
+    """
     if layer is Layer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
     if layer is Layer.NDVI:
-        low, high = calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
+        low, high = NDVI_ENDS if most_kg_ha is not None else calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
         return LayerScale(layer, low, high, 1.0, 2, "")
     planned = picture.planned.ends if picture is not None and picture.planned is not None else None
     per_si = units.rate.per_si
-    low, high = calm_ends(value * per_si for ends in (worked.rate_ends, planned, laid)
-                          for value in ends or ())
+    own = worked.rate_ends if most_kg_ha is None else planned or (0.0, most_kg_ha)
+    low, high = calm_ends(value * per_si for ends in (own, planned, laid) for value in ends or ())
     return LayerScale(layer, low / per_si, high / per_si, per_si, 0, units.rate.name)
 
 

@@ -18,16 +18,19 @@ class NumberDialog(Dialog[float | None]):
     typed is dropped: what is no number, or lies outside the range, is refused in words.
 
     low, high, typed (what stands there at first; the first key replaces it): as shown; the answer is `to_si` of the
-    number. doubt: what speaks against a number in SI, in words, "" where nothing does; then it is asked once more.
+    number. full: a key, its word and a number, as shown, that the key puts there. doubt: what speaks against a number
+    in SI, in words, "" where nothing does; then it is asked once more.
     """
 
     PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
 
     def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
                  to_si: Callable[[float], float] = lambda shown: shown, typed: str = "",
-                 doubt: Callable[[float], str] = lambda value: "") -> None:
+                 doubt: Callable[[float], str] = lambda value: "",
+                 full: tuple[str, str, float] | None = None) -> None:
         super().__init__(title, text)
         self.unit, self.low, self.high, self.to_si, self.doubt = unit, low, high, to_si, doubt
+        self.full = full
         self.typed = typed
         self._fresh = bool(typed)
 
@@ -43,6 +46,18 @@ class NumberDialog(Dialog[float | None]):
                 with Horizontal(classes="pad-row"):
                     for key in self.PAD[row:row + 3]:
                         yield Button(key, name=key, classes="pad-key")
+
+    def buttons(self) -> ComposeResult:
+        if self.full is not None:
+            key, word, value = self.full
+            yield Button(f"{key}  {word}: {plain_number(value)} {self.unit}", id="full", classes="dialog-button")
+        yield from super().buttons()
+
+    def _fill(self) -> None:
+        """As if it were typed: what stands there is still read, allowed and asked like any other number."""
+        if self.full is not None:
+            self.typed, self._fresh = plain_number(self.full[2]), True
+            self._show(asked=False)
 
     def on_mount(self) -> None:
         self.query_one("#number-wrong", Static).display = False
@@ -88,6 +103,10 @@ class NumberDialog(Dialog[float | None]):
         key = named or (number_key if number_key.isdecimal() else event.character or "")
         if key in ("c", "C", "ｃ", "Ｃ"):
             key = "C"
+        if self.full is not None and key.upper() == self.full[0] and (not self.typed or self._fresh):
+            event.stop()
+            self._fill()
+            return
         if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):     # ' jumps to a button
             event.stop()
             self.type(key)
@@ -98,6 +117,9 @@ class NumberDialog(Dialog[float | None]):
             self.type(character if character.isprintable() else " ")
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
+        if event.button.id == "full":
+            event.stop()
+            self._fill()
         if event.button.name in self.PAD:
             event.stop()
             self.type(event.button.name)

@@ -100,6 +100,8 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     app.sound = settings.sound
     app.sounds = {STROKES[Severity.RED]: settings.sounds.alarm, STROKES[Severity.AMBER]: settings.sounds.caution}
     limit_rates(app, settings.manual_rate)
+    presets = settings.presets
+    app.presets_kg_ha = presets.first_kg_ha, presets.second_kg_ha, presets.third_kg_ha
     app.rates = settings.console
     for page in app.pages.made.values():
         app.pace(page)

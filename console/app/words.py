@@ -30,7 +30,7 @@ SEVERITY_SYMBOLS = {Severity.RED: "✖", Severity.AMBER: "!"}
 
 NOTES = {
     "limited_lowest": N_("machine's lowest"), "limited_highest": N_("machine's highest"),
-    "limited_zero": N_("too little: zero"),
+    "limited_zero": N_("closed: below the machine's lowest rate"),
     "not_working": N_("not working"), "drive_silent": N_("a drive is silent"), "speed_silent": N_("no speed"),
     "standstill": N_("standing still"), "low_speed": N_("too slow"), "reversing": N_("reversing"),
     "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),

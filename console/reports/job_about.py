@@ -76,6 +76,8 @@ def happened(log: RunLog) -> Happened:
             word, _blank, value = event.partition(" ")
             if word == "refill":
                 refills.append((row.time_s, _number(value)))
+            elif word == "refill_back" and refills:
+                refills.pop()
             elif word == "growth_stage_outside":
                 growth = value
         if row.state == "working":

@@ -5,6 +5,7 @@ import contextlib
 import datetime as dt
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
@@ -168,7 +169,18 @@ class JobFiles:
 
     def maps(self) -> tuple[MapFile, ...]:
         from console.services.sticks import maps_in, places
-        return maps_in(places(self._folder))
+        return maps_in(places())
+
+    def map_folder(self, folder: str) -> tuple[MapFile, ...]:
+        """Raises ValueError."""
+        from console.services.sticks import entries, places
+        if not folder:
+            return (*(MapFile(str(path), f"{name}/", "", "") for path, name in places()),
+                    MapFile(str(Path.home()), "~/", "", ""), MapFile(Path.home().anchor, Path.home().anchor, "", ""))
+        try:
+            return entries(Path(folder))
+        except OSError as error:
+            raise ValueError(f"{error.strerror or error}: {folder}") from None
 
     def preview(self, path: str, reading: Reading) -> MapPreview:
         """Raises ValueError."""
@@ -176,26 +188,34 @@ class JobFiles:
         from control.targets.prescription import statistics
         from drivers.files.prescriptions.for_job import check_of_job
         from drivers.files.prescriptions.read import read_prescription
-        from drivers.files.prescriptions.words import Choice, RateQuestion
+        from drivers.files.prescriptions.words import Choice, PrescriptionError, RateQuestion
         from drivers.files.prescriptions.write import write_prescription
         from drivers.files.setup import setup_of
         choice = Choice(column=reading.column or None, unit=reading.unit or None)
+        path = str(Path(path.strip().strip("'\"")).expanduser())          # as a file manager pastes it
         try:
             read = read_prescription(path, choice)
         except RateQuestion as question:
-            return MapPreview(path, reading, question.columns, str(question).splitlines()[0])
+            return MapPreview(path, reading, question.columns, str(question).splitlines()[0].removeprefix(f"{path}: "))
+        except PrescriptionError as error:
+            said = str(error).splitlines()[0]
+            raise ValueError(f"{said.removeprefix(f'{path}: ')} ({Path(path).name})") from None
         except OSError as error:
-            raise ValueError(f"{path}: {error.strerror or error}") from None
+            raise ValueError(f"{error.strerror or error}: {path}") from None
         if self._scratch is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="topdress-maps-")
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
         found = self._found()
         setup = setup_of(found, dt.date.today())
+        shares = statistics(read.data)
+        doubtful = implausible([share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha)
+        if read.unit_from == UNIT_NOT_NAMED and doubtful:
+            return MapPreview(path, reading._replace(column=reading.column or (read.layers or ("",))[0]), read.layers,
+                              f"{doubtful}, and the file names no unit: U says which one it is")
         target = setup.job.target.model_copy(update={"map": str(kept), "source": TargetSource.MAP})
         job = _on_its_ground(setup.job.model_copy(update={"target": target}), setup.machine, found)
         check = check_of_job(job, setup.crop.max_rate_kg_ha, kept.parent)
-        shares = statistics(read.data)
         rates = [share.rate_kg_ha for share in shares] or [0.0]
         picture = picture_of(job, kept.parent, setup.machine.geometry.working_width_m)
         return MapPreview(path, reading._replace(column=reading.column or (read.layers or ("",))[0]), read.layers, "",
@@ -219,6 +239,17 @@ class JobFiles:
             raise ValueError(error.lines[0]) from None
         except OSError as error:
             raise ValueError(f"{place}: {error.strerror or error}") from None
+
+    def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
+        """Raises ValueError: edges that cross, too few corners."""
+        from console.services.driven_field import driven_field
+        ground = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.field
+        try:
+            field, area_ha = driven_field(ground, ring_deg)
+            said = f"Boundary driven, {area_ha:.2f} ha, {len(field.boundary_m)} corners"
+            return self._new_job({"field": field}, said)
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
 
     def take_who(self, who: Who) -> str:
         """Raises ValueError."""
@@ -403,6 +434,20 @@ class JobFiles:
         """Raises WorkerFailed, ValueError, OSError."""
         resume.finish(Path(offer.path))
         return await self._launcher.link()
+
+
+UNIT_NOT_NAMED = "as the file names no unit"        # as `drivers.files.prescriptions.rate_column` says it
+FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0              # times the crop's limit; less than any dressing
+
+
+def implausible(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
+    """What of a map's rates no field gets, if they are kg/ha; empty where nothing."""
+    highest = max(rates_kg_ha, default=0.0)
+    if highest > FAR_ABOVE * most_kg_ha:
+        return f"rates up to {highest:.0f}, read as kg/ha, are far above the crop's limit of {most_kg_ha:.0f}"
+    if 0.0 < highest < FAR_BELOW_KG_HA:
+        return f"rates up to {highest:g}, read as kg/ha, are less than any dressing"
+    return ""
 
 
 class _ProductFacts(TypedDict):

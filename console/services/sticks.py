@@ -6,19 +6,21 @@ import datetime as dt
 import os
 import string
 import sys
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from console.app.pages.job.desk import MapFile
 
-ENDINGS = (".shp", ".geojson", ".json", ".zip")
+ENDINGS = (".shp", ".geojson", ".json", ".zip", ".csv")
+LOOKED_INTO = 4096          # bytes of a file that tell whether it may be a map at all
 TASK = "taskdata.xml"
 DEEP = 3                    # folders below a stick: TASKDATA, or farm / field / map
 MOST_FILES = 60
 MOST_LOOKED_AT = 3000       # entries of one place: a stick full of pictures must not hold the list up
 
 
-def places(own: Path) -> tuple[tuple[Path, str], ...]:
+def places() -> tuple[tuple[Path, str], ...]:
     """Folders to look into, and what an operator calls them."""
     found: list[tuple[Path, str]] = []
     if sys.platform == "win32":
@@ -28,8 +30,7 @@ def places(own: Path) -> tuple[tuple[Path, str], ...]:
         for base in (Path("/media") / user, Path("/run/media") / user, Path("/Volumes"), Path("/mnt")):
             with contextlib.suppress(OSError):
                 found += [(one, one.name) for one in sorted(base.iterdir()) if one.is_dir()]
-    found += [(Path.home() / "Downloads", "Downloads"), (own / "maps", "topdress"),
-              (Path.cwd(), Path.cwd().name or ".")]
+    found += [(Path.home() / "Downloads", "Downloads"), (Path.cwd(), Path.cwd().name or ".")]
     return tuple((path, name) for path, name in found if path.is_dir())
 
 
@@ -65,5 +66,52 @@ def _maps(folder: Path) -> Iterator[Path]:
             if one.is_dir():
                 if depth < DEEP:
                     waiting.append((one, depth + 1))
-            elif one.suffix.lower() in ENDINGS:
+            elif may_be_map(one):
                 yield one
+
+
+def may_be_map(path: Path) -> bool:
+    """By its ending and its first bytes: no list of settings, no log, no archive of pictures."""
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        return False
+    if ending == ".shp":
+        return True
+    try:
+        if ending == ".zip":
+            with zipfile.ZipFile(path) as archive:
+                names = [name.lower() for name in archive.namelist()[:MOST_LOOKED_AT]]
+            return any(name.endswith((".shp", TASK)) for name in names)
+        with path.open("rb") as file:
+            head = file.read(LOOKED_INTO).decode("utf-8", errors="replace")
+    except (OSError, zipfile.BadZipFile):
+        return False
+    if ending == ".csv":
+        from drivers.files.prescriptions.csv_zones import holds_polygons
+        from drivers.files.prescriptions.lattice import is_map_of_points
+        try:
+            return holds_polygons(path) or is_map_of_points(path)
+        except (OSError, ValueError):
+            return False
+    return '"FeatureCollection"' in head or '"Feature"' in head
+
+
+def entries(folder: Path) -> tuple[MapFile, ...]:
+    """Of one folder: the folder above, folders and maps by name. Raises OSError."""
+    found = [MapFile(str(folder.parent), "..", "", "")] if folder.parent != folder else []
+    here = sorted((one for one in folder.iterdir() if not one.name.startswith(".")), key=lambda one: one.name.lower())
+    if any(one.name.lower() == TASK for one in here):
+        found.append(MapFile(str(folder), folder.name, folder.name, _changed(folder)))
+    for one in here[:MOST_LOOKED_AT]:
+        with contextlib.suppress(OSError):
+            if one.is_dir():
+                found.append(MapFile(str(one), f"{one.name}/", "", ""))
+    for one in here[:MOST_LOOKED_AT]:
+        with contextlib.suppress(OSError):
+            if one.is_file() and may_be_map(one):
+                found.append(MapFile(str(one), one.name, folder.name, _changed(one)))
+    return tuple(found)
+
+
+def _changed(path: Path) -> str:
+    return dt.datetime.fromtimestamp(path.stat().st_mtime).strftime("%Y-%m-%d %H:%M")

@@ -74,6 +74,17 @@ class Snapshot:
         return not self.finished and (self.worked or self.area_ha >= WORTH_HA)
 
 
+REFILL_ALIKE_KG = 0.05       # refills are told to 0.1 kg
+
+
+def without_last(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
+    """Without the newest refill of this mass, which was none."""
+    for number in range(len(refills) - 1, -1, -1):
+        if abs(refills[number][1] - kg) < REFILL_ALIKE_KG:
+            return (*refills[:number], *refills[number + 1:])
+    return refills
+
+
 def beside(log: str | Path) -> Path:
     """Where the snapshot of a log stands."""
     return Path(log).with_suffix(ENDING)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from console.worker.resume import Snapshot
+from console.worker.resume import Snapshot, without_last
 from console.worker.resume_ground import Done
 from console.worker.resume_run_on import STEP_S, run_on
 from control.field.totals import Totaliser
@@ -36,6 +36,7 @@ class _Row(NamedTuple):
     hopper_kg: float | None
     state: str
     refill_kg: float
+    refill_back_kg: float
     stopped_kg: float = 0.0         # entered as released while told to stand
     sections_cmd: str = ""
     open_share: float = 1.0         # of the working width
@@ -86,9 +87,13 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
             after_cut_kg += applied * last.open_share * width_m * last.speed_used_mps * STEP_S / 10_000.0
     refills = tuple((snapshot.saved_utc, row.refill_kg) for row in rows
                     if row.refill_kg > 0.0 and row.time_s > snapshot.time_s)
+    noted = (*snapshot.refills, *refills)
+    for row in rows:
+        if row.refill_back_kg > 0.0 and row.time_s > snapshot.time_s:
+            noted = without_last(noted, row.refill_back_kg)
     return replace(snapshot, sums=sums.sums, ground=done.raster(), track=tuple(done.track), place_m=place,
                    heading_deg=rows[-1].heading_deg, held_s=held_s, time_s=before_s, sums_s=before_s,
-                   refills=(*snapshot.refills, *refills), after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
+                   refills=noted, after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
 
 
 def _add(sums: Totaliser, row: _Row, step_s: float, turning_rpm: float, is_new: bool) -> None:
@@ -151,7 +156,8 @@ def _row(cells: dict[str, str]) -> _Row | None:
         return float(cells.get(name) or otherwise)
 
     try:
-        refills, stopped = (_told(cells.get("events") or "", word) for word in ("refill", "released_stopped"))
+        told = cells.get("events") or ""
+        refills, stopped, back = (_told(told, word) for word in ("refill", "released_stopped", "refill_back"))
         return _Row(
             time_s=float(cells["time_s"]), lat_deg=float(cells["lat_deg"]), lon_deg=float(cells["lon_deg"]),
             heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
@@ -159,7 +165,7 @@ def _row(cells: dict[str, str]) -> _Row | None:
             applied_rate_kg_ha=known("applied_rate_kg_ha"), flow_trim=known("flow_trim", 1.0),
             target_rate_kg_ha=known("target_rate_kg_ha"),
             hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None, state=cells.get("state", ""),
-            refill_kg=refills, stopped_kg=stopped, sections_cmd=cells.get("sections_cmd") or "")
+            refill_kg=refills, refill_back_kg=back, stopped_kg=stopped, sections_cmd=cells.get("sections_cmd") or "")
     except (KeyError, ValueError):
         return None
 

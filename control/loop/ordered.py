@@ -134,6 +134,11 @@ class Operator:
     def _mark(self, order: Order, now_s: float) -> Answer:
         return YES
 
+    def _refill_back(self, order: Order, now_s: float) -> Answer:
+        """An event of the log, which takes the one before back; what safety made of the refill costs nothing."""
+        kg = _number(order)
+        return YES if kg is not None and kg > 0.0 else Answer(False, "refill_kg")
+
     def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """An order that safety answers, and what one that it accepted means here."""
         before = self._safety.state
@@ -165,4 +170,5 @@ _HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
     Do.MANUAL_RATE: Operator._manual_rate, **dict.fromkeys(_SWITCHES, Operator._switch),
     Do.STRIP: Operator._strip, Do.DOSE_ERROR: Operator._dose_error, Do.CALIBRATE_SHAFT: Operator._bench_setting,
     Do.CALIBRATE_OPENING: Operator._bench_setting, Do.SECTION: Operator._section, Do.MARK: Operator._mark,
+    Do.REFILL_BACK: Operator._refill_back,
 }

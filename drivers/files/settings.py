@@ -31,6 +31,15 @@ class ManualRate(Part):
         return self
 
 
+class Presets(Part):
+    """Rates on keys of their own. Defaults: a light, a middle and a full top dressing of urea for winter wheat, of the
+    order of the grades in the decision paper's table (0 to 300 kg/ha)."""
+
+    first_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 100.0
+    second_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 150.0
+    third_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 200.0
+
+
 class Rates(Part):
     """How often the console looks at each kind of panel; slower ones spare a weak computer."""
 
@@ -58,6 +67,7 @@ class Settings(Part):
     sound: bool = True
     sounds: Sounds = Sounds()
     manual_rate: ManualRate = ManualRate()
+    presets: Presets = Presets()
     console: Rates = Rates()
     keymap: dict[str, Keys] = Field(default={}, description="action -> keys, where other than the built-in ones")
 

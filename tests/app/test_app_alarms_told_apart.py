@@ -35,7 +35,7 @@ def test_the_four_kinds_of_a_red_alarm_all_differ(frames):
     for acknowledged in (False, True):
         for gone in (False, True):
             head, todo, styles = first_rows(frame_with(frames[-1], acknowledged=acknowledged, gone=gone))
-            assert ("cause gone since" in head) == gone
+            assert ("cause gone at" in head) == gone
             assert ("A: acknowledge" in todo) is not acknowledged and (" acknowledged " in todo) is acknowledged
             seen[acknowledged, gone] = styles
     assert "$alarm-red" in seen[False, False][1], "nobody has looked: the whole row"
@@ -57,7 +57,7 @@ def test_the_book_and_the_list_keep_it_and_forget_it(frames):
     book.see(2.0, "2026-03-18T06:00:02Z", [red._replace(gone_s=1.5)])
     book.see(3.0, "2026-03-18T06:00:03Z", [red._replace(gone_s=1.5)])
     entry = entries(records_of(plain_records(book.records)), METRIC, 0.0)[0]
-    assert entry.gone and "cause gone since 06:00:02" in entry.when and "not acknowledged" in entry.when
+    assert entry.gone and "cause gone at 06:00:02" in entry.when and "not acknowledged" in entry.when
     book.see(4.0, "2026-03-18T06:00:04Z", [red])
     assert not entries(book.records, METRIC, 0.0)[0].gone, "it came back"
 

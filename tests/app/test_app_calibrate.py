@@ -69,7 +69,7 @@ async def hold_mouse(pilot, page, action):
 async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("r")
+        await pilot.press("j")
         await pilot.pause()
         assert source.orders == []
         assert "Keep it pressed" in page.runner.said
@@ -78,10 +78,10 @@ async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
 async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(app, source, clock, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("r")
+        await pilot.press("j")
         clock.now_s += 0.5
         for _repeat in range(10):
-            await pilot.press("r")
+            await pilot.press("j")
             await pilot.pause()
             clock.now_s += 0.05
         assert source.orders[:3] == BEGIN
@@ -185,7 +185,7 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await pilot.press("f8")
-        await pilot.press("r", "r", "r", "y", "s", "o", "w", "b", "f", "n", "right")
+        await pilot.press("j", "j", "j", "y", "v", "p", "i", "b", "q", "n", "right")
         app.notice_text = ""
         await hold_mouse(pilot, page, "cal_run")
         await pilot.pause()
@@ -199,10 +199,10 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
 async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("s", "1", "0", "1", "enter")
+        await pilot.press("v", "1", "0", "1", "enter")
         await pilot.pause()
         assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
-        await pilot.press("delete", "9", "0", "enter", "o", "4", "0", "enter")
+        await pilot.press("delete", "9", "0", "enter", "p", "4", "0", "enter")
         await pilot.pause()
         assert source.orders == []
         await hold_mouse(pilot, page, "cal_run")
@@ -235,9 +235,9 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         for rpm, mm, mass in ((70.0, 20.0, "3.87"), (70.0, 35.0, "6.7"), (90.0, 50.0, "12.4")):
-            for key, value in (("s", rpm), ("o", mm)):
+            for key, value in (("v", rpm), ("p", mm)):
                 await pilot.press(key, *f"{value:.0f}", "enter")
-            await pilot.press("w")
+            await pilot.press("i")
             await pilot.pause()
             assert len(app.screen_stack) == 2, "nothing is caught yet"
             await caught(app, source, clock, pilot, frame, rpm, mm, 5.4)
@@ -246,12 +246,12 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
                        if isinstance(row, Bar) and row.label == "catch")
             assert bar.share == 1.0
-            await pilot.press("w", *("full_stop" if c == "." else c for c in mass), "enter")
+            await pilot.press("i", *("full_stop" if c == "." else c for c in mass), "enter")
             await pilot.pause()
         points = page.desk.test.points
         assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
         assert points[1].mass_kg == 6.7
-        await pilot.press("f")
+        await pilot.press("q")
         await settled(app, pilot)
         text = "\n".join(shown(app))
         assert "flow 5.4972 g per turn and mm" in text and "90 % lie between" in text
@@ -308,7 +308,7 @@ async def test_escape_forgets_a_computation(app, opened):
 
         page.job = replace(page.job, fit_catch=slow)
         page.desk.test.points = list(POINTS)
-        await pilot.press("f")
+        await pilot.press("q")
         await pilot.pause()
         assert page.busy
         await pilot.press("escape")
@@ -325,7 +325,7 @@ async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
         await pilot.press("backspace")
         await pilot.pause()
         assert len(page.desk.test.points) == 2 and page.desk.fitted is None
-        await pilot.press("f", "n")
+        await pilot.press("q", "n")
         await pilot.pause()
         assert page.desk.fitted is None and len(app.screen_stack) == 2
 
@@ -352,7 +352,7 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
         clock.now_s += 0.5
         app.tick()
-        await pilot.press("f")
+        await pilot.press("q")
         await settled(app, pilot)
         assert page.desk.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
 
@@ -363,7 +363,7 @@ async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown)
         await pilot.press("b")
         await pilot.pause()
         assert source.lag_tests == [] and "no lag rig" in app.notice_text
-        await pilot.press("t")
+        await pilot.press("e")
         await settled(app, pilot)
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("2", "enter")
@@ -444,6 +444,6 @@ async def test_without_files_the_page_says_so(source, clock, frames):
     source.newest = standing(frames[-1])
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f6", "s")
+        await pilot.press("f6", "v")
         await pilot.pause()
         assert "not available here" in app.notice_text and len(app.screen_stack) == 2

@@ -125,7 +125,7 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
                                            offers=service.found.offers[1:])
     async with desk.run_test(size=size) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("k")
+        await pilot.press("y")
         await pilot.pause()
         assert isinstance(desk.screen, ChoiceDialog) and desk.screen.at == 0
         text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
@@ -139,7 +139,7 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
 async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("k")
+        await pilot.press("y")
         await pilot.pause()
         assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, False, True, True]
         await pilot.press("3", "enter")
@@ -170,7 +170,7 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
     service.found = sample_found("named")
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("k")
+        await pilot.press("y")
         await pilot.pause()
         assert isinstance(desk.screen, Confirm), "what is sure is asked once"
         await pilot.press("enter")
@@ -188,7 +188,7 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
 async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("k", "enter")
+        await pilot.press("y", "enter")
         await pilot.pause()
         assert isinstance(desk.screen, Confirm)
         text = desk.screen.text
@@ -259,7 +259,7 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
         adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",))
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("k")
+        await pilot.press("y")
         await pilot.pause()
         assert isinstance(desk.screen, TextDialog)
         assert "holds in the rows of before.csv only" in "\n".join(shown(desk))
@@ -270,7 +270,7 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
 async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(desk, service, source, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("w")
+        await pilot.press("q")
         await pilot.pause()
         await pilot.press("escape", "i")
         await pilot.pause()
@@ -289,7 +289,7 @@ async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_besi
 async def test_report_data_and_type_a_path(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
-        await pilot.press("t")
+        await pilot.press("slash")
         await pilot.pause()
         assert isinstance(desk.screen, NameDialog)
         await pilot.press(*"no", "enter")
@@ -308,7 +308,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
     desk = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
-        await pilot.press("t")
+        await pilot.press("slash")
         await pilot.pause()
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
@@ -320,7 +320,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
         assert page.said == "not brought in: the import file has open questions"
         assert page.sources == SOURCES                  # read anew: the import file is there now
         service.unsure = ()
-        await pilot.press("t")
+        await pilot.press("slash")
         await pilot.pause()
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
@@ -330,7 +330,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
 async def test_another_machine_file_may_be_held_against(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await opened(desk, pilot)
-        await pilot.press("m", "2", "enter", "enter")
+        await pilot.press("n", "2", "enter", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose 20260318-061200.csv bench"]
 
@@ -367,7 +367,7 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "25 %" in text and "shaft, gate, flow, scale" in text and "00:30 left" in text
-        await pilot.press("k", "space")                 # all else waits, hold does not
+        await pilot.press("y", "space")                 # all else waits, hold does not
         await pilot.pause()
         assert [order.do for order in source.orders] == [Do.HOLD]
         await pilot.press("escape")

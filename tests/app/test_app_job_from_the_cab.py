@@ -105,7 +105,7 @@ async def test_a_map_that_cannot_be_read_is_one_line(full, desk):
 async def test_whose_job_it_is(full, desk, shown):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
-        await pilot.press("w")
+        await pilot.press("y")
         await pilot.pause()
         await pilot.press("1", "enter")
         await pilot.pause()
@@ -129,7 +129,7 @@ async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
         for keys in (("2", "enter"), ("3", "enter", *"lime", "enter")):
-            await pilot.press("w")
+            await pilot.press("y")
             await pilot.pause()
             await pilot.press("4", "enter")
             await pilot.pause()
@@ -207,6 +207,6 @@ async def test_no_letter_of_the_map_dialog_reaches_the_page(full, desk):
         await settled(full, pilot)
         await pilot.press("1", "enter")
         await settled(full, pilot)
-        await pilot.press("f", "j", "m")
+        await pilot.press("f", "j", "i")
         await pilot.pause()
         assert isinstance(full.screen, MapDialog) and not isinstance(full.screen, NumberDialog)

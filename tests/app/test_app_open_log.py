@@ -46,7 +46,7 @@ def app_with(source, clock, replay_source):
 async def test_a_log_is_chosen_and_shown_while_the_machine_goes_on(app_with, source):
     app = app_with()
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.press("f7", "o", "enter")
+        await pilot.press("f7", "j", "enter")
         await until(pilot, lambda: app.replay_page.job is not None)
         assert app.replay_page.job.name == "new.csv" and app.page.where == "replay"
         assert source.orders == []
@@ -55,10 +55,10 @@ async def test_a_log_is_chosen_and_shown_while_the_machine_goes_on(app_with, sou
 async def test_a_broken_log_is_said_and_the_one_before_stays(app_with):
     app = app_with()
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.press("f7", "o", "enter")
+        await pilot.press("f7", "j", "enter")
         await until(pilot, lambda: app.replay_page.job is not None)
         before = app.replay_page.job
-        await pilot.press("o", "2", "enter")
+        await pilot.press("j", "2", "enter")
         await until(pilot, lambda: "row 3" in app.notice_text)
         assert app.replay_page.job is before
 
@@ -66,7 +66,7 @@ async def test_a_broken_log_is_said_and_the_one_before_stays(app_with):
 async def test_no_log_yet_is_said(app_with):
     app = app_with(())
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.press("f7", "o")
+        await pilot.press("f7", "j")
         await pilot.pause()
         assert "no log yet" in app.notice_text
 

@@ -153,10 +153,10 @@ async def test_all_defaults_are_asked_once(settings_app, kept):
         await pilot.press("enter", "2", "enter")
         await pilot.pause()
         assert not app.sound and not in_file(kept).sound
-        await pilot.press("r", "escape")
+        await pilot.press("z", "escape")
         await pilot.pause()
         assert not app.sound
-        await pilot.press("r", "enter")
+        await pilot.press("z", "enter")
         await pilot.pause()
         assert app.sound and in_file(kept) == Settings()
 
@@ -170,7 +170,7 @@ async def test_a_click_changes_and_the_lock_forbids(settings_app, kept):
         assert len(app.screen_stack) == 3
         await pilot.press("escape", "f8")
         await pilot.click(SettingsList, offset=(6, 3))
-        await pilot.press("enter", "r")
+        await pilot.press("enter", "z")
         await pilot.pause()
         assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
 

@@ -65,7 +65,7 @@ async def test_spans_by_key_and_by_wheel(live):
         plots.post_message(Plots.Wheeled(-1))
         await pilot.pause()
         assert bar(live).span == "span 02:00"
-        await pilot.press("w")
+        await pilot.press("z")
         assert bar(live).span == "whole run, 02:09"
         assert live.page.window().from_s == 0.0
         for _press in range(20):
@@ -87,7 +87,7 @@ async def go_on(app, seconds):
 async def test_frozen_plots_stand_while_the_run_goes_on(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
-        await pilot.press("f")
+        await pilot.press("p")
         assert bar(live).states == ("FROZEN",) and bar(live).standing
         before = plots.view
         await go_on(live, 10.0)
@@ -96,7 +96,7 @@ async def test_frozen_plots_stand_while_the_run_goes_on(live):
         assert live.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
         await pilot.press("pagedown", "pagedown")
         assert live.page.window().to_s == pytest.approx(live.history.series.end_s), "not beyond the newest"
-        await pilot.press("f")
+        await pilot.press("p")
         await go_on(live, 1.0)
         assert bar(live).states == ("running",)
         assert live.page.window().to_s == live.history.series.end_s
@@ -138,7 +138,7 @@ async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(live
 async def test_channels_are_taken_and_dropped(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
-        await pilot.press("c")
+        await pilot.press("n")
         await pilot.pause()
         await pilot.press("down", "down", "enter")
         await pilot.pause()
@@ -150,7 +150,7 @@ async def test_channels_are_taken_and_dropped(live):
         await pilot.pause()
         assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
         assert plots.view.plots[1].unit == "%"
-        await pilot.press("c")
+        await pilot.press("n")
         await pilot.pause()
         assert live.screen.query_one("#channel-list").option_count == 33
         await pilot.press("space")
@@ -165,21 +165,21 @@ async def test_no_channel_says_how_to_choose_one(live, shown):
         live.page.hurry()
         live.tick()
         await pilot.pause()
-        assert any("C chooses what is plotted" in row for row in shown(live))
-        await pilot.press("left", "plus", "w", "s", "f", "pageup")
+        assert any("N chooses what is plotted" in row for row in shown(live))
+        await pilot.press("left", "plus", "z", "y", "p", "pageup")
 
 
 async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
         before = plots.view.plots[0].high
-        await pilot.press("s")
+        await pilot.press("y")
         row = live.source.newest.row
         live.source.newest = replace(live.source.newest, row=row._replace(target_rate_kg_ha=900.0))
         await go_on(live, 2.0)
         assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
         assert "fixed scale" in bar(live).states
-        await pilot.press("s")
+        await pilot.press("y")
         await go_on(live, 1.0)
         assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
         assert plots.view.plots[1].high == plots.view.plots[0].high, "rates share their scale"
@@ -232,7 +232,7 @@ async def test_locked_nothing_changes(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
         await pilot.press("f8")
-        await pilot.press("plus", "f", "left", "c", "w")
+        await pilot.press("plus", "p", "left", "n", "z")
         await pilot.click("#plots", offset=(50, 3))
         plots.post_message(Plots.Wheeled(1))
         plots.post_message(Plots.Named())
@@ -250,7 +250,7 @@ async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, sh
         assert bar(app).states == ("log", "running") and "REPLAY" in shown(app)[0]
         assert plots.view.plots[0].value == f"{log.newest.row.target_rate_kg_ha:.0f}"
         assert plots.view.end == "06:12:30"
-        await pilot.press("w")
+        await pilot.press("z")
         assert plots.view.end == "06:12:59" and bar(app).span == "whole run, 00:59"
         await pilot.press("plus")
         log.seek(40.0)
@@ -267,7 +267,7 @@ async def test_the_cursor_reads_a_row_not_the_mean_of_a_wide_span(clock):
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(ReplaySource(turned, clock), "run.csv"))
     async with app.run_test(size=SIZE) as pilot:
         plots = await opened(app, pilot)
-        await pilot.press("w", "left", "left", "left")
+        await pilot.press("z", "left", "left", "left")
         for _press in range(6):
             await pilot.press("left")
             at_s = app.page.cursor_s
@@ -281,9 +281,9 @@ async def test_machine_or_log(frames, clock):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         assert "log" not in bar(app).states
-        await pilot.press("o")
+        await pilot.press("j")
         assert "log" in bar(app).states
-        await pilot.press("o")
+        await pilot.press("j")
         assert "log" not in bar(app).states
 
 

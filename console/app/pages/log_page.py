@@ -33,7 +33,7 @@ class LogPage(Page):
     def why_no_turn(self) -> str:
         """Why only the machine, or only a log, can be shown."""
         if self.app.replay_page.job is None:
-            return _("no log is open: F7, O opens one")
+            return _("no log is open: F7, J opens one")
         return _("no machine is connected") if self.app.source is None else ""
 
     def turn_log(self) -> None:
@@ -97,11 +97,13 @@ class LogPage(Page):
                  laid: LaidFile | None = None) -> MapView:
         """What a map shows of a frame, and of a file that is laid on it."""
         worked, picture = self.ground(frame)
-        scale = scale_of(layer, worked, picture, self.app.units, laid.rate_ends if laid is not None else None)
+        most_kg_ha = self.app.crop_limits_kg_ha[1] if self.replayed() is None else None
+        scale = scale_of(layer, worked, picture, self.app.units, laid.rate_ends if laid is not None else None,
+                         most_kg_ha)
         by = laid.scale(scale) if laid is not None else None
         return MapView(worked, worked.version, picture, scale, camera,
                        frame.place_m if frame else None, frame.row.heading_deg if frame else None,
-                       stale=age_s > STALE_S,
+                       stale=age_s > STALE_S, lines=self.app.guide.drawn(camera),
                        laid=LaidView(laid.worked, by) if laid is not None and by is not None else None)
 
     def whole(self, frame: Frame | None) -> Box | None:

@@ -40,6 +40,15 @@ def text_of(chip: Chip) -> str:
     return f"{first}{chip.key} {chip.label}{last}"
 
 
+LARGE_ROWS = 3
+
+
+def _style(chip: Chip) -> str:
+    if not chip.on:
+        return "$stale on $keybar"
+    return "bold $background on $primary" if chip.lead else "$on-keybar on $keybar"
+
+
 class Chips(Panel[tuple[Chip, ...]]):
     class Held(Message):
         """The mouse button went down on a chip that runs while held, or came up, or left it."""
@@ -50,16 +59,36 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     _held = ""
 
+    def __init__(self, view: tuple[Chip, ...], *, id: str | None = None, classes: str | None = None,
+                 large: bool = False) -> None:
+        """large: all in one row, three rows high where there is the height."""
+        super().__init__(view, id=id, classes=classes)
+        self.large = large
+
+    def _tall(self, height: int) -> bool:
+        return self.large and height >= LARGE_ROWS
+
     def lines(self, view: tuple[Chip, ...], width: int, height: int) -> list[Content]:
+        if self._tall(height):
+            return self._large(view, width)
         rows: list[list[Part]] = [[] for _row in range(height)]
         for chip, row, _start, _cells in placed(view, width):
             if row < height:
-                style = "$stale on $keybar" if not chip.on else (
-                    "bold $background on $primary" if chip.lead else "$on-keybar on $keybar")
-                rows[row] += [(text_of(chip), style), " "]
+                rows[row] += [(text_of(chip), _style(chip)), " "]
         return [line(*row) for row in rows]
 
+    @staticmethod
+    def _large(view: tuple[Chip, ...], width: int) -> list[Content]:
+        blank: list[Part] = []
+        words: list[Part] = []
+        for chip, row, _start, cells in placed(view, width):
+            if row == 0:
+                blank += [(" " * cells, _style(chip)), " "]
+                words += [(text_of(chip), _style(chip)), " "]
+        return [line(*blank), line(*words), line(*blank)]
+
     def at(self, x: int, y: int) -> Chip | None:
+        y = 0 if self._tall(self.content_size.height) else y
         return next((chip for chip, row, start, cells in placed(self.view, self.content_size.width)
                      if row == y and start <= x < start + cells), None)
 

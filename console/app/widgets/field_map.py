@@ -1,6 +1,7 @@
 """A map in half-blocks: every cell of the terminal is two square pixels. Only rows that changed are drawn again."""
 from __future__ import annotations
 
+from itertools import pairwise
 from math import cos, radians, sin
 from typing import ClassVar, NamedTuple
 
@@ -28,6 +29,7 @@ Codes = npt.NDArray[np.int32]            # (rows, columns) of the terminal
 _NOSES = "▴▸▾◂"
 _AHEAD = ENTRIES                         # palette: the line ahead of the machine
 _AHEAD_PIXELS = 4
+_MOST_STEPS = 4000                       # of a line that leaves the picture: no more than it has pixels
 _PAIR = 256                              # a cell's code: upper entry x _PAIR + lower entry
 _MACHINE, _CROSS = _PAIR * _PAIR, _PAIR * _PAIR + 4
 _PLANNED_SHARE = 0.38                    # of its colour, the rest is background: planned ground is fainter than worked
@@ -49,6 +51,7 @@ class MapView(NamedTuple):
     cross: tuple[float, float] | None = None
     stale: bool = False
     laid: LaidView | None = None
+    lines: tuple[tuple[tuple[float, float], ...], ...] = ()       # the guidance line, a boundary that is being driven
 
 
 class FieldMap(Canvas[MapView]):
@@ -114,6 +117,8 @@ class FieldMap(Canvas[MapView]):
         machine = pixels.at(*view.place) if view.place is not None else None
         if machine is not None and view.heading_deg is not None:
             _draw_ahead(seen, machine, view.heading_deg)
+        for drawn in view.lines:
+            _draw_line(seen, [pixels.at(*place) for place in drawn])
         codes = seen[0::2].astype(np.int32) * _PAIR + seen[1::2]
         if view.cross is not None:
             column, row = pixels.at(*view.cross)
@@ -182,6 +187,17 @@ def _draw_ahead(seen: Image, machine: tuple[int, int], heading_deg: float) -> No
         column, row = machine[0] + round(step * east), machine[1] - round(step * north)
         if 0 <= column < columns and 0 <= row < rows:
             seen[row, column] = _AHEAD
+
+
+def _draw_line(seen: Image, corners: list[tuple[int, int]]) -> None:
+    """From corner to corner, a pixel at each step of the longer way."""
+    rows, columns = seen.shape
+    for (x, y), (to_x, to_y) in pairwise(corners):
+        steps = min(_MOST_STEPS, max(abs(to_x - x), abs(to_y - y), 1))
+        for step in range(steps + 1):
+            column, row = x + round(step * (to_x - x) / steps), y + round(step * (to_y - y) / steps)
+            if 0 <= column < columns and 0 <= row < rows:
+                seen[row, column] = _AHEAD
 
 
 def _plain(entry: int, view: MapView) -> str:

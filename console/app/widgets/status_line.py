@@ -1,21 +1,25 @@
 """The top row: state, strategy, source of the target, marks, time."""
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rich.cells import cell_len
 from textual.content import Content
 
 from console.app.view import StatusView
 from console.app.widgets.panel import Panel, Part, line, spread
 
-GIVES_WAY = ("elapsed", "clock", "strategy", "source")
+GIVES_WAY: tuple[Callable[[StatusView], StatusView], ...] = (
+    lambda view: view._replace(elapsed=""), lambda view: view._replace(clock=""),
+    lambda view: view._replace(strategy=""), lambda view: view._replace(source=""))
 
 
 def with_room(view: StatusView, width: int) -> StatusView:
     """What has room beside state and marks: whole words go, none is cut."""
-    for name in GIVES_WAY:
+    for without in GIVES_WAY:
         if _cells(view) <= width:
             break
-        view = view._replace(**{name: ""})
+        view = without(view)
     return view
 
 

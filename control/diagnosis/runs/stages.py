@@ -524,6 +524,8 @@ def _written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, float]]
                     found.append((float(time[row]), float(parts[1])))
                 except ValueError:
                     continue
+            elif parts[:1] == ["refill_back"] and found:        # the one before was none
+                found.pop()
     return found
 
 

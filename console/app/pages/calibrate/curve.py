@@ -9,6 +9,7 @@ from itertools import pairwise
 from math import ceil, floor, log10
 from typing import ClassVar, NamedTuple
 
+from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
@@ -53,6 +54,8 @@ class Curve(Canvas[CurveView]):
         head = [(f" {view.y_name}  ", title), ("o ", point), (_("measured"), muted)]
         if view.line:
             head += [("  ⣀⣀ ", drawn), (_("fitted"), muted), ("  ⢀⢀ ", band), (_("90 % lie between"), muted)]
+        while sum(cell_len(text) for text, _style in head) > width and len(head) > 3:
+            head = head[:-2]            # the last of what is explained goes first, whole
         strips = [self.text_strip(width, *head)]
         ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
         if not ys:

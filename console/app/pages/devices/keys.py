@@ -50,12 +50,12 @@ def _ask_disconnect(page: DevicesScreen, device: DeviceView) -> None:
 ACTIONS = (
     Action("dev_up", "up", "Up", N_("device above"), N_("Picks the device above."), above, DEVICES),
     Action("dev_down", "down", "Down", N_("device below"), N_("Picks the device below."), below, DEVICES),
-    Action("dev_test", "t", "T", N_("test"), N_("Listens to what is on this port; nothing is sent."), test, DEVICES,
+    Action("dev_test", "e", "E", N_("test"), N_("Listens to what is on this port; nothing is sent."), test, DEVICES,
            4),
-    Action("dev_capture", "w", "W", N_("write raw"),
+    Action("dev_capture", "y", "Y", N_("write raw"),
            N_("Records what is received and sent in a file beside the log; again: stops."), write_raw, DEVICES, 5),
-    Action("dev_plug", "c", "C", N_("connect / disconnect"),
-           N_("Connects or disconnects the port; disconnecting is asked once and refused while working."), plug,
+    Action("dev_plug", "p", "P", N_("connect / disconnect"),
+           N_("Connects or disconnects the port; disconnecting asks first and is refused while working."), plug,
            DEVICES,
            6),
 )

@@ -36,7 +36,7 @@ class SourceList(Panel[SourcesView]):
     def lines(self, view: SourcesView, width: int, height: int) -> list[Content]:
         rows = [line((fit(f" {_('Which data is to be checked?')}", width), "bold $primary"))]
         if not view.sources:
-            said = _("reading the folders") if view.looking else _("no log or table here; T types a path")
+            said = _("reading the folders") if view.looking else _("no log or table here; / types a path")
             return [*rows, line((f" {said}", "$muted"))]
         rows.append(line((self._row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted")))
         room = max(1, height - HEAD_ROWS)

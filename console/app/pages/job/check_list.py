@@ -16,6 +16,10 @@ STYLES = {OK: "$muted", LOOK: "bold $on-alarm-amber on $alarm-amber", STOP: "bol
 SYMBOLS = {OK: " ", LOOK: "!", STOP: "✖"}
 
 
+MOST_ROWS = 2                 # of one check
+REST = " ... V"               # V shows the list in full
+
+
 class ChecksView(NamedTuple):
     checks: tuple[Check, ...]
     language: str
@@ -24,7 +28,7 @@ class ChecksView(NamedTuple):
 def with_room(checks: tuple[Check, ...], rows: int, cells: int = 1000) -> tuple[Check, ...]:
     """Those that are shown in so many rows, in their order, their texts in so many cells: where not all have room what
     is well gives way first, and one row says how many are left out."""
-    need = [max(1, len(wrapped(check.text, cells))) for check in checks]
+    need = [len(_texts(check, cells)) for check in checks]
     if sum(need) <= rows:
         return checks
     kept: set[int] = set()
@@ -34,24 +38,47 @@ def with_room(checks: tuple[Check, ...], rows: int, cells: int = 1000) -> tuple[
     return tuple(check for k, check in enumerate(checks) if k in kept)
 
 
+def _columns(checks: tuple[Check, ...]) -> tuple[int, int]:
+    """Cells of the labels, and of the words that say how things stand."""
+    return (max((cell_len(check.label) for check in checks), default=0) + 2,
+            max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4)
+
+
+def _texts(check: Check, room: int) -> list[str]:
+    """What stands on its rows: no more of them than leave the other checks theirs; then the key to the rest."""
+    rows = wrapped(check.text, room) or [""]
+    if len(rows) <= MOST_ROWS:
+        return rows
+    return [*rows[:MOST_ROWS - 1], wrapped(rows[MOST_ROWS - 1], room - len(REST))[0] + REST]
+
+
+def _more(check: Check) -> list[str]:
+    return [text for text in check.full if text not in check.text] if check.level != OK else []
+
+
+def rows_of(checks: tuple[Check, ...], width: int) -> int:
+    """Rows in which everything stands."""
+    room = max(8, width - sum(_columns(checks)) - 1)
+    return 1 + sum(len(_texts(check, room)) + sum(len(wrapped(one, room)) for one in _more(check))
+                   for check in checks)
+
+
 class CheckList(Panel[ChecksView]):
     def lines(self, view: ChecksView, width: int, height: int) -> list[Content]:
         said = {OK: _("all is well"), LOOK: _("work is possible: look at what is marked"),
                 STOP: _("not ready for work")}[worst(view.checks)] if view.checks else _("being read")
         head: list[Part] = [(f" {_('before work')} ", "bold $primary"), (f" {said}", "bold")]
-        label = max((cell_len(check.label) for check in view.checks), default=0) + 2
-        word = max(cell_len(_(text)) for text in LEVEL_WORDS.values()) + 4
+        label, word = _columns(view.checks)
         rows = [line(*head)]
         room = max(8, width - label - word - 1)
         shown = with_room(view.checks, height - 1, room)
-        spare = height - 1 - sum(len(wrapped(check.text, room)) for check in shown) - (len(shown) < len(view.checks))
+        spare = height - 1 - sum(len(_texts(check, room)) for check in shown) - (len(shown) < len(view.checks))
         for check in shown:
-            for k, text in enumerate(wrapped(check.text, room)):
+            for k, text in enumerate(_texts(check, room)):
                 mark = f" {SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}"
                 rows.append(line((fit(f" {check.label}" if not k else "", label), "$muted"),
                                  (fit(mark if not k else "", word), STYLES[check.level] if not k else ""), f" {text}"))
-            more = [text for text in check.full if text not in check.text] if check.level != OK else []
-            for text in (row for one in more for row in wrapped(one, room)):
+            for text in (row for one in _more(check) for row in wrapped(one, room)):
                 if spare > 0:
                     rows.append(line(" " * (label + word), (f" {text}", "$muted")))
                     spare -= 1

@@ -177,7 +177,7 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
 def _strip(facts: Facts, frame: Frame | None) -> Check:
     label = _("N-rich strip")
     if facts.source not in BY_CANOPY:
-        return Check(label, OK, _("not needed: {source}").format(source=words.source_word(facts.source)))
+        return Check(label, OK, _("not needed: {source} in use").format(source=words.source_word(facts.source)))
     live = frame.strips.nrich if frame is not None else None
     if live is not None and live != facts.ndvi_nrich:
         return Check(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
@@ -289,7 +289,7 @@ def totals(frame: Frame | None, age_s: float, units: Units, picture: FieldPictur
         Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
         *(point_items(frame, old, units) or (
             Item(_("against target"), Shown(error, old)),
-            Item(_("CV, C_uc"), Shown(f"{cv}  {cuc}", old)))),
+            Item(_("evenness"), Shown(f"CV {cv}  C_uc {cuc}", old)))),
         Item(_("working"), Shown(duration(t.worked_s), old)),
         Item(_("held"), Shown(duration(held_s), old)),
         Item(_("gate moves"), Shown("--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),

@@ -152,11 +152,18 @@ class JobDesk(Protocol):
     def maps(self) -> tuple[MapFile, ...]:
         """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""
 
+    def map_folder(self, folder: str) -> tuple[MapFile, ...]:
+        """Folders, whose names end in a slash, then maps; "": the places where one may begin to look."""
+
     def preview(self, path: str, reading: Reading) -> MapPreview:
         """Reads a prescription for the job; nothing of the job changes."""
 
     def take_map(self, preview: MapPreview) -> str:
         """A new job file with this map, for `restart`; returns where it stands."""
+
+    def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
+        """A new job file with this ring of latitude and longitude as the field's edge, for `restart`; returns where it
+        stands."""
 
     def take_who(self, who: Who) -> str:
         """A new job file with these names, for `restart`; returns where it stands."""

@@ -9,7 +9,9 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.pages.job.day import checks, doubt_words, strip_begins, strip_title
 from console.app.pages.job.desk import File, JobDesk
 from console.app.pages.job.nrich import LEAST_M, StripRun
+from console.app.reasons import why_no_start, why_not_ready
 from console.app.small_map import outline
+from console.app.start_question import start_from_any_page
 from console.locale import N_, _
 from control.agronomy.strips import StripValue
 from control.orders import Do, State
@@ -38,7 +40,7 @@ def strip(page: JobScreen) -> None:
     if not so_far.enough or so_far.ndvi is None:
         text = _("{way} with NDVI so far; at least {least} are needed.").format(
             way=page.app.units.distance.full(so_far.length_m), least=page.app.units.distance.full(LEAST_M))
-        question = Confirm(_("Give the strip up?"), text)
+        question = Confirm(_("Cancel the strip?"), text)
         page.app.push_screen(question, lambda yes: _forget_strip(page) if yes else None)
         return
     value = page.strip.value
@@ -196,17 +198,31 @@ def who(page: JobScreen, desk: JobDesk) -> None:
     page.ask_who(desk)
 
 
+def ready(page: JobScreen) -> None:
+    """As on the Run page: the machine spreads nothing yet."""
+    page.app.give(Do.READY)
+
+
+def start(page: JobScreen) -> None:
+    """As on the Run page; asked, for the numbers of the machine are not in sight here."""
+    start_from_any_page(page.app)
+
+
 ACTIONS = (
+    Action("job_ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, JOB, 3,
+           why=lambda page: why_not_ready(page.app), judged=True),
+    Action("job_start", "s", "S", N_("start"), N_("Ready or held: begins to work, from any page; asks first."), start,
+           JOB, 3, why=lambda page: why_no_start(page.app)),
     Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details,
            JOB, 3, locked=True),
     Action("job_file", "j", "J", N_("job"), N_("Takes another job file; the control worker starts again with it."), job,
            JOB, 4),
-    Action("job_crop", "c", "C", N_("crop"), N_("Takes another crop: a new job file names it."), crop, JOB, 5),
-    Action("job_machine", "m", "M", N_("machine"), N_("Takes another machine file."), machine, JOB, 6),
+    Action("job_crop", "z", "Z", N_("crop"), N_("Takes another crop: a new job file names it."), crop, JOB, 5),
+    Action("job_machine", "i", "I", N_("machine"), N_("Takes another machine file."), machine, JOB, 6),
     Action("job_map", "p", "P", N_("prescription"),
            N_("Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."), prescription,
            JOB, 5),
-    Action("job_who", "w", "W", N_("whose"), N_("Client, farm, field, product and operator of the job."), who, JOB),
+    Action("job_who", "y", "Y", N_("whose"), N_("Client, farm, field, product and operator of the job."), who, JOB),
     Action("job_strip", "n", "N", N_("N strip"),
            N_("Begins at the strip's start, ends at its end: the mean NDVI between counts at once, and is kept."),
            strip, JOB, 7),
@@ -214,9 +230,9 @@ ACTIONS = (
            refill, JOB, 8, asks="number"),
     Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,
            JOB, 9, why=why_no_log),
-    Action("job_report", "r", "R", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10,
+    Action("job_report", "b", "B", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB, 10,
            why=why_no_log),
-    Action("job_end", "k", "K", N_("end of job"),
+    Action("job_end", "q", "Q", N_("end of job"),
            N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB, 10,
            why=why_no_end),
 )

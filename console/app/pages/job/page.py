@@ -12,7 +12,7 @@ from console.app.action import JOB, Action, bindings
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.check_list import CheckList, ChecksView
+from console.app.pages.job.check_list import CheckList, ChecksView, rows_of
 from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
 from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading, Who
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
@@ -21,17 +21,21 @@ from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
 from console.app.pages.job.nrich import StripRun
 from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
 from console.app.pages.page import Page
+from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
 from console.app.view import RunView
+from console.app.widgets.chips import Chip, Chips
 from console.app.widgets.items import Items
 from console.frame import Frame
 from console.locale import _, in_use
 from control.agronomy.strips import Strips, StripValue
 from control.orders import Do
 
+MOST_CHECK_ROWS = 8, 10, 16       # at low, middle and full height
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
-MOST_MAPS = 12
+MOST_MAPS = 60
+FOLDERS, TYPED = "\0folders", "\0typed"       # no file is called so
 RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
 MAY_RESTART = (None, "off", "ready", "fault")
 
@@ -64,6 +68,7 @@ class JobScreen(Page):
     def body(self) -> ComposeResult:
         with Vertical(id="job"):
             yield CheckList(ChecksView((), ""), id="job-checks")
+            yield Chips((), id="job-next", large=True)
             with Container(id="job-lower"):
                 with Vertical(id="job-left"):
                     yield Items((), id="job-totals")
@@ -110,12 +115,22 @@ class JobScreen(Page):
         units = self.app.units
         frame, age_s = self.seen(self.app.clock())
         trouble = self.trouble or ("" if self.desk is not None else _("files are not available here"))
-        self.query_one("#job-checks", CheckList).show(ChecksView(
-            checks(frame, age_s, self.facts, trouble, self.free_bytes, units), in_use()))
+        found = checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
+        listed = self.query_one("#job-checks", CheckList)
+        listed.show(ChecksView(found, in_use()))
+        most = MOST_CHECK_ROWS[0 if self.has_class("-low") else 1 if self.has_class("-middle") else 2]
+        listed.styles.height = min(most, rows_of(found, self.size.width))
+        self.query_one("#job-next", Chips).show(self._next())
         self.query_one("#job-totals", Items).show(totals(
             frame, age_s, units, self.app.fields.of(frame)))
         self.query_one("#job-notes", JobNotes).show(NotesView(
             self._notes(frame), refills(frame, units, self.app.utc_offset_s), in_use()))
+
+    def _next(self) -> tuple[Chip, ...]:
+        """Where the list before work ends: make ready, then start."""
+        not_ready, no_start = why_not_ready(self.app), why_no_start(self.app)
+        return (Chip("job_ready", "R", _("make ready"), not not_ready, lead=not not_ready and bool(no_start)),
+                Chip("job_start", "S", _("start to work"), not no_start, lead=not no_start))
 
     def _notes(self, frame: Frame | None) -> tuple[JobNote, ...]:
         units, notes = self.app.units, []
@@ -176,7 +191,10 @@ class JobScreen(Page):
 
         def answer(filled_kg: float | None) -> None:
             if filled_kg is not None:
-                self.app.give(Do.REFILL, round(filled_kg, 3))
+                told = round(filled_kg, 3)
+                self.app.give(Do.REFILL, told)
+                self.app.undo.add(_("without the refill of {mass}").format(mass=in_words(unit, filled_kg)),
+                                  lambda: self.app.give(Do.REFILL_BACK, told))
                 self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
                 self.refill.done()
 
@@ -184,14 +202,22 @@ class JobScreen(Page):
             return doubt(filled_kg, seen_kg, hopper_kg, full_kg, unit)
 
         low, high = inside(unit, LEAST_FILLED_KG, full_kg, 1)
-        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed, doubted),
-                             answer)
+        missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg
+        shown = seen_kg if seen_kg is not None else max(0.0, missing_kg)     # what the scale saw, else what is missing
+        full = ("F", _("hopper full"), round(shown * unit.per_si, 1)) if low <= shown * unit.per_si <= high else None
+        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed, doubted,
+                                          full), answer)
+
+    @property
+    def at_work(self) -> bool:
+        """In a state in which the control worker is not started again."""
+        frame = self.app.arrival.frame
+        return self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART
 
     def ask_restart(self, taken: str) -> None:
         self.pending = file_name(taken)
         self._looked_s = None
-        frame = self.app.arrival.frame
-        if self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART:
+        if self.at_work:
             self.app.notice(_("the machine works: stop it first, then choose again to start with it"))
             self._drop(taken)
             return
@@ -203,8 +229,9 @@ class JobScreen(Page):
             else:
                 self._drop(taken)
 
-        self.app.push_screen(Confirm(_("Start the control worker again with {name}?").format(name=self.pending),
-                                     _("The log ends and a new one begins; state is off. Esc: all stays as it is.")),
+        text = _("The log ends and a new one begins: state off, totals and track from 0, strategy and nudge as the job "
+                 "file has them. Esc: all stays as it is.")
+        self.app.push_screen(Confirm(_("Start the control worker again with {name}?").format(name=self.pending), text),
                              answer)
 
     def _drop(self, taken: str) -> None:
@@ -235,16 +262,41 @@ class JobScreen(Page):
         self._bring(desk.maps, self._list_maps)
 
     def _list_maps(self, found: tuple[MapFile, ...]) -> None:
-        if not found:
-            self.app.notice(_("no prescription was found: on sticks, in Downloads or in this folder"))
-            return
-
         def answer(path: str | None) -> None:
+            if path == FOLDERS:
+                self._walk("")
+            elif path == TYPED:
+                self.app.push_screen(NameDialog(_("Path of a prescription map"), "", _("Typed or pasted.")), typed)
+            elif path is not None:
+                self._read_map(path, Reading())
+
+        def typed(path: str | None) -> None:
             if path is not None:
                 self._read_map(path, Reading())
 
+        none = "" if found else _("no prescription map was found: on sticks, in Downloads or in this folder")
         choices = [Choice(one.path, f"{one.changed}  {one.name}  ({one.where})") for one in found[:MOST_MAPS]]
-        self.app.push_screen(ChoiceDialog(_("Which prescription?"), choices, ""), answer)
+        more = Choice(FOLDERS, _("look in folders ...")), Choice(TYPED, _("type or paste a path ..."))
+        self.app.push_screen(ChoiceDialog(_("Which prescription?"), [*choices, *more], "", none), answer)
+
+    def _walk(self, folder: str) -> None:
+        """Folders up and down until a map is chosen."""
+        desk = self.desk
+        if desk is not None:
+            self._bring(lambda: desk.map_folder(folder), lambda found: self._list_folder(folder, found))
+
+    def _list_folder(self, folder: str, found: tuple[MapFile, ...]) -> None:
+        def answer(path: str | None) -> None:
+            if path is None:
+                return
+            if any(one.path == path and (one.name.endswith(("/", "\\")) or one.name == "..") for one in found):
+                self._walk(path)
+            else:
+                self._read_map(path, Reading())
+
+        choices = [Choice(one.path, f"{one.changed}  {one.name}".strip()) for one in found]
+        nothing = "" if any(one.changed for one in found) or not folder else _("no prescription map lies here")
+        self.app.push_screen(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
 
     def _read_map(self, path: str, reading: Reading) -> None:
         desk = self.desk
@@ -403,7 +455,7 @@ class JobScreen(Page):
             self._then(worker.result)
         else:
             self.say(_("cannot be used: {why}").format(why=_one_line(worker.error)))
-            self.app.notice(_one_line(worker.error))
+            self.app.notice(_("cannot be used: {why}").format(why=_one_line(worker.error)))
 
     def _kept(self, worker: Worker[Any], done: bool) -> None:
         if done:

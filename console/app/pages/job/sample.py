@@ -78,6 +78,11 @@ class SampleDesk:
         self.asked.append(("maps",))
         return MAPS
 
+    def map_folder(self, folder: str) -> tuple[MapFile, ...]:
+        if not folder:
+            return (MapFile("/media/STICK", "STICK/", "", ""),)
+        return (MapFile("/media", "..", "", ""), *self.maps())
+
     def preview(self, path: str, reading: Reading) -> MapPreview:
         self.asked.append(("preview", path, *reading))
         self._fail()
@@ -95,6 +100,11 @@ class SampleDesk:
         self.asked.append(("map", preview.path, *preview.reading))
         self._fail()
         return "jobs/division-2-map.yaml"
+
+    def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
+        self._fail()
+        self.asked.append(("boundary", str(len(ring_deg))))
+        return "/jobs/field-20260318-141500.yaml"
 
     def take_who(self, who: Who) -> str:
         self.asked.append(("who", *who))

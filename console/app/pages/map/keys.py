@@ -80,13 +80,33 @@ def why_no_plan(page: MapScreen) -> str:
     return _("this job has no map of planned rates") if picture is None or picture.planned is None else ""
 
 
+def boundary(page: MapScreen) -> None:
+    page.boundary_key()
+
+
+def guide(page: MapScreen) -> None:
+    page.guide_key()
+
+
+def no_guide(page: MapScreen) -> None:
+    page.app.guide.clear()
+
+
 ACTIONS = (
-    Action("map_layer", "l", "L", N_("colours"), N_("Applied, target, error or NDVI; also a click on its word."),
+    Action("map_boundary", "b", "B", N_("boundary"),
+           N_("Begins at the field's edge, ends after driving round it: the job's field from then on."), boundary, MAP,
+           8),
+    Action("map_guide", "n", "N", N_("A-B line"),
+           N_("Sets A, then B: the Run page shows how far the machine is off the line. It does not steer."), guide,
+           MAP, 8),
+    Action("map_no_guide", "q", "Q", N_("no line"), N_("Takes the A-B line away."), no_guide, MAP,
+           why=lambda page: "" if page.app.guide.a is not None else _("there is no A-B line")),
+    Action("map_layer", "v", "V", N_("colours"), N_("Applied, target, error or NDVI; also a click on its word."),
            next_layer, MAP, 3),
     Action("map_in", "plus,equals_sign,kp_plus", "+", N_("nearer"), N_("Nearer; also by the wheel."), nearer, MAP, 4),
     Action("map_out", "minus,kp_minus", "-", N_("farther"), N_("Farther away; also by the wheel."), farther, MAP, 5),
-    Action("map_follow", "f", "F", N_("follow"), N_("Follows the machine, or stops following."), follow, MAP, 6),
-    Action("map_whole", "w", "W", N_("whole field"), N_("The whole field and all the work on it."), whole_field, MAP,
+    Action("map_follow", "i", "I", N_("follow"), N_("Follows the machine, or stops following."), follow, MAP, 6),
+    Action("map_whole", "z", "Z", N_("whole field"), N_("The whole field and all the work on it."), whole_field, MAP,
            7),
     Action("map_plan", "p", "P", N_("plan"), N_("Shows or hides the planned rates of ground not yet worked."), plan,
            MAP, 8, why=why_no_plan),
@@ -96,7 +116,7 @@ ACTIONS = (
     Action("map_east", "right", ">", N_("east"), N_("Moves the map; also by dragging it."), east, MAP),
     Action("map_north", "up", "up", N_("north"), N_("Moves the map; also by dragging it."), north, MAP),
     Action("map_south", "down", "down", N_("south"), N_("Moves the map; also by dragging it."), south, MAP),
-    Action("map_log", "o", "O", N_("machine / log"), N_("The machine at work, or the log of the replay."),
+    Action("map_log", "j", "J", N_("machine / log"), N_("The machine at work, or the log of the replay."),
            machine_or_log, MAP,
            why=lambda page: page.why_no_turn()),
 )

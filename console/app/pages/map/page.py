@@ -7,8 +7,11 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.action import MAP, Action, bindings
+from console.app.action import JOB, MAP, Action, bindings
+from console.app.boundary_drive import BoundaryDrive
 from console.app.camera import Camera, fit
+from console.app.dialogs import Choice, ChoiceDialog, Confirm
+from console.app.guide_line import LEAST_M
 from console.app.laid import LaidFile, LaidView
 from console.app.layers import LABELS, Layer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
@@ -45,6 +48,8 @@ class MapScreen(LogPage):
         self.marked = False
         self.laid = LaidFiles(self)
         self._frame: Frame | None = None
+        self.drive: BoundaryDrive | None = None
+        self._driven: list[Place] = []          # of the drive, as the map draws it
 
     def body(self) -> ComposeResult:
         rates = look(None, 0.0, self.app.units).rates
@@ -76,6 +81,86 @@ class MapScreen(LogPage):
         self.query_one("#map-job", Items).show(
             job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S))
 
+    # --- a boundary by driving round it, and the A-B line ----------------------------------------------------------
+
+    def gather(self, frame: Frame) -> None:
+        super().gather(frame)
+        if self.drive is not None:
+            before = len(self.drive.corners)
+            self.drive.add(frame.row)
+            if frame.place_m is not None and len(self.drive.corners) > before:
+                self._driven.append(frame.place_m)
+
+    def boundary_key(self) -> None:
+        """Begins the drive, or ends it."""
+        picture = self.app.fields.of(self.app.arrival.frame)
+        if self.drive is not None:
+            self._end_drive(self.drive)
+            return
+        half_m = 0.5 * (picture.width_m if picture is not None else 0.0)
+        distance = self.app.units.fine_distance
+
+        def begin(side: str | None) -> None:
+            if side is not None:
+                self._driven = []
+                self.drive = BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0))
+                self.app.notice(_("the boundary begins here: drive round the field, then B again"))
+                self._at_once()
+
+        self.app.push_screen(ChoiceDialog(_("Drive round the field. Where is its edge?"), [
+            Choice("right", _("to the right, half a width ({half}): driven clockwise").format(
+                half=distance.full(half_m))),
+            Choice("left", _("to the left, half a width ({half}): driven anticlockwise").format(
+                half=distance.full(half_m))),
+            Choice("middle", _("under the middle of the machine"))], ""), begin)
+
+    def _end_drive(self, drive: BoundaryDrive) -> None:
+        way, units = self.app.units.distance.full(drive.way_m), self.app.units
+
+        def drop(yes: bool | None) -> None:
+            if yes:
+                self.drive = None
+                self._at_once()
+
+        if not drive.enough:
+            self.app.push_screen(Confirm(_("Cancel the boundary?"), _(
+                "{way} driven, {open} from the end back to its beginning: that is no field yet. Esc goes on.").format(
+                    way=way, open=units.distance.full(drive.open_m))), drop)
+            return
+
+        def keep(answer: str | None) -> None:
+            desk = self.app.services.job
+            if answer == "drop":
+                drop(True)
+            elif answer == "keep" and desk is not None:
+                ring = drive.ring_deg()
+                self.drive = None
+                self.app.turn_to(JOB)
+                self.call_later(self.app.job_page.take, lambda: desk.take_boundary(ring))
+
+        no_files = _("files are not available here") if self.app.services.job is None else (
+            _("stop the machine first (X); the boundary waits") if self.app.job_page.at_work else "")
+        self.app.push_screen(ChoiceDialog(_("The boundary ends here"), [
+            Choice("keep", _("keep it as the job's field"), no_files), Choice("more", _("go on driving")),
+            Choice("drop", _("cancel it"))], "", _("{way} driven; the last {open} back to its beginning are drawn "
+                                                  "straight.").format(way=way, open=units.distance.full(drive.open_m))),
+            keep)
+
+    def guide_key(self) -> None:
+        """Sets A, then B; a third time it begins anew."""
+        frame, guide = self.app.arrival.frame, self.app.guide
+        picture = self.app.fields.of(frame)
+        if frame is None or frame.place_m is None or picture is None:
+            self.app.notice(_("no position yet"))
+        elif guide.a is None or guide.b is not None:
+            guide.begin(frame.place_m, picture.width_m)
+            self.app.notice(_("A is here: drive along the line, then N sets B"))
+        elif guide.end(frame.place_m):
+            self.app.notice(_("the A-B line is set: the Run page shows how far the machine is off it"))
+        else:
+            self.app.notice(_("B is too near to A: {least} or more are needed").format(
+                least=self.app.units.distance.full(LEAST_M)))
+
     # --- drawing ------------------------------------------------------------------------------------------------
 
     @property
@@ -101,6 +186,8 @@ class MapScreen(LogPage):
         cross = (camera.east_m, camera.north_m) if self.marked else None
         laid = self.laid.of(frame)
         view = self.map_view(frame, age_s, self.shown_layer, camera, laid)._replace(plan=self.plan, cross=cross)
+        if self.driven:
+            view = view._replace(lines=(*view.lines, self.driven))
         self.pane.show(view)
         planned = self.plan and view.picture is not None and view.picture.planned is not None
         self.query_one("#map-scale", MapLegend).show(legend_of(view.scale, camera.metres, units.distance, planned))
@@ -126,8 +213,15 @@ class MapScreen(LogPage):
         self.laid.want(path)
         self._at_once()
 
+    @property
+    def driven(self) -> tuple[tuple[float, float], ...]:
+        """The boundary so far, as the map draws it."""
+        return tuple(self._driven) if self.drive is not None else ()
+
     def _states(self) -> tuple[str, ...]:
-        log = (_("log"),) if self.replayed() is not None else ()
+        log: tuple[str, ...] = (_("log"),) if self.replayed() is not None else ()
+        if self.drive is not None:
+            log = (_("BOUNDARY {way}").format(way=self.app.units.distance.full(self.drive.way_m)), *log)
         if self.camera is None:
             return (*log, _("whole field"))
         return (*log, _("following") if self.follow else _("standing"))

@@ -109,7 +109,7 @@ def why_no_cancel(page: ReplayScreen) -> str:
 
 
 ACTIONS = (
-    Action("open_log", "o", "O", N_("open"), N_("Another log, the newest first."), open_log, REPLAY, 3),
+    Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, REPLAY, 3),
     Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3, why=why_no_log),
     Action("step_back", "left", "<", N_("back"), N_("One row back."), step_back, REPLAY, 4, why=why_no_log),
     Action("step_on", "right", ">", N_("on"), N_("One row on."), step_on, REPLAY, 5, why=why_no_log),

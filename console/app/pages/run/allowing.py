@@ -29,4 +29,5 @@ def _orders(found: tuple[tuple[Do, str, bool], ...]) -> tuple[Choice, ...]:
 
 
 def _line(what: str, allowed: bool) -> str:
-    return (_("{what}: ALLOWED now, forbid") if allowed else _("{what}: forbidden now, allow")).format(what=what)
+    said = _("{what}. Now: ALLOWED. Forbid it?") if allowed else _("{what}. Now: not allowed. Allow it?")
+    return said.format(what=what)

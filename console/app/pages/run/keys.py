@@ -1,7 +1,7 @@
-"""Keys of the Run page and what they do: orders to the machine; what changes the dose is asked once."""
+"""Keys of the Run page and what they do: orders to the machine; what changes the dose asks first."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from console.app import words
@@ -91,6 +91,31 @@ def manual_rate(page: RunScreen) -> None:
     page.app.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
 
 
+def preset(number: int) -> Callable[[RunScreen], None]:
+    """One of the settings' rates, everywhere; asked once."""
+    def take(page: RunScreen) -> None:
+        app, rate_kg_ha = page.app, page.app.presets_kg_ha[number]
+        unit, (low, high) = app.units.rate, app.limits_kg_ha
+        if not low <= rate_kg_ha <= high:
+            app.notice(_("preset {rate}: allowed is {low} to {high} (F11 changes both)").format(
+                rate=unit.full(rate_kg_ha), low=unit.full(low), high=unit.full(high)))
+            return
+
+        def answer(yes: bool | None) -> None:
+            if yes:
+                app.give(Do.MANUAL_RATE, rate_kg_ha)
+                frame = app.arrival.frame
+                before = frame.row.target_source if frame else None
+                if before != TargetSource.MANUAL:
+                    was = words.source_word(before)
+                    app.change(Do.SOURCE, TargetSource.MANUAL.value, before, f"{_('Target from')}: {was}")
+
+        app.push_screen(Confirm(_("Use the manual rate of {rate} now?").format(rate=in_words(unit, rate_kg_ha)),
+                                _("It takes the place of canopy or map, everywhere.")), answer)
+
+    return take
+
+
 def refill(page: RunScreen) -> None:
     page.app.job_page.ask_refill()
 
@@ -140,7 +165,7 @@ def allow(page: RunScreen) -> None:
             page.app.change(Do(do), yes == "True", yes != "True", words_of[value])
 
     choices = allow_choices(page.app.arrival.frame)
-    words_of = {one.value: one.label.rpartition(",")[0] for one in choices}
+    words_of = {one.value: one.label.rpartition(". ")[0] for one in choices}
     page.app.push_screen(ChoiceDialog(_("Allow"), choices, "", _(
         "All but the second dose end with STOP.")), answer)
 
@@ -191,24 +216,31 @@ ACTIONS = (
     Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, RUN, 4,
            why=lambda page: why_not_ready(page.app), judged=True),
     Action("nudge_up", "plus,equals_sign,kp_plus", "+", N_("more"),
-           N_("More than the target, in steps of 5 %; asked once."), nudge_up, RUN, 5,
+           N_("More than the target, in steps of 5 %; asks first."), nudge_up, RUN, 5,
            asks="number"),
-    Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asked once."),
+    Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asks first."),
            nudge_down, RUN, 6,
            asks="number"),
-    Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asked once."), strategy,
+    Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asks first."), strategy,
            RUN, 7),
-    Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asked once."),
+    Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asks first."),
            source, RUN, 8),
     Action("manual_rate", "m", "M", N_("manual rate"), N_("Type a rate; the allowed range is shown."), manual_rate,
-           RUN, asks="number"),
+           RUN, 8, asks="number"),
+    Action("preset_1", "comma", ",", N_("preset 1"), N_("The first preset rate of the settings; asks first."),
+           preset(0), RUN, 9),
+    Action("preset_2", "full_stop", ".", N_("preset 2"), N_("The second preset rate of the settings; asks first."),
+           preset(1), RUN, 9),
+    Action("preset_3", "slash", "/", N_("preset 3"), N_("The third preset rate of the settings; asks first."),
+           preset(2), RUN, 9),
     Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."), refill, RUN,
-           asks="number"),
+           8, asks="number"),
     Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."), mark, RUN),
-    Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asked once."), look_ahead, RUN),
-    Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asked once."),
+    Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asks first."), look_ahead, RUN),
+    Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asks first."),
            flow_trim, RUN),
-    Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asked once."), allow, RUN),
+    Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asks first."), allow, RUN,
+           9),
     Action("trend_left", "left", "<", N_("cursor back"), N_("Reads the trend at a time; also a click in it."),
            cursor_back, RUN, why=lambda page: page.why_no_cursor()),
     Action("trend_right", "right", ">", N_("cursor on"), N_("Reads the trend at a time; also a click in it."),

@@ -22,7 +22,7 @@ from console.app.typed_number import inside
 from console.app.units import Unit
 from console.app.view import RunView
 from console.locale import N_, _, in_use, languages
-from drivers.files.settings import MOST_RATE_KG_HA, ManualRate, Rates, Settings
+from drivers.files.settings import ManualRate, Presets, Rates, Settings
 
 UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
 LANGUAGE_WORDS = {"auto": N_("as the system says"), "en": "English", "zh": "中文"}
@@ -83,10 +83,14 @@ class SettingsScreen(Page):
             _choice(general, _("theme"), ("theme",), now.theme, themes_known, _("D changes it for now")),
             _choice(general, _("sound"), ("sound",), "on" if now.sound else "off", _choices(SOUND_WORDS),
                     _("the bell: once for a caution, three times for an alarm")),
-            _number(limits, _("lowest"), ("manual_rate", "low_kg_ha"), now.manual_rate.low_kg_ha,
-                    (0.0, now.manual_rate.high_kg_ha), rate),
-            _number(limits, _("highest"), ("manual_rate", "high_kg_ha"), now.manual_rate.high_kg_ha,
-                    (now.manual_rate.low_kg_ha, MOST_RATE_KG_HA), rate),
+            _number(limits, _("lowest"), ("manual_rate", "low_kg_ha"), self.app.limits_kg_ha[0],
+                    (self.app.crop_limits_kg_ha[0], self.app.limits_kg_ha[1]), rate),
+            _number(limits, _("highest"), ("manual_rate", "high_kg_ha"), self.app.limits_kg_ha[1],
+                    (self.app.limits_kg_ha[0], self.app.crop_limits_kg_ha[1]), rate),
+            *(_number(_("preset rates"), label, ("presets", key), getattr(now.presets, key), self.app.limits_kg_ha,
+                      rate)
+              for label, key in ((_("preset 1"), "first_kg_ha"), (_("preset 2"), "second_kg_ha"),
+                                 (_("preset 3"), "third_kg_ha"))),
             _number(speed, _("numbers"), ("console", "numbers_hz"), now.console.numbers_hz, (1.0, 5.0), _HZ),
             _number(speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ),
             _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ)]
@@ -182,6 +186,8 @@ class SettingsScreen(Page):
         try:
             if path[0] == "manual_rate":
                 value = ManualRate.model_validate(now.manual_rate.model_dump() | {path[1]: value})
+            elif path[0] == "presets":
+                value = Presets.model_validate(now.presets.model_dump() | {path[1]: value})
             elif path[0] == "console":
                 value = Rates.model_validate(now.console.model_dump() | {path[1]: value})
             self.take(now.model_copy(update={path[0]: value}))

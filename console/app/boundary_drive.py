@@ -1,0 +1,63 @@
+"""A field's boundary by driving round it: the places of the antenna, moved to the side where the edge is. Pure."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from control.geodesy import Place, TangentPlane, apart_m, offset
+from control.log_row import LogRow
+
+APART_M = 2.0           # of two corners: finer than any edge of a field, and 20,000 of them are 40 km
+CLOSED_M = 15.0         # the end may be so far from the beginning: the last side is drawn straight
+LEAST_CORNERS = 4
+FIXES = (1, 2, 4, 5)    # no dead reckoning: the edge is where the receiver says
+
+
+class Corner(NamedTuple):
+    lat_deg: float
+    lon_deg: float
+    heading_deg: float
+
+
+@dataclass(slots=True)
+class BoundaryDrive:
+    """right_m: the edge lies so far to the right of the antenna's way; negative: to the left."""
+
+    right_m: float
+    corners: list[Corner] = field(default_factory=list)
+    way_m: float = 0.0
+    _plane: TangentPlane | None = None
+
+    def add(self, row: LogRow) -> None:
+        """A row of the run; those without a fix or a course, and those too near to the last corner, are left out."""
+        if row.lat_deg is None or row.lon_deg is None or row.heading_deg is None or row.fix_quality not in FIXES:
+            return
+        if self._plane is None:
+            self._plane = TangentPlane(row.lat_deg, row.lon_deg)
+        corner = Corner(row.lat_deg, row.lon_deg, row.heading_deg)
+        if self.corners:
+            step_m = apart_m(self._at(self.corners[-1]), self._at(corner))
+            if step_m < APART_M:
+                return
+            self.way_m += step_m
+        self.corners.append(corner)
+
+    def _at(self, corner: Corner) -> Place:
+        assert self._plane is not None
+        return self._plane.to_m(corner.lat_deg, corner.lon_deg)
+
+    @property
+    def open_m(self) -> float:
+        """From the end back to the beginning."""
+        return apart_m(self._at(self.corners[-1]), self._at(self.corners[0])) if len(self.corners) > 1 else 0.0
+
+    @property
+    def enough(self) -> bool:
+        return len(self.corners) >= LEAST_CORNERS and self.way_m > 2.0 * self.open_m
+
+    def ring_deg(self) -> tuple[tuple[float, float], ...]:
+        """The edge as latitude and longitude, in the order in which it was driven."""
+        plane = self._plane
+        if plane is None:
+            return ()
+        return tuple(plane.to_deg(*offset(self._at(one), one.heading_deg, 0.0, self.right_m)) for one in self.corners)
