@@ -572,16 +572,16 @@ async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown)
     service.found = sample_found("named")
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("c")
+        await pilot.press("equals_sign")
         await pilot.pause()
         assert "adopt something first" in desk.notice_text
-        await pilot.press("k", "enter")
+        await pilot.press("y", "enter")
         await pilot.pause()
-        assert "C there says, on another log," in "\n".join(shown(desk))
+        assert "= there says, on another log," in "\n".join(shown(desk))
         await pilot.press("escape", "f9")
         await settled(desk, pilot)
-        assert "C compare" in " ".join(" ".join(shown(desk)).split())
-        await pilot.press("c")
+        assert "= compare" in " ".join(" ".join(shown(desk)).split())
+        await pilot.press("equals_sign")
         await pilot.pause()
         offered = [choice.value for choice in desk.screen.choices]
         assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"

@@ -239,7 +239,7 @@ class DiagnosisScreen(Page):
             if machine:
                 self.adopted = path
                 text = "\n".join((path, _("Z on the Diagnosis page takes the last change of it back."),
-                                  _("C there says, on another log, whether it predicts better than before.")))
+                                  _("= there says, on another log, whether it predicts better than before.")))
             self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
         self.look()
 
