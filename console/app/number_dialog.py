@@ -49,8 +49,8 @@ class NumberDialog(Dialog[float | None]):
 
     def buttons(self) -> ComposeResult:
         if self.full is not None:
-            key, word, value = self.full
-            yield Button(f"{key}  {word}: {plain_number(value)} {self.unit}", id="full", classes="dialog-button")
+            key, word, _value = self.full
+            yield Button(f"{key}  {word}", id="full", classes="dialog-button")
         yield from super().buttons()
 
     def _fill(self) -> None:

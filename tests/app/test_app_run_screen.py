@@ -307,8 +307,8 @@ async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, 
         await pilot.press("h")
         await pilot.pause()
         text = "\n".join(shown(app))
-        assert "flow outside the field: ALLOWED now, forbid" in text
-        assert "flow while reversing: forbidden now, allow" in text
+        assert "flow outside the field. Now: ALLOWED. Forbid it?" in text
+        assert "flow while reversing. Now: not allowed. Allow it?" in text
         await pilot.press("4", "enter")
         await pilot.pause()
         assert source.orders == [Order(Do.NO_DOUBLE, True)]
