@@ -287,7 +287,7 @@ async def test_what_was_said_of_one_run_is_not_said_of_the_next(job_app, desk, s
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         app.page.say("written: report.html in reports")
-        await pilot.press("m", "2", "enter")
+        await pilot.press("i", "2", "enter")
         await settled(app, pilot)
         assert any("not taken: bench.yaml" in row for row in shown(app))
         app.page.refill.seen_kg = 16.0

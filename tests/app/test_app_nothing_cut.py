@@ -96,6 +96,8 @@ def _beyond(dialog: Dialog) -> list[str]:
         inside = box.content_region
         for child in box.query("*"):
             region = child.region
+            if any(type(one).__name__ == "VerticalScroll" for one in child.ancestors):
+                continue                # it is scrolled to
             if region.area and not inside.contains_region(region):
                 found.append(f"{type(dialog).__name__}: {type(child).__name__} "
                              f"{str(getattr(child, 'label', getattr(child, 'content', '')))[:40]!r} outside")
