@@ -29,6 +29,8 @@ COMMANDS = {                    # by name: the file beside this one, and its fun
     "compare": "compare.compare", "watch": "watch.watch", "fleet": "fleet.fleet", "history": "history.history",
     "machine": "machine.machine",
     "effects": "effects.effects", "decode": "decode.decode", "import": "import_log.import_log", "map": "map.map_files",
+    "field": "field.field",
+    "record": "record.record",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
     "serve-machine": "serve_machine.serve_machine"}
 CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads")}

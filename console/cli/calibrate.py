@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.inputs import RUN_LOG, TABLE, need_ending, refuse_bench_table, refuse_other, refuse_run_log
 from console.cli.outputs import Force, Output, log_files, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
@@ -49,6 +50,7 @@ def catch(
     """Fit the flow model to a catch test: what was weighed at each shaft speed and opening, with intervals."""
     from control.calibration.flow_fit import fit_flow
     from drivers.files.bench_table import read_bench_table
+    _table(data, out, "calibrate catch")
     loaded = _begun(data, out, machine, force)
     day = _day(date)
     fitted, flow = fit_flow(read_bench_table(data, What.CATCH.value), loaded, date=day.isoformat())
@@ -105,6 +107,7 @@ def lag(
     """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag rig."""
     if rig is not None and data is None:
         from console.cli.lag_rig import measure_lag
+        need_ending("--out", out, ".csv")
         _refuse((), out, machine, force)
         measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
         return
@@ -113,6 +116,7 @@ def lag(
     from control.calibration.lag_fit import fit_lag
     from control.calibration.tube_fit import settle_tube
     from drivers.files.bench_table import read_bench_table
+    _table(data, out, "calibrate lag")
     fitted = _begun(data, out, machine, force)
     table = read_bench_table(data, What.LAG.value)
     running = table.running()
@@ -129,14 +133,30 @@ def lag(
 
 def wheel(data: Log, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
+    _log(data, out, "calibrate wheel")
     loaded = _begun(data, out, machine, force)
     _save(_from_log(What.WHEEL, data, loaded, _today()), data, out)
 
 
 def heads(data: Log, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
     """Fit each canopy head against the others over a run log."""
+    _log(data, out, "calibrate heads")
     loaded = _begun(data, out, machine, force)
     _save(_from_log(What.HEADS, data, loaded, _today()), data, out)
+
+
+def _table(data: Path, out: Path, command: str) -> None:
+    """Raises WrongKind, CommandError: what is no bench table, and an ending that is none of a machine file."""
+    refuse_other([data], TABLE)
+    refuse_run_log(data, command)
+    need_ending("--out", out, ".yaml", ".yml")
+
+
+def _log(data: Path, out: Path, command: str) -> None:
+    """Raises WrongKind, CommandError: what is no run log, and an ending that is none of a machine file."""
+    refuse_other([data], RUN_LOG)
+    refuse_bench_table(data, command)
+    need_ending("--out", out, ".yaml", ".yml")
 
 
 def _refuse(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:

@@ -74,6 +74,7 @@ def _check(files: list[str]) -> None:
     wrong: list[str] = []
     read: list[tuple[Any, Any]] = []
     for file in files:
+        _refuse_other(Path(file))
         if _is_told(Path(file)):
             continue
         try:
@@ -99,6 +100,16 @@ def _check(files: list[str]) -> None:
         wrong += [line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))]
     if wrong:
         raise ConfigError(wrong)
+
+
+def _refuse_other(path: Path) -> None:
+    """What is there and no configuration, and what is not there and no shipped name either. Raises WrongKind."""
+    from console.cli.inputs import CHECKED, refuse_other
+    if path.exists() or path.suffix.lower() not in ("", ".yaml", ".yml") or len(path.parts) > 1:
+        refuse_other([path], CHECKED)
+    if path.suffix.lower() in (".csv", ".tsv", ".xlsx"):
+        raise CommandError(f"{path}: this is a table (topdress import and diagnose read it): allowed here is "
+                           f"{CHECKED.words}")
 
 
 def _is_told(path: Path) -> bool:

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from console.cli.plain_errors import FAILED
+
 
 def devices(
     ports: Annotated[list[str] | None, typer.Argument(metavar="[PORT...]", help="Serial ports, socket://HOST:PORT or "
@@ -24,27 +26,34 @@ def devices(
     from drivers.devices.probe import BAUDS
     told = {one.device: one.description or "" for one in sorted(comports())}
     urls = list(ports) if ports else list(told)
+    failed = []
     if not urls:
         typer.echo("no serial port on this computer")
     for url in urls:
-        said = "" if no_probe else _modules(url, seconds) if url.startswith("udp://") else _line(
+        said, opened = ("", True) if no_probe else _modules(url, seconds) if url.startswith("udp://") else _line(
             url, [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS), seconds)
+        if ports and not opened:
+            failed.append(url)
         typer.echo("  ".join(part for part in (f"{url:32}", told.get(url, ""), said) if part).rstrip())
     if not ports and not no_probe:
-        typer.echo(f"{'rate modules on the network':32}  {_modules(f'udp://0.0.0.0:{CONSOLE_PORT}', seconds)}")
+        typer.echo(f"{'rate modules on the network':32}  {_modules(f'udp://0.0.0.0:{CONSOLE_PORT}', seconds)[0]}")
+    if failed:
+        raise typer.Exit(FAILED)
 
 
-def _line(url: str, bauds: list[int], seconds: float) -> str:
+def _line(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
+    """What speaks there, and whether the port could be opened."""
     from drivers.devices.probe import probe
     from drivers.ports import open_port
     found = probe(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
     if not found.protocol:
-        return f"nothing known speaks: {found.said}"
+        return f"{'nothing known speaks' if found.opened else 'cannot be opened'}: {found.said}", found.opened
     rate = "" if url.startswith("socket://") else f" at {found.baud} Bd"
-    return f"{found.protocol}{rate}: {found.accepted} understood, {found.rejected} rejected; last: {found.said}"
+    said = f"{found.protocol}{rate}: {found.accepted} understood, {found.rejected} rejected; last: {found.said}"
+    return said, True
 
 
-def _modules(url: str, seconds: float) -> str:
+def _modules(url: str, seconds: float) -> tuple[str, bool]:
     from drivers.datagrams import UdpPort
     from drivers.devices.probe import recognise_modules
     port = UdpPort(url, time.monotonic)
@@ -59,4 +68,4 @@ def _modules(url: str, seconds: float) -> str:
         port.close()
     found = recognise_modules(heard)
     names = ", ".join(f"rate module {number}" + (f" ({label})" if label else "") for number, label in found.items())
-    return names or (f"cannot listen: {trouble}" if trouble else "none heard")
+    return names or (f"cannot listen: {trouble}" if trouble else "none heard"), not trouble

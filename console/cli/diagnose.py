@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from console.cli.adopting import adopted, refuse_picks
+from console.cli.inputs import LOG, need_ending, refuse_other
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError
 from console.cli.progress_line import ProgressLine
@@ -54,6 +55,9 @@ def diagnose(
     """
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
+    refuse_other(data, LOG)
+    need_ending("--report", report, ".html")
+    need_ending("--adopt", adopt, ".yaml", ".yml")
     if job is not None and closed_loop is None:
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
     picked = tuple(pick or ())

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from console.cli.inputs import need_ending
 from console.cli.outputs import Force, Output, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
@@ -25,6 +26,7 @@ def history(
     from drivers.files.kinds import MACHINE
     if undo != (out is not None):
         raise CommandError("history: --undo and --out NEW.yaml are given together: the file itself is not written over")
+    need_ending("--out", out, ".yaml", ".yml")
     loaded = load(machine, MACHINE).model
     if out is not None:
         refuse_collisions([named(machine, MACHINE.folder)], [Output((out,))], force)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from console.cli.inputs import LOG, need_ending, refuse_other
 from console.cli.outputs import Force, Output, log_files, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 
@@ -52,9 +53,12 @@ def import_log(
     twice = next((path for k, path in enumerate(files) if path.resolve() in [one.resolve() for one in files[:k]]), None)
     if twice is not None:
         raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
+    refuse_other(files, LOG)
     given = _Given(_said(inside, task, device, log, values_from), _full(machine))
     try:
         if guess:
+            need_ending("--mapping" if mapping is not None else "--out", mapping or (
+                out if out is not None and not _is_log_name(out) else None), ".yaml", ".yml")
             _guess(files, _place_of_guess(files, mapping, out), given, force)
         elif out is None:
             raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
@@ -75,6 +79,10 @@ def _said(inside: str | None, task: str | None, device: str | None, log: str | N
         raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
     given = {"inside": inside, "task": task, "device": device, "task_log": log, "values_from": values_from}
     return {name: value for name, value in given.items() if value is not None}
+
+
+def _is_log_name(out: Path) -> bool:
+    return out.suffix.lower() in (".csv", ".parquet", ".pq")
 
 
 def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -> Path:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from console.cli.inputs import MAP, refuse_other
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import CommandError
 
@@ -20,11 +21,11 @@ SHOWN_RATES = 20
 
 def map_files(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
-                                           "shapefile; GeoJSON; CSV of polygons; points of even cells), or a run log "
-                                           "(.csv).")],
-    out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .zip (ISOXML task), a "
-                                             "folder (ISOXML task); of a run log also .csv and .html (the job's "
-                                             "report). Without it: IN is only told.")
+                                           "shapefile; GeoJSON; GeoPackage; KML; GeoTIFF; CSV of polygons; points of "
+                                           "even cells), or a run log (.csv).")],
+    out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .gpkg, .kml, .zip "
+                                             "(ISOXML task), a folder (ISOXML task); of a run log also .csv and .html "
+                                             "(the job's report). Without it: IN is only told.")
                    ] = None,
     column: Annotated[str | None, typer.Option(metavar="NAME",
                                                help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
@@ -45,6 +46,8 @@ def map_files(
                                                "shapefile.")] = None,
     rate_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a task file contradicts "
                                                   "itself about its unit.")] = None,
+    rule: Annotated[str | None, typer.Option(metavar="JOB", help="IN holds the canopy's index (NDVI): rates by the "
+                                             "rule of this job's crop.")] = None,
     machine: Annotated[str | None, typer.Option(metavar="MACHINE",
                                                 help="Of a run log that has no NAME.yaml beside it.")] = None,
     product: Annotated[str | None, typer.Option(metavar="NAME",
@@ -56,6 +59,7 @@ def map_files(
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
     from drivers.files.prescriptions.words import Choice
+    refuse_other([source], MAP)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
     is_log = source.exists() and _is_log(source)
@@ -65,7 +69,7 @@ def map_files(
         _export(source, out, machine, product, nitrogen, every, polygons, as_json)
         return
     choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, inside, _source(rate_from))
-    _convert(source, out, choice, as_json)
+    _convert(source, out, choice, rule, as_json)
 
 
 def _is_log(source: Path) -> bool:
@@ -110,13 +114,24 @@ def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
     return text  # type: ignore[return-value]
 
 
-def _convert(source: Path, out: Path | None, choice: Choice, as_json: bool) -> None:
+def _by_rule(source: Path, choice: Choice, job: str) -> Imported:
+    """A map of an index, as rates by the rule of a job's crop."""
+    import datetime as dt
+
+    from drivers.files.prescriptions.by_rule import by_rule, index_choice
+    from drivers.files.prescriptions.read import read_prescription
+    from drivers.files.setup import load_setup
+    rule = load_setup("huanghai", job, dt.date.today()).rule
+    return by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
+
+
+def _convert(source: Path, out: Path | None, choice: Choice, rule: str | None, as_json: bool) -> None:
     from drivers.files.prescriptions.read import read_prescription
     from drivers.files.prescriptions.write import write_prescription
-    read = read_prescription(source, choice)
+    read = read_prescription(source, choice) if rule is None else _by_rule(source, choice, rule)
     if out is not None:
-        if out.suffix.lower() not in (".geojson", ".json", ".shp", ".zip", ".xml", ""):
-            raise CommandError(f"--out {out}: allowed .geojson, .json, .shp, .zip, .xml or a folder")
+        if out.suffix.lower() not in (".geojson", ".json", ".shp", ".gpkg", ".kml", ".kmz", ".zip", ".xml", ""):
+            raise CommandError(f"--out {out}: allowed .geojson, .json, .shp, .gpkg, .kml, .kmz, .zip, .xml or a folder")
         out.parent.mkdir(parents=True, exist_ok=True)
         write_prescription(read.data, out)
     _tell(read, as_json)

@@ -46,8 +46,9 @@ def guarded(command: F) -> F:
             raise typer.Exit(0) from None
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            typer.echo(f"{where}{error.strerror or error}", err=True)
-            raise typer.Exit(FAILED) from None
+            gone = isinstance(error, FileNotFoundError)     # what was given is wrong, as of every command
+            typer.echo(f"{where}{'no such file' if gone else error.strerror or error}", err=True)
+            raise typer.Exit(WRONG if gone else FAILED) from None
         except KeyboardInterrupt:
             typer.echo("cancelled", err=True)
             raise typer.Exit(CANCELLED) from None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.inputs import LOG, refuse_bench_table, refuse_other
 from console.cli.outputs import Force, log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
@@ -31,6 +32,8 @@ def replay(
     """Replay a log: as recorded on the screen, or as it would have been decided."""
     from console.services.rerun import setup_of
     from drivers.files.any_log import open_log
+    refuse_other([log], LOG)
+    refuse_bench_table(log, "replay")
     recorded = open_log(log)
     if not headless:
         if out is not None:

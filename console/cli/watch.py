@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.inputs import LOG, refuse_bench_table, refuse_other
+
 if TYPE_CHECKING:
     from control.diagnosis.live.departure import Departure
 
@@ -24,6 +26,9 @@ def watch(
     from console.services.live_check import POLL_S, followed, lower_priority
     from control.diagnosis.live.watch import FIRST_S
     from drivers.files.imports.trouble import ImportTrouble
+    if log.exists() or to_end:
+        refuse_other([log], LOG)
+        refuse_bench_table(log, "watch")
     _begun(log, to_end)
     lower_priority()
     begin, looks, last = time.monotonic(), 0, None

@@ -7,6 +7,8 @@ import warnings
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from drivers.files.extras import install_line
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -39,7 +41,7 @@ def need_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise NoPictures("a report needs pictures, and matplotlib is not installed: pip install 'topdress[report]'") \
+        raise NoPictures(f"a report needs pictures, and matplotlib is not installed: {install_line('report')}") \
             from None
 
 

@@ -83,7 +83,7 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     rings: tuple[Ring, ...] = ()
     area_ha = None
     if job.field.boundary_m:
-        boundary = Boundary(job.field.boundary_m)
+        boundary = Boundary(job.field.boundary_m, job.field.holes_m)
         rings, area_ha = boundary.rings, boundary.area_ha
     profile = map_of_job(job, folder)
     planned = None if profile is None else _planned(job, folder, profile, rings)

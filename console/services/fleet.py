@@ -20,6 +20,7 @@ from typing import Any
 
 from console.services.fleet_job import FORMAT, checksum, record
 from drivers.files.atomic import write_atomically
+from drivers.files.extras import install_line
 
 LOGS, SEEN = "logs", "seen.json"
 SUFFIXES = (".csv", ".parquet", ".pq")
@@ -54,7 +55,7 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        raise NoDask("a fleet needs Dask, and it is not installed: pip install 'topdress[fleet]'") from None
+        raise NoDask(f"a fleet needs Dask, and it is not installed: {install_line('fleet')}") from None
     for name in logging.root.manager.loggerDict:
         if name.startswith(LOUD):
             logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -175,7 +176,7 @@ def _at_url(where: str) -> list[str]:
     try:
         import fsspec
     except ImportError:
-        raise NoDask("a URL needs fsspec, and it is not installed: pip install 'topdress[fleet]'") from None
+        raise NoDask(f"a URL needs fsspec, and it is not installed: {install_line('fleet')}") from None
     system, path = fsspec.core.url_to_fs(where)
     if any(sign in path for sign in "*?["):
         names = system.glob(path)

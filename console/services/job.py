@@ -100,7 +100,7 @@ class JobFiles:
     def _field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> tuple[str, float | None]:
         from control.field.boundary import Boundary
         ground = _on_its_ground(job, machine, found).field
-        return ground.title, Boundary(ground.boundary_m).area_ha if ground.boundary_m else None
+        return ground.title, Boundary(ground.boundary_m, ground.holes_m).area_ha if ground.boundary_m else None
 
     def _map(self, job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]], limit_kg_ha: float,
              folder: Path) -> _MapFacts:
@@ -267,7 +267,7 @@ class JobFiles:
         with contextlib.suppress(ConfigError, ValueError):
             ground = load(Path(job), JOB).model.field
             if ground.boundary_m:
-                return Boundary(ground.boundary_m).rings
+                return Boundary(ground.boundary_m, ground.holes_m).rings
         return ()
 
     def _new_job(self, changes: dict[str, object], comment: str) -> str:

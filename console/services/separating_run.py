@@ -42,7 +42,7 @@ def drive_of(manoeuvre: str, job: Job, machine: Machine) -> Drive:
     target = job.target.model_copy(update={"source": TargetSource.MANUAL, "manual_rate_kg_ha": RATE_KG_HA, "map": None,
                                            "plants": None, "hold_mean_kg_ha": None})
     calm = job.model_copy(update={"id": f"separate_{manoeuvre}", "target": target, "flow_trim": False,
-                                  "field": job.field.model_copy(update={"boundary_m": ()})})
+                                  "field": job.field.model_copy(update={"boundary_m": (), "holes_m": ()})})
     return _DRIVES[manoeuvre](calm, machine)
 
 

@@ -10,6 +10,7 @@ from control.agronomy.crop import Crop
 from control.agronomy.growth import GrowthStage
 from control.agronomy.noa import Rule, prepare
 from control.agronomy.response import ResponseRule
+from control.field.boundary import Boundary
 from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
@@ -53,6 +54,13 @@ class Wanted(Part):
         return self
 
 
+class GuidanceLine(Part):
+    """What the tractor is steered along: two places for a straight (AB) line, more for a curve."""
+
+    title: Name = ""
+    points_m: Annotated[tuple[tuple[Far, Far], ...], Field(min_length=2, max_length=MOST_CORNERS)]
+
+
 class Ground(Part):
     """A field on its tangent plane: east and north, m, from the origin."""
 
@@ -61,6 +69,10 @@ class Ground(Part):
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 119.88
     # closed by itself; empty: no field known
     boundary_m: Annotated[tuple[tuple[Far, Far], ...], Field(max_length=MOST_CORNERS)] = ()
+    # ground inside it that is not worked: ponds, trees, masts
+    holes_m: Annotated[tuple[Annotated[tuple[tuple[Far, Far], ...], Field(min_length=3, max_length=MOST_CORNERS)], ...],
+                       Field(max_length=1000)] = ()
+    lines: Annotated[tuple[GuidanceLine, ...], Field(max_length=1000)] = ()        # that the tractor is steered along
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
     headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
@@ -69,7 +81,13 @@ class Ground(Part):
     def _polygon(self) -> Ground:
         if 0 < len(self.boundary_m) < 3:
             raise ValueError("boundary_m needs at least 3 corners")
+        if self.holes_m and not self.boundary_m:
+            raise ValueError("holes_m needs boundary_m: the field in which they lie")
         return self
+
+    def boundary(self) -> Boundary | None:
+        """The field's edge; None where no field is known. Raises ValueError."""
+        return Boundary(self.boundary_m, self.holes_m) if self.boundary_m else None
 
 
 class Canopy(Part):

@@ -38,7 +38,8 @@ def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_sw
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
     and point mode; `obeyed`: as `ControlLoop` has it. Raises ValueError where the headland leaves nothing of the
     field."""
-    fence = Fence(Boundary(job.field.boundary_m)) if job.field.boundary_m else None
+    boundary = job.field.boundary()
+    fence = Fence(boundary) if boundary is not None else None
     headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
     points = None
     if plants is not None or job.target.source is TargetSource.POINT:
@@ -49,7 +50,7 @@ def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_sw
 
 def _without_headland(job: Job) -> Boundary:
     """Raises ValueError where the headland leaves nothing of the field."""
-    inner = Boundary(job.field.boundary_m).inset(job.field.headland_m)
+    inner = Boundary(job.field.boundary_m, job.field.holes_m).inset(job.field.headland_m)
     if inner.is_empty:
         raise ValueError(f"job {job.id}: field.headland_m {job.field.headland_m:g}: leaves nothing of the field")
     return inner

@@ -32,6 +32,7 @@ class Finding(NamedTuple):
     accepted: int = 0
     rejected: int = 0
     said: str = ""
+    opened: bool = True             # False: the port could not be opened
 
 
 class Decoder(Protocol):
@@ -92,7 +93,7 @@ def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = t
             return found._replace(baud=baud, said=last[0] if last else "")
         said = f"{len(heard)} bytes that no driver understands" if heard else state.last_error or "silent"
         if not state.connects:
-            break                                       # it cannot be opened: not at another rate either
+            return Finding(said=said, opened=False)     # it cannot be opened: not at another rate either
     return Finding(said=said)
 
 

@@ -31,6 +31,8 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "serve-machine": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT, "--port", "0"),
     "effects": (),
     "reproduce": (),
+    "record": ("run.csv", "--machine", "machine.yaml"),
+    "field": ("plan.geojson", "--job", "job.yaml"),
     "import": ("other.csv", "--mapping", "import.yaml"),
     "import --guess": ("other.csv",),
     "compare": ("machine.yaml", "huanghai", "run.csv"),
@@ -46,6 +48,8 @@ READ = {             # and the files that it reads with them
     "check": ("machine.yaml", "machine.json"),
     "history": ("machine.yaml",),
     "serve-machine": (*OF_JOB, "machine.yaml"),
+    "field": ("plan.geojson", "job.yaml"),
+    "record": ("run.csv", "run.yaml", "machine.yaml"),
     "import": ("other.csv", "import.yaml"),
     "import --guess": ("other.csv",),
     "compare": ("machine.yaml", "run.csv", "run.yaml"),
@@ -55,11 +59,12 @@ WRITES = {           # every option that names an output
     ("simulate", "--out"), ("replay", "--out"), ("diagnose", "--json"), ("diagnose", "--report"),
     ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
     ("history", "--out"), ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
-    ("import", "--out"), ("import --guess", "--mapping"), ("compare", "--report"), ("machine", "--out")}
+    ("import", "--out"), ("import --guess", "--mapping"), ("compare", "--report"), ("machine", "--out"),
+    ("field", "--out"), ("record", "--out")}
 # The worker takes a free name; never written over; a folder of several files, below.
 ELSEWHERE = {("run", "--log"), ("serve", "--token-file"), ("fleet", "--out")}
 INPUT = {("machine", "--from")}                                 # though it is an option of a path
-LOGS = {"simulate", "replay", "import"}                         # their --out is a run log, whose name ends in .csv
+LOGS = {"simulate", "replay", "import", "record"}       # their --out is a table, whose name ends in .csv
 FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
 
 
@@ -255,7 +260,8 @@ def test_a_map_is_not_converted_onto_itself(place: Path, form: str, force: bool)
 
 @pytest.mark.parametrize(("command", "option"), sorted(WRITES - FOLDERS))
 def test_what_is_there_already_stays(place: Path, command: str, option: str) -> None:
-    mine = place / ("mine.csv" if command in LOGS else "mine.yaml")
+    ending = ".csv" if command in LOGS else ".html" if option == "--report" else ".yaml"
+    mine = place / f"mine{ending}"
     mine.write_text("mine\n")
     assert "exists already" in refused(invoke(command, option, mine))
     assert mine.read_text() == "mine\n"
@@ -319,5 +325,5 @@ def test_a_log_may_lie_in_the_folder_of_its_task(place: Path) -> None:
 
 
 def test_two_outputs_of_one_command_have_two_places(place: Path) -> None:
-    assert "two outputs" in refused(invoke("diagnose", "--json", "a.x", "--report", "./a.x"))
-    assert not (place / "a.x").exists()
+    assert "two outputs" in refused(invoke("diagnose", "--json", "a.html", "--report", "./a.html"))
+    assert not (place / "a.html").exists()

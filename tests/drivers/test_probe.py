@@ -70,9 +70,9 @@ def test_modules_on_the_network_are_named():
 
 def test_the_command_says_what_cannot_be_opened_and_goes_on():
     result = CliRunner().invoke(app, ["devices", "--seconds", "0.3", "socket://127.0.0.1:1", "/dev/no-such-port"])
-    assert result.exit_code == 0
+    assert result.exit_code == 1
     first, second = result.output.splitlines()
-    assert "nothing known speaks" in first and "nothing known speaks" in second
+    assert "cannot be opened" in first and "cannot be opened" in second
 
 
 def test_a_port_that_cannot_be_read_is_one_plain_line():

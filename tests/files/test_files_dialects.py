@@ -132,7 +132,7 @@ def test_milliseconds_of_a_bench_table_are_milliseconds(write: Write) -> None:
 
 
 @pytest.mark.parametrize("command", [["diagnose", "--machine", "huanghai"], ["import", "--out", "out.csv"],
-                                     ["calibrate", "lag", "--out", "m.yaml"],
+                                     ["calibrate", "wheel", "--out", "m.yaml"],
                                      ["replay", "--headless", "--out", "n.csv"]],
                          ids=lambda words: words[0])
 def test_an_unclosed_quote_is_refused_and_not_half_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -47,7 +47,7 @@ def test_fallbacks_go_along_to_a_task(square: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("words", [("--unit", "bags"), ("--column", "dose"), ("--rate-from", "guess"),
-                                   ("--out", "x.kml")])
+                                   ("--out", "x.pdf")])
 def test_what_cannot_be_is_one_line_and_no_success(square: Path, words: tuple[str, str]) -> None:
     told = topdress(square, *words)
     assert told.exit_code != 0

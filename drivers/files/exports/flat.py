@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import shapefile
+import shapely
 
 from drivers.files.atomic import write_atomically
-from drivers.files.exports.as_applied import AsApplied
+from drivers.files.exports.as_applied import AsApplied, ExportError
 from drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
 from drivers.files.prescriptions.task_folder import WGS84_PRJ
 
@@ -40,6 +41,22 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
         features.append({"type": "Feature", "properties": {"utc": utc or None, **properties}, "geometry": geometry})
     write_atomically(path, json.dumps({"type": "FeatureCollection", "name": applied.title,
                                        "topdress": summary(applied), "features": features}))
+
+
+def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
+    """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises ExportError, OSError."""
+    from drivers.files.ogr import ShapesError, write_layer
+    s = applied.stretches
+    shapes = [shapely.Polygon(ring[:, ::-1]) for ring in s.corners_deg] if polygons else \
+        list(shapely.points(s.lon_deg, s.lat_deg))
+    rows = list(records(applied))
+    columns: dict[str, list[Any]] = {"utc": [utc for utc, _ in rows]}
+    columns |= {column.name: [values[k] for _, values in rows] for k, column in enumerate(COLUMNS)}
+    columns["product"] = [applied.product.name] * len(rows)
+    try:
+        write_layer(path, "as_applied", shapes, columns)
+    except ShapesError as error:
+        raise ExportError(str(error)) from None
 
 
 def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:

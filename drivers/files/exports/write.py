@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drivers.files.exports.as_applied import AsApplied, ExportError
 
-KNOWN = ".csv, .geojson or .json, .shp, .zip (ISO 11783-10 task), or a folder (task)"
+KNOWN = ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), or a folder (task)"
 
 
 def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = False) -> None:
@@ -15,7 +15,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in (".csv", ".geojson", ".json", ".shp", ".zip", ""):
+    if suffix not in (".csv", ".geojson", ".json", ".shp", ".gpkg", ".zip", ""):
         raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN}")
     path.parent.mkdir(parents=True, exist_ok=True)
     if suffix in (".zip", ""):
@@ -25,6 +25,8 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
     from drivers.files.exports import flat
     if suffix == ".csv":
         flat.write_csv(applied, path)
+    elif suffix == ".gpkg":
+        flat.write_gpkg(applied, path, polygons)
     elif suffix == ".shp":
         flat.write_shapefile(applied, path, polygons)
     else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TypedDict
 
-from control.field.boundary import Boundary
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.targets.map_check import MapCheck, map_check
@@ -40,7 +39,7 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
     if job.target.map is None:
         return None
     read = _read(folder / job.target.map)
-    field = Boundary(job.field.boundary_m) if job.field.boundary_m else None
+    field = job.field.boundary()
     try:
         return map_check(read.data, limit_kg_ha, field, _plane(job, read.data))
     except ValueError as error:

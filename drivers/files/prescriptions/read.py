@@ -15,8 +15,10 @@ from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
 from drivers.files.shape_sets import ShapeSet, shape_sets
 
+SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
 KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), GeoJSON (.geojson, "
-         ".json), CSV with polygons (WKT), a table of the middles of even cells (.csv, .xlsx)")
+         ".json), GeoPackage, KML, KMZ, GeoTIFF, CSV with polygons (WKT), a table of the middles of even cells "
+         "(.csv, .xlsx)")
 
 
 def read_prescription(path: str | Path, choice: Choice | None = None) -> Imported:
@@ -32,6 +34,12 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson
         return _areas_or_points(partial(read_geojson, path, choice), path, choice)
+    if suffix in SHAPES:
+        from drivers.files.prescriptions.shapes import read_shapes
+        return read_shapes(path, choice)
+    if suffix in RASTERS:
+        from drivers.files.prescriptions.raster import read_raster
+        return read_raster(path, choice)
     if suffix in TABLES:
         from drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
         from drivers.files.prescriptions.lattice import is_map_of_points, read_lattice

@@ -29,10 +29,10 @@ MOST_LEVELS = 252            # codes 0 to 254 less the three fallbacks
 
 
 def write_prescription(data: MapData, path: Path) -> None:
-    """By the ending: .geojson or .json, .shp, .zip (task), else a folder for a task. Raises ValueError, OSError.
+    """By the ending: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip (task), else a folder for a task.
 
     Task files hold whole mg/m2 (0.01 kg/ha). A shapefile has no place for fallbacks and field.
-    Raises PrescriptionError where a task file has no room for so many rates.
+    Raises ValueError, OSError; PrescriptionError where a task file has no room for so many rates.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -40,6 +40,9 @@ def write_prescription(data: MapData, path: Path) -> None:
         _write_geojson(data, path)
     elif suffix == ".shp":
         _write_shapefile(data, path)
+    elif suffix in (".gpkg", ".kml", ".kmz"):
+        from drivers.files.prescriptions.shapes import write_shapes
+        write_shapes(data, path)
     else:
         try:
             root, files = prescription_task(data)

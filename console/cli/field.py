@@ -1,0 +1,100 @@
+"""`topdress field`: outlines, obstacles and guidance lines of other programs as the job's field, and out again."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.inputs import Reads, need_ending, refuse_other
+from console.cli.outputs import Force, Output, named, refuse_collisions
+
+if TYPE_CHECKING:
+    from drivers.files.fields.field_data import FieldData
+
+READS = Reads(("kml", "kmz", "gpkg", "json", "aog", "config"),
+              "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, or a job file")
+
+
+def field(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A field of AgOpenGPS (its folder), KML, KMZ, "
+                                           "GeoPackage, GeoJSON, or a job file.")],
+    out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .yaml (a job with this field), .kml, "
+                                             ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: IN is only "
+                                             "told.")] = None,
+    job: Annotated[str, typer.Option(metavar="JOB", help="Of a .yaml: the job that gets the field, or the name of a "
+                                     "shipped one; it stays as it is.")] = "demo",
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Of IN with several fields.")] = None,
+    line: Annotated[str | None, typer.Option(metavar="NAME", help="Of several guidance lines: the one whose heading "
+                                             "the passes have.")] = None,
+    force: Force = False,
+) -> None:
+    """Take a field's outline, obstacles, guidance lines and headland into a job, or write a job's field for others."""
+    refuse_other([source], READS)
+    need_ending("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
+    is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
+    if out is not None:
+        from drivers.files.kinds import JOB
+        reads = [*(source.iterdir() if source.is_dir() else [source]), *([named(job, JOB.folder)] if is_job else [])]
+        files = (out,) if out.suffix else tuple(out / one for one in ("Field.txt", "Boundary.txt", "TrackLines.txt"))
+        refuse_collisions(reads, [Output(files)], force)
+    data = _read(source, name)
+    for finding in data.findings:
+        typer.echo(f"note: {source}: {finding}", err=True)
+    _tell(data)
+    if out is None:
+        return
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if is_job:
+        _into_job(data, job, line, out, source)
+    else:
+        _write(data, out)
+    typer.echo(f"written      {out}")
+
+
+def _read(source: Path, name: str | None) -> FieldData:
+    from drivers.files.fields.agopengps import read_agopengps
+    from drivers.files.fields.field_data import data_of
+    from drivers.files.fields.shapes import read_shapes
+    if source.is_dir():
+        return read_agopengps(source)
+    if source.suffix.lower() in (".yaml", ".yml"):
+        from drivers.files.config import load
+        from drivers.files.kinds import JOB
+        return data_of(load(source, JOB).model.field, str(source))
+    return read_shapes(source, name)
+
+
+def _write(data: FieldData, out: Path) -> None:
+    from drivers.files.fields.agopengps import write_agopengps
+    from drivers.files.fields.shapes import write_shapes
+    if out.suffix:
+        write_shapes(data, out)
+    else:
+        write_agopengps(data, out)
+
+
+def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
+    from drivers.files.config import load, save
+    from drivers.files.fields.field_data import ground_of
+    from drivers.files.kinds import JOB
+    loaded = load(job, JOB)
+    model = loaded.model
+    target = model.target.model_copy(update={
+        key: str((loaded.path.parent / value).resolve()) for key in ("map", "plants")
+        if (value := getattr(model.target, key)) is not None})
+    new = model.model_copy(update={"field": ground_of(data, model.field, line), "target": target})
+    save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
+
+
+def _tell(data: FieldData) -> None:
+    plane = data.plane()
+    boundary = data.boundary(plane)
+    if boundary is not None and data.outline_deg is not None:
+        holes = f", {len(data.holes_deg)} obstacles taken out" if data.holes_deg else ""
+        typer.echo(f"field        {data.title}: {boundary.area_ha:.4f} ha, {len(data.outline_deg)} corners{holes}")
+    for one in data.lines:
+        kind = "line" if len(one.places_deg) == 2 else f"curve of {len(one.places_deg)} places"
+        typer.echo(f"guidance     {one.title}: {kind}")
+    if data.headland_m is not None:
+        typer.echo(f"headland     {data.headland_m:.2f} m")

@@ -1,0 +1,70 @@
+"""What a command is given to read, held against what it reads before anything is done: kinds of files, and endings."""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from console.cli.plain_errors import CommandError
+
+
+class Reads(NamedTuple):
+    """`kinds`: ids of drivers.files.what_it_is. `words`: what is read, for people."""
+
+    kinds: tuple[str, ...]
+    words: str
+
+
+_TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder", "empty")
+LOG = Reads(_TABLES, "a log: a table (CSV, Excel, Parquet), points (GeoJSON, shapefile), or an ISOXML task that was "
+            "worked")
+TABLE = Reads(("text", "excel", "empty"), "a bench table (CSV, Excel)")
+RUN_LOG = Reads(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
+MAP = Reads((*_TABLES, "gpkg", "kml", "kmz", "geotiff"),
+            "a prescription (ISOXML, shapefile, GeoJSON, GeoPackage, KML, GeoTIFF, CSV), or a log of work done")
+CHECKED = Reads(("config", "text", "task", "zip", "folder", "empty"), "a configuration file, or an ISOXML task file")
+CAPTURED = Reads(("text", "nmea", "capture", "json", "binary", "empty"), "the capture of a device, as received")
+
+
+def refuse_other(files: Iterable[Path], reads: Reads) -> None:
+    """Raises WrongKind in one line for a file that is not there, or of another kind; OSError."""
+    from drivers.files.what_it_is import refuse_kind
+    for file in files:
+        refuse_kind(file, reads.kinds, reads.words)
+
+
+def need_ending(option: str, path: Path | None, *endings: str) -> None:
+    """Raises CommandError where a name ends otherwise, before anything is read or written."""
+    if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
+        said = "a folder, or a name" if "" in endings else "a name"
+        raise CommandError(f"{option} {path}: allowed is {said} that ends in {' or '.join(filter(None, endings))}")
+
+
+def refuse_run_log(table: Path, command: str) -> None:
+    """A run log where a bench table is asked for. Raises CommandError."""
+    from drivers.files.foreign import is_run_log
+    from drivers.files.table import TableError, header_of
+    try:
+        names = header_of(table)
+    except TableError:
+        return                              # the reader says what is wrong with it
+    if is_run_log(names):
+        raise CommandError(f"{table}: this is a run log (topdress diagnose reads it, topdress calibrate wheel and "
+                           f"heads too): allowed for {command} is a bench table")
+
+
+def refuse_bench_table(log: Path, command: str) -> None:
+    """A bench table where a run log is asked for. Raises CommandError."""
+    from control.calibration.bench_table import KNOWN, recognise
+    from drivers.files.foreign import is_run_log
+    from drivers.files.header_names import our_names
+    from drivers.files.table import TableError, header_of
+    if not log.is_file() or log.suffix.lower() not in (".csv", ".tsv", ".txt"):
+        return
+    try:
+        names = header_of(log)
+    except TableError:
+        return
+    if (kind := recognise(our_names(names, KNOWN, {}).names)) is not None and not is_run_log(names):
+        raise CommandError(f"{log}: this is a bench table ({kind}; topdress diagnose reads it, calibrate lag and catch "
+                           f"fit it): allowed for {command} is a run log")

@@ -1,0 +1,95 @@
+"""`topdress record`: passes as lines of a farm record, kilograms and nitrogen by product and field, costs."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from console.cli.inputs import LOG, need_ending, refuse_other
+from console.cli.outputs import Force, log_files, marked, named, refuse_collisions
+from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from control.machine.machine import Machine
+    from drivers.files.exports.farm_record import Pass
+
+
+def record(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Run logs, or logs of other programs.")],
+    out: Annotated[Path | None, typer.Option(metavar="FARM.csv", help="The farm record: a line for each log, added to "
+                                             "those that are there. Without it: the sums are only told.")] = None,
+    price: Annotated[list[str] | None, typer.Option(metavar="PRODUCT=MONEY", help="Of a kilogram of a product "
+                                                    "(repeatable); MONEY alone: of every product.")] = None,
+    currency: Annotated[str, typer.Option(metavar="NAME", help="Of the money.")] = "EUR",
+    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
+    nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", min=0.0, max=1.0, help="N in the product, of logs "
+                                                   "that name none.")] = None,
+    force: Force = False,
+) -> None:
+    """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for the farm's books."""
+    from drivers.files.config import load
+    from drivers.files.exports.farm_record import BEGINS, write_record
+    from drivers.files.kinds import MACHINE
+    refuse_other(logs, LOG)
+    need_ending("--out", out, ".csv")
+    prices = _prices(price or ())
+    reads = [*(file for log in logs for file in log_files(log)),
+             *([] if machine is None else [named(machine, MACHINE.folder)])]
+    if out is not None:
+        refuse_collisions(reads, [marked(out, BEGINS)], force)
+    loaded = load(machine, MACHINE).model if machine else None
+    passes = [_pass(log, loaded, nitrogen, prices, currency) for log in logs]
+    if prices and all(one.price_per_kg is None for one in passes):
+        raise CommandError(f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
+                           f"{', '.join(sorted({one.product for one in passes}))}")
+    _tell(passes, currency)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        added, replaced = write_record(passes, out)
+        typer.echo(f"written      {out}: {added} added, {replaced} replaced")
+
+
+def _prices(texts: list[str] | tuple[()]) -> dict[str, float]:
+    """Product, or nothing for every one, -> price of a kilogram."""
+    found = {}
+    for text in texts:
+        name, _, money = text.rpartition("=")
+        try:
+            value = float(money)
+        except ValueError:
+            value = -1.0
+        if not 0.0 <= value < 1e6:
+            raise CommandError(f"--price {text}: allowed PRODUCT=MONEY or MONEY, of a kilogram, 0 or more")
+        found[name.strip().casefold()] = value
+    return found
+
+
+def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: dict[str, float],
+          currency: str) -> Pass:
+    from console.reports.job_about import about_of
+    from drivers.files.any_log import is_foreign, open_log
+    from drivers.files.exports.as_applied import Product, as_applied
+    from drivers.files.exports.farm_record import Pass
+    from drivers.files.read_log import read_log
+    opened = open_log(log) if is_foreign(log) else read_log(log)
+    about = about_of(opened)
+    who = about.who
+    given = None if nitrogen is None else Product(who.product or "product", nitrogen)
+    applied = as_applied(opened, machine, given)
+    said = {"client": who.client, "farm": who.farm, "field": who.field, "crop": about.crop, "operator": who.operator,
+            "product": who.product}
+    one = Pass(applied, said, about.simulated, log.name, None, currency)
+    price = prices.get(one.product.casefold(), prices.get(""))
+    return one._replace(price_per_kg=price)
+
+
+def _tell(passes: list[Pass], currency: str) -> None:
+    from drivers.files.exports.farm_record import sums
+    typer.echo(f"{'product':20} {'field':20} {'passes':>6} {'ha':>10} {'kg':>12} {'kg N':>10} {'kg N/ha':>8} "
+               f"{'cost':>12}")
+    for one in sums(passes):
+        a_hectare = one.nitrogen_kg / one.hectares if one.hectares > 0.0 else 0.0
+        cost = "" if one.cost is None else f"{one.cost:.2f} {currency}"
+        typer.echo(f"{one.product[:20]:20} {(one.field or '-')[:20]:20} {one.passes:6d} {one.hectares:10.4f} "
+                   f"{one.kilograms:12.2f} {one.nitrogen_kg:10.2f} {a_hectare:8.1f} {cost:>12}".rstrip())

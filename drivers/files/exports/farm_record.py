@@ -1,0 +1,114 @@
+"""Passes for a farm's books: a line each as CSV, and the sums by product and field."""
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from drivers.files.atomic import write_atomically
+from drivers.files.exports.as_applied import AsApplied, ExportError
+
+COLUMNS = ("date", "begin_utc", "end_utc", "client", "farm", "field", "crop", "operator", "machine", "product",
+           "worked_ha", "covered_ha", "applied_kg", "applied_kg_ha", "target_kg", "nitrogen_kg", "nitrogen_kg_ha",
+           "worked_h", "price_per_kg", "cost", "currency", "simulated", "log")
+BEGINS = ",".join(COLUMNS[:5]).encode()
+
+
+class Pass(NamedTuple):
+    """One log's work. `cost`, `price`: None where no price was given."""
+
+    applied: AsApplied
+    said: Mapping[str, str]         # client, farm, field, crop, operator, product
+    simulated: bool
+    log: str
+    price_per_kg: float | None
+    currency: str
+
+    @property
+    def product(self) -> str:
+        return self.said.get("product") or self.applied.product.name
+
+    @property
+    def cost(self) -> float | None:
+        return None if self.price_per_kg is None else self.price_per_kg * self.applied.totals.applied_kg
+
+    def cells(self) -> list[str]:
+        """As COLUMNS; empty: not known."""
+        applied, totals = self.applied, self.applied.totals
+        s = applied.stretches
+        begin = applied.utc(float(s.time_s[0] - 0.5 * s.duration_s[0]))
+        end = applied.utc(float(s.time_s[-1] + 0.5 * s.duration_s[-1]))
+        hectares = applied.worked_ha
+        return ["" if begin is None else f"{begin:%Y-%m-%d}", *("" if moment is None else f"{moment:%Y-%m-%dT%H:%M:%SZ}"
+                                                               for moment in (begin, end)),
+                *(self.said.get(name, "") for name in ("client", "farm", "field", "crop", "operator")),
+                applied.machine.id, self.product, f"{hectares:.4f}",
+                "" if totals.covered_ha is None else f"{totals.covered_ha:.4f}", f"{totals.applied_kg:.2f}",
+                f"{applied.mean_kg_ha:.2f}", f"{totals.target_kg:.2f}", f"{totals.applied_n_kg:.2f}",
+                f"{applied.mean_kg_ha * applied.product.n_fraction:.2f}", f"{totals.worked_s / 3600.0:.3f}",
+                "" if self.price_per_kg is None else f"{self.price_per_kg:g}",
+                "" if self.cost is None else f"{self.cost:.2f}", "" if self.cost is None else self.currency,
+                "yes" if self.simulated else "", self.log]
+
+
+class Sum(NamedTuple):
+    """Of the passes with one product on one field."""
+
+    product: str
+    field: str
+    passes: int
+    hectares: float
+    kilograms: float
+    nitrogen_kg: float
+    cost: float | None
+
+
+def sums(passes: Iterable[Pass]) -> list[Sum]:
+    """By product and field, in the order of the passes."""
+    found: dict[tuple[str, str], Sum] = {}
+    for one in passes:
+        key = (one.product, one.said.get("field", ""))
+        before = found.get(key, Sum(*key, 0, 0.0, 0.0, 0.0, 0.0))
+        both = None if before.cost is None or one.cost is None else before.cost + one.cost
+        totals = one.applied.totals
+        found[key] = Sum(*key, before.passes + 1, before.hectares + one.applied.worked_ha,
+                         before.kilograms + totals.applied_kg, before.nitrogen_kg + totals.applied_n_kg, both)
+    return list(found.values())
+
+
+def write_record(passes: Sequence[Pass], path: Path) -> tuple[int, int]:
+    """The lines of these passes at the end of the record; a log that stands in it is written anew in its place.
+
+    Returns how many were added and how many replaced. Raises ExportError for a file that is no such record, OSError.
+    """
+    rows = _rows(path)
+    places = {row[-1]: k for k, row in enumerate(rows)}
+    added = replaced = 0
+    for one in passes:
+        cells = one.cells()
+        if one.log in places:
+            rows[places[one.log]] = cells
+            replaced += 1
+        else:
+            places[one.log] = len(rows)
+            rows.append(cells)
+            added += 1
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(rows)
+    write_atomically(path, text.getvalue())
+    return added, replaced
+
+
+def _rows(path: Path) -> list[list[Any]]:
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.reader(file))
+    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows[1:]):
+        raise ExportError(f"{path}: is no farm record of topdress: allowed is another name, or one that begins "
+                          f"{','.join(COLUMNS[:4])},...")
+    return rows[1:]

@@ -1,0 +1,1 @@
+"""Fields of other programs: outlines, obstacles, guidance lines, headland; in and out."""

@@ -1,0 +1,220 @@
+"""A field of AgOpenGPS: a folder with Field.txt, Boundary.txt, Headland.txt, TrackLines.txt (before 6: ABLines.txt).
+
+Places are metres east and north of the start fix, by AgOpenGPS's own series for the length of a degree; a degree of
+longitude is as long as at the place itself. Files are read by version 4 to 6 alike.
+"""
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from control.targets.rate_map import Floats
+from drivers.files.atomic import write_atomically
+from drivers.files.fields.field_data import EVEN_M, FieldData, FieldError, Line, headland_width_m
+from drivers.files.findings import Finding
+
+AB, CURVE = 2, 4            # modes of a track in TrackLines.txt
+MOST_POINTS = 200_000
+AB_HALF_M = 1000.0          # an AB line of old files is a place and a heading: as long to both sides, as it draws one
+
+
+class _Plane(NamedTuple):
+    lat_deg: float
+    lon_deg: float
+
+    @property
+    def per_lat_m(self) -> float:
+        lat = math.radians(self.lat_deg)
+        return 111132.92 - 559.82 * math.cos(2 * lat) + 1.175 * math.cos(4 * lat) - 0.0023 * math.cos(6 * lat)
+
+    def to_deg(self, places: Floats) -> Floats:
+        lat = self.lat_deg + places[:, 1] / self.per_lat_m
+        return np.column_stack((lat, self.lon_deg + places[:, 0] / _per_lon_m(lat)))
+
+    def to_m(self, degrees: Floats) -> Floats:
+        east = (degrees[:, 1] - self.lon_deg) * _per_lon_m(degrees[:, 0])
+        return np.column_stack((east, (degrees[:, 0] - self.lat_deg) * self.per_lat_m))
+
+
+def _per_lon_m(lat_deg: Floats) -> Floats:
+    lat = np.radians(lat_deg)
+    return np.asarray(111412.84 * np.cos(lat) - 93.5 * np.cos(3 * lat) + 0.118 * np.cos(5 * lat))
+
+
+def read_agopengps(folder: Path) -> FieldData:
+    """Raises FieldError, OSError."""
+    files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
+    if "field.txt" not in files:
+        raise FieldError(f"{folder}: no Field.txt: allowed is the folder of a field of AgOpenGPS")
+    title, plane = _origin(files["field.txt"])
+    rings = _rings(files["boundary.txt"]) if "boundary.txt" in files else []
+    headlands = _rings(files["headland.txt"]) if "headland.txt" in files else []
+    findings: list[Finding] = []
+    lines = _lines(files, plane)
+    width = None
+    if rings and headlands and headlands[0][1].size:
+        middle, least, most = headland_width_m(rings[0][1], headlands[0][1])
+        if most - least <= EVEN_M:
+            width = middle
+        else:
+            findings.append(Finding("headland", f"headland between {least:.1f} and {most:.1f} m wide: not taken, a job "
+                                    "has one width: say headland_m in it"))
+    driven = [k for k, (through, _) in enumerate(rings) if k and through]
+    if driven:
+        findings.append(Finding("drive_through", f"{len(driven)} inner boundary that is driven through: worked like "
+                                "the rest"))
+    if "sections.txt" in files and (area := _covered_ha(files["sections.txt"])) > 0.0:
+        findings.append(Finding("sections", f"{area:.3f} ha are marked as worked in Sections.txt (overlaps counted "
+                                "twice): not taken"))
+    degrees = [plane.to_deg(ring) for k, (_, ring) in enumerate(rings) if k not in driven]
+    return FieldData(title or folder.name, degrees[0] if degrees else None, tuple(degrees[1:]), tuple(lines), width,
+                     tuple(findings))
+
+
+def _texts(path: Path) -> list[str]:
+    return [line.strip() for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()]
+
+
+def _origin(path: Path) -> tuple[str, _Plane]:
+    lines = _texts(path)
+    title = lines[lines.index("$FieldDir") + 1] if "$FieldDir" in lines[:-1] else ""
+    try:
+        lat, lon = (float(word) for word in lines[lines.index("StartFix") + 1].split(",")[:2])
+    except (ValueError, IndexError):
+        raise FieldError(f"{path}: no StartFix with latitude and longitude: allowed is a field of version 4 or later") \
+            from None
+    if not (abs(lat) < 90.0 and abs(lon) <= 180.0):
+        raise FieldError(f"{path}: StartFix {lat:g}, {lon:g}: allowed are degrees")
+    return title, _Plane(lat, lon)
+
+
+def _rings(path: Path) -> list[tuple[bool, Floats]]:
+    """Of Boundary.txt and Headland.txt: whether it is driven through, and its places, m."""
+    rest = iter([line for line in _texts(path) if line and not line.startswith("$")])
+    found, through = [], False
+    for line in rest:
+        if line in ("True", "False"):
+            through = through or line == "True"
+            continue
+        found.append((through, _points(path, rest, _count(path, line))))
+        through = False
+    return [(driven, ring) for driven, ring in found if len(ring) >= 3 or path.name.lower() == "headland.txt"]
+
+
+def _count(path: Path, text: str) -> int:
+    if not text.isdigit() or int(text) > MOST_POINTS:
+        raise FieldError(f"{path}: {text[:40]}: allowed is a number of points, up to {MOST_POINTS}")
+    return int(text)
+
+
+def _points(path: Path, rest: Iterator[str], count: int) -> Floats:
+    rows = []
+    for _ in range(count):
+        text = next(rest, "")
+        try:
+            east, north = (float(word) for word in text.split(",")[:2])
+        except ValueError:
+            raise FieldError(f"{path}: {text[:40]!r}: allowed is a place, east and north with a comma between (is the "
+                             "file cut off?)") from None
+        if not (math.isfinite(east) and math.isfinite(north)):
+            raise FieldError(f"{path}: {text[:40]!r}: allowed are finite numbers")
+        rows.append((east, north))
+    return np.array(rows, dtype=np.float64).reshape(-1, 2)
+
+
+def _lines(files: dict[str, Path], plane: _Plane) -> list[Line]:
+    if "tracklines.txt" in files:
+        return _tracks(files["tracklines.txt"], plane)
+    return _old_lines(files["ablines.txt"], plane) if "ablines.txt" in files else []
+
+
+def _tracks(path: Path, plane: _Plane) -> list[Line]:
+    rest = iter(_texts(path)[1:])
+    found = []
+    for title in rest:
+        if not title:
+            continue
+        next(rest, "")                                      # heading, radians
+        ends = _points(path, rest, 2)
+        _, mode, _ = (next(rest, "") for _ in range(3))     # nudged by, mode, visible
+        curve = _points(path, rest, _count(path, next(rest, "")))
+        places = curve if mode not in (str(AB), "") and len(curve) > 1 else ends
+        found.append(Line(title, plane.to_deg(places)))
+    return found
+
+
+def _old_lines(path: Path, plane: _Plane) -> list[Line]:
+    """`name,heading in degrees,east,north`."""
+    found = []
+    for text in _texts(path):
+        words = text.split(",")
+        if len(words) != 4:
+            continue
+        try:
+            heading, east, north = (float(word) for word in words[1:])
+        except ValueError:
+            raise FieldError(f"{path}: {text[:60]!r}: allowed name,heading,east,north") from None
+        way = AB_HALF_M * np.array([math.sin(math.radians(heading)), math.cos(math.radians(heading))])
+        middle = np.array([east, north])
+        found.append(Line(words[0], plane.to_deg(np.array([middle - way, middle + way]))))
+    return found
+
+
+def _covered_ha(path: Path) -> float:
+    """Of strips of triangles, m: number of rows, colour, then left and right by turns."""
+    rest = iter([line for line in _texts(path) if line])
+    area = 0.0
+    for line in rest:
+        rows = _points(path, rest, _count(path, line))[1:]
+        if len(rows) > 2:
+            a, b, c = rows[:-2], rows[1:-1], rows[2:]
+            area += 0.5 * float(np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum())
+    return area / 10_000.0
+
+
+def write_agopengps(data: FieldData, folder: Path) -> None:
+    """The files that AgOpenGPS asks for when it opens a field. Raises OSError."""
+    origin = data.plane()
+    plane = _Plane(origin.lat_deg, origin.lon_deg)
+    today = f"{dt.datetime.now():%Y-%B-%d %I:%M:%S %p}"
+    files = {"Field.txt": [today, "$FieldDir", folder.name, "$Offsets", "0,0", "Convergence", "0", "StartFix",
+                           f"{plane.lat_deg:.7f},{plane.lon_deg:.7f}"],
+             "Boundary.txt": ["$Boundary"], "TrackLines.txt": ["$TrackLines"], "Headland.txt": ["$Headland"],
+             "Sections.txt": [], "Contour.txt": ["$Contour"], "Flags.txt": ["$Flags", "0"]}
+    for ring in () if data.outline_deg is None else (data.outline_deg, *data.holes_deg):
+        places = plane.to_m(ring)
+        files["Boundary.txt"] += ["False", str(len(places)), *_rows(places)]
+    if data.outline_deg is not None and data.headland_m:
+        inner = data.boundary(origin)
+        assert inner is not None
+        shrunk = inner.inset(data.headland_m).rings
+        places = np.array([origin.to_deg(*place) for place in shrunk[0]]) if shrunk else np.zeros((0, 2))
+        headland = plane.to_m(places)
+        files["Headland.txt"] += [str(len(headland)), *_rows(headland)]
+    for number, line in enumerate(data.lines, start=1):
+        places = plane.to_m(line.places_deg)
+        curve = len(places) > 2
+        way = places[-1] - places[0]
+        files["TrackLines.txt"] += [
+            line.title or f"AB {number}", f"{math.atan2(way[0], way[1]) % (2 * math.pi):.8f}", _place(places[0]),
+            _place(places[-1]), "0", str(CURVE if curve else AB), "True",
+            *([str(len(places)), *_rows(places)] if curve else ["0"])]
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, lines in files.items():
+        write_atomically(folder / name, "".join(f"{line}\r\n" for line in lines))
+
+
+def _rows(places: Floats) -> list[str]:
+    """Each with the heading to the next, radians, as AgOpenGPS keeps it."""
+    way = np.roll(places, -1, axis=0) - places
+    headings = np.arctan2(way[:, 0], way[:, 1]) % (2 * math.pi)
+    return [f"{_place(place)},{heading:.5f}" for place, heading in zip(places, headings, strict=True)]
+
+
+def _place(place: Floats) -> str:
+    return f"{place[0]:.3f},{place[1]:.3f}"

@@ -1,0 +1,130 @@
+"""A field as files hold it, in degrees, and as a job holds it, on its plane."""
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from control.field.boundary import Boundary
+from control.field.job import Ground, GuidanceLine
+from control.geodesy import TangentPlane
+from control.targets.rate_map import Floats
+from drivers.files.findings import Finding
+from drivers.plain_text import OneLine
+
+EVEN_M = 0.5                # a headland whose width differs by less is of one width
+SAME_WAY_DEG = 0.1          # lines that run so near to one another's heading give one
+
+
+class FieldError(OneLine):
+    """The field cannot be used; one line."""
+
+
+class Line(NamedTuple):
+    """A guidance line: `places_deg` (k, 2) latitude and longitude, two for a straight one."""
+
+    title: str
+    places_deg: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class FieldData:
+    """`outline_deg` (k, 2) latitude and longitude, not closed; `holes_deg`: ground in it that is not worked."""
+
+    title: str
+    outline_deg: Floats | None = None
+    holes_deg: tuple[Floats, ...] = ()
+    lines: tuple[Line, ...] = ()
+    headland_m: float | None = None
+    findings: tuple[Finding, ...] = ()
+
+    def plane(self) -> TangentPlane:
+        if self.outline_deg is not None:
+            places = self.outline_deg
+        elif self.lines:
+            places = self.lines[0].places_deg
+        else:
+            raise FieldError(f"{self.title}: neither an outline nor a line")
+        lat, lon = places.mean(axis=0)
+        return TangentPlane(round(float(lat), 7), round(float(lon), 7))
+
+    def boundary(self, plane: TangentPlane) -> Boundary | None:
+        """Raises ValueError."""
+        if self.outline_deg is None:
+            return None
+        return Boundary(_places(plane, self.outline_deg), [_places(plane, hole) for hole in self.holes_deg])
+
+
+def _places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
+    return [(float(east), float(north)) for east, north in plane.many_to_m(degrees[:, 0], degrees[:, 1])]
+
+
+def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Ground:
+    """The job's field with this outline and these lines; what the file does not hold stays as it was.
+
+    line: whose heading the passes have, where several lines differ. Raises FieldError.
+    """
+    if data.outline_deg is None and before.boundary_m:
+        plane = TangentPlane(before.origin_lat_deg, before.origin_lon_deg)
+    else:
+        plane = data.plane()
+    changes: dict[str, object] = {"origin_lat_deg": plane.lat_deg, "origin_lon_deg": plane.lon_deg}
+    try:
+        boundary = data.boundary(plane)
+    except ValueError as error:
+        raise FieldError(f"{data.title}: {error}") from None
+    if boundary is not None and data.outline_deg is not None:
+        changes |= {"title": data.title or before.title, "boundary_m": tuple(_rounded(plane, data.outline_deg)),
+                    "holes_m": tuple(tuple(_rounded(plane, hole)) for hole in data.holes_deg)}
+    if data.lines:
+        changes["lines"] = tuple(GuidanceLine(title=one.title[:80], points_m=tuple(_rounded(plane, one.places_deg)))
+                                 for one in data.lines)
+        changes["pass_heading_deg"] = _heading(data, plane, line)
+    if data.headland_m is not None:
+        changes["headland_m"] = round(data.headland_m, 2)
+    return Ground.model_validate(before.model_dump() | changes)
+
+
+def _rounded(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
+    return [(round(east, 4), round(north, 4)) for east, north in _places(plane, degrees)]
+
+
+def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
+    headings = {}
+    for one in data.lines:
+        (east, north), (to_east, to_north) = (_places(plane, one.places_deg)[k] for k in (0, -1))
+        headings[one.title] = math.degrees(math.atan2(to_east - east, to_north - north)) % 360.0
+    if wanted is not None:
+        if wanted not in headings:
+            raise FieldError(f"{data.title}: line {wanted}: allowed {', '.join(headings)}")
+        return round(headings[wanted], 4) % 360.0
+    first = next(iter(headings.values()))
+    off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
+    if off > SAME_WAY_DEG:
+        said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
+        raise FieldError(f"{data.title}: {len(headings)} lines run different ways: {said}: --line says which")
+    return round(first, 4) % 360.0
+
+
+def data_of(ground: Ground, title: str) -> FieldData:
+    """The job's field in degrees. Raises FieldError where it has none."""
+    if not ground.boundary_m and not ground.lines:
+        raise FieldError(f"{title}: the job has no field and no line: allowed is one with boundary_m or lines")
+    plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
+
+    def degrees(places: Sequence[tuple[float, float]]) -> Floats:
+        return np.array([plane.to_deg(*place) for place in places])
+    return FieldData(ground.title or title, degrees(ground.boundary_m) if ground.boundary_m else None,
+                     tuple(degrees(hole) for hole in ground.holes_m),
+                     tuple(Line(one.title, degrees(one.points_m)) for one in ground.lines), ground.headland_m or None)
+
+
+def headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, float, float]:
+    """Of an inner line: its median, least and largest distance from the outline, m."""
+    edge = shapely.LinearRing(outline_m)
+    away = shapely.distance(shapely.points(inner_m), edge)
+    return float(np.median(away)), float(away.min()), float(away.max())

@@ -1,0 +1,118 @@
+"""Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage, GeoJSON."""
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from control.targets.rate_map import Floats
+from drivers.files.atomic import write_atomically
+from drivers.files.fields.field_data import FieldData, FieldError, Line
+from drivers.files.findings import Finding
+from drivers.files.limits import read_json
+from drivers.files.ogr import FORMATS, ShapesError, name_of, read_layers, write_layer
+
+GEOJSON = (".geojson", ".json")
+INSIDE = 0.999              # of its area, that a polygon lies in another one
+
+
+def read_shapes(path: Path, name: str | None = None) -> FieldData:
+    """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
+    named = _geojson(path) if path.suffix.lower() in GEOJSON else _layers(path)
+    polygons = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
+                if part.geom_type == "Polygon" and not part.is_empty]
+    lines = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
+             if part.geom_type == "LineString" and not part.is_empty]
+    if not polygons and not lines:
+        raise FieldError(f"{path}: neither a polygon nor a line in it: allowed is a field's outline, or guidance lines")
+    title, outline, holes, findings = _field(path, polygons, name)
+    return FieldData(title or path.stem, outline, holes, tuple(
+        Line(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
+        for k, (line_title, line) in enumerate(lines, start=1)), None, tuple(findings))
+
+
+def _layers(path: Path) -> list[tuple[str, Any]]:
+    try:
+        layers = read_layers(path)
+    except ShapesError as error:
+        raise FieldError(str(error)) from None
+    return [(name_of(row) or layer.name, shape) for layer in layers
+            for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
+
+
+def _geojson(path: Path) -> list[tuple[str, Any]]:
+    try:
+        root = read_json(path)
+        features = root["features"] if root.get("type") == "FeatureCollection" else [root]
+        found = [(name_of(one.get("properties") or {}), shapely.from_geojson(json.dumps(one["geometry"])))
+                 for one in features if isinstance(one, dict) and one.get("geometry")]
+    except (ValueError, TypeError, LookupError, AttributeError, shapely.errors.GEOSException) as error:
+        raise FieldError(f"{path}: not readable as GeoJSON: {str(error).splitlines()[0][:120]}") from None
+    highest = np.abs(np.concatenate([shapely.get_coordinates(shape) for _, shape in found])).max(initial=0.0) \
+        if found else 0.0
+    if highest > 180.0:
+        raise FieldError(f"{path}: coordinates up to {highest:.0f}: allowed are degrees (WGS84)")
+    return found
+
+
+def _field(path: Path, polygons: Sequence[tuple[str, Any]],
+           name: str | None) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
+    """The one outline with what lies in it. Raises FieldError: which there are."""
+    if name is not None:
+        polygons = [one for one in polygons if one[0].casefold() == name.casefold()] or _asked(path, polygons, name)
+    if not polygons:
+        return "", None, (), []
+    title, outer = max(polygons, key=lambda one: one[1].area)
+    others = [shape for _, shape in polygons if shape is not outer]
+    if any(shapely.intersection(outer, shape).area < INSIDE * shape.area for shape in others):
+        _asked(path, polygons, name)
+    holes = [ring for ring in outer.interiors] + [shape.exterior for shape in others]
+    findings = [Finding("holes", f"{len(others)} polygon that lies in the field taken for ground that is not worked")] \
+        if others else []
+    return title, _ring(outer.exterior), tuple(map(_ring, holes)), findings
+
+
+def _asked(path: Path, polygons: Sequence[tuple[str, Any]], name: str | None) -> list[tuple[str, Any]]:
+    said = ", ".join(f"{title or 'without a name'} ({_hectares(shape):.2f} ha)" for title, shape in polygons[:12])
+    which = f"field {name}" if name is not None else f"{len(polygons)} fields"
+    raise FieldError(f"{path}: {which}: allowed with --name is one of {said}")
+
+
+def _hectares(shape: Any) -> float:
+    ring = _ring(shape.exterior)
+    data = FieldData("", ring)
+    places = data.plane().many_to_m(ring[:, 0], ring[:, 1])
+    return float(shapely.Polygon(places).area) / 10_000.0
+
+
+def _ring(ring: Any) -> Floats:
+    return np.ascontiguousarray(shapely.get_coordinates(ring)[:-1, ::-1], dtype=np.float64)
+
+
+def write_shapes(data: FieldData, path: Path) -> None:
+    """Raises FieldError, OSError."""
+    polygons = [] if data.outline_deg is None else [
+        shapely.Polygon(data.outline_deg[:, ::-1], [hole[:, ::-1] for hole in data.holes_deg])]
+    lines = [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
+    if path.suffix.lower() in GEOJSON:
+        features = [{"type": "Feature", "properties": {"name": title},
+                     "geometry": json.loads(shapely.to_geojson(shape))}
+                    for title, shape in [*((data.title, one) for one in polygons),
+                                         *zip((line.title for line in data.lines), lines, strict=True)]]
+        write_atomically(path, json.dumps({"type": "FeatureCollection", "name": data.title, "features": features},
+                                          ensure_ascii=False))
+        return
+    column = "Name" if FORMATS[path.suffix.lower()] == "KML" else "name"
+    try:
+        shapes, titles = [*polygons, *lines], [*([data.title] * len(polygons)), *(line.title for line in data.lines)]
+        if path.suffix.lower() == ".gpkg" and polygons and lines:
+            write_layer(path, "field", polygons, {column: [data.title]})
+            write_layer(path, "lines", lines, {column: [line.title for line in data.lines]}, append=True)
+        else:
+            write_layer(path, "field", shapes, {column: titles})
+    except ShapesError as error:
+        raise FieldError(str(error)) from None

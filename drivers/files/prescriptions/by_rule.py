@@ -1,0 +1,35 @@
+"""A map of the canopy's index (NDVI of a drone or a satellite) as rates, by the rule of a job's crop."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from control.agronomy.noa import Rule
+from control.targets.prescription import MapData
+from drivers.files.findings import Finding
+from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+
+
+def index_choice(choice: Choice, rule: Rule, where: str) -> Choice:
+    """How the map is read: the index's column as plain numbers. Raises PrescriptionError."""
+    if choice.unit is not None or choice.scale != 1.0:
+        raise PrescriptionError(f"{where}: --unit and --scale: allowed without --rule, whose map holds an index")
+    if not rule.is_ready:
+        raise PrescriptionError(f"{where}: the rule waits for its strips: allowed is a job with ndvi_nrich (and, by "
+                                "the field's response, ndvi_check)")
+    return replace(choice, column=choice.column or rule.crop.index.upper(), unit="kg/ha")
+
+
+def by_rule(read: Imported, rule: Rule) -> Imported:
+    """Each zone with the rate that the rule gives for its index. Raises PrescriptionError for what is no index."""
+    data = read.data
+    if data.grid is not None:
+        raise PrescriptionError(f"{read.path}: a grid of rates: allowed with --rule is a map of the canopy's index")
+    highest = max(zone.rate_kg_ha for zone in data.zones)
+    index = rule.crop.index.upper()
+    if highest > 1.0:
+        raise PrescriptionError(f"{read.path}: {read.layers[0]} up to {highest:g}: allowed as {index} is 0 to 1 (is it "
+                                "scaled by 10000 or 255?)")
+    zones = tuple(zone._replace(rate_kg_ha=rule.decide(zone.rate_kg_ha).rate_kg_ha) for zone in data.zones)
+    said = Finding("by_rule", f"{index} taken to rates by the rule of {rule.crop.name}")
+    new = MapData(zones, None, data.fallbacks, data.fields_deg, data.title, data.product)
+    return replace(read, data=new, findings=(*read.findings, said), unit_from=f"by the rule, from {index}")

@@ -1,0 +1,84 @@
+"""Rasters (GeoTIFF, Cloud Optimized GeoTIFF) as prescriptions: each cell with a value is a zone. Extra raster."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from control.targets.rate_map import Floats
+from drivers.files.extras import install_line
+from drivers.files.findings import Finding, many
+from drivers.files.prescriptions.features import Feature, imported
+from drivers.files.prescriptions.projected import TransverseMercator, projection_of
+from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+
+MOST_CELLS = 100_000        # with a value: a zone each; a field of 100 ha in cells of 3 m
+
+
+def read_raster(path: Path, choice: Choice) -> Imported:
+    """The bands are the columns: by their description, else `band 1`, `band 2`. Raises PrescriptionError, OSError."""
+    try:
+        import rasterio
+    except ImportError:
+        raise PrescriptionError(f"{path}: this is a GeoTIFF, a raster: install the extra raster: "
+                                f"{install_line('raster')}") from None
+    try:
+        with rasterio.open(path) as file:
+            return _read(path, file, choice)
+    except rasterio.errors.RasterioError as error:
+        raise PrescriptionError(f"{path}: not readable as GeoTIFF: {str(error).splitlines()[0][:150]}") from None
+
+
+def _read(path: Path, file: Any, choice: Choice) -> Imported:
+    projection = _projection(path, file)
+    if file.width * file.height > 100 * MOST_CELLS:
+        raise PrescriptionError(f"{path}: {_too_fine(file.width * file.height)}")
+    names = [told or f"band {k}" for k, told in enumerate(file.descriptions, start=1)]
+    bands = [np.where(np.ma.getmaskarray(one), np.nan, np.ma.getdata(one).astype(np.float64))
+             for one in (file.read(k, masked=True) for k in range(1, file.count + 1))]
+    scaled = [band * scale + offset for band, scale, offset in zip(bands, file.scales, file.offsets, strict=True)]
+    known = np.isfinite(np.array(scaled)).any(axis=0)
+    rows, columns = np.nonzero(known)
+    if not len(rows):
+        raise PrescriptionError(f"{path}: no cell with a value")
+    if len(rows) > MOST_CELLS:
+        raise PrescriptionError(f"{path}: {_too_fine(len(rows))}")
+    corners = _corners(file.transform, rows, columns, projection)
+    features = [Feature(k + 1, {name: float(band[row, column]) for name, band in zip(names, scaled, strict=True)},
+                        [(corners[k],)]) for k, (row, column) in enumerate(zip(rows.tolist(), columns.tolist(),
+                                                                               strict=True))]
+    wide, high = np.hypot(file.transform.a, file.transform.d), np.hypot(file.transform.b, file.transform.e)
+    unit = "deg" if projection is None else "m"
+    findings = [Finding("raster", f"{many(len(rows), 'cell')} of {wide:g} x {high:g} {unit}")]
+    if projection is not None:
+        findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
+    return imported(path, "raster", features, choice, findings, title=path.stem)
+
+
+def _too_fine(cells: int) -> str:
+    return (f"{cells} cells: allowed up to {MOST_CELLS}: resample it to cells of the working width first (in QGIS: "
+            "Warp, average)")
+
+
+def _projection(path: Path, file: Any) -> TransverseMercator | None:
+    if file.crs is None:
+        raise PrescriptionError(f"{path}: the raster does not say where it lies (no coordinate system): allowed are "
+                                "degrees on WGS84, or UTM")
+    try:
+        return projection_of(file.crs.to_wkt(version="WKT1_GDAL"))
+    except ValueError as error:
+        raise PrescriptionError(f"{path}: coordinates in {error}: allowed are degrees on WGS84, or UTM and other "
+                                "transverse Mercator on it") from None
+
+
+def _corners(transform: Any, rows: Any, columns: Any, projection: TransverseMercator | None) -> Floats:
+    """(n, 4, 2) latitude and longitude of the cells' corners."""
+    across = columns[:, None] + np.array([0.0, 1.0, 1.0, 0.0])
+    down = rows[:, None] + np.array([0.0, 0.0, 1.0, 1.0])
+    east = transform.a * across + transform.b * down + transform.c
+    north = transform.d * across + transform.e * down + transform.f
+    if projection is None:
+        return np.stack((north, east), axis=-1)
+    lat, lon = projection.to_deg(east.ravel(), north.ravel())
+    return np.stack((lat.reshape(east.shape), lon.reshape(east.shape)), axis=-1)

@@ -1,0 +1,70 @@
+"""Prescriptions as polygons with attributes in formats that GDAL reads: GeoPackage, KML, KMZ; out too."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import shapely
+
+from control.targets.prescription import MapData
+from drivers.files.findings import Finding, many
+from drivers.files.imports.trouble import listed
+from drivers.files.ogr import Layer, ShapesError, name_of, read_layers, told, write_layer
+from drivers.files.prescriptions.features import Feature, imported, ring
+from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
+
+POLYGONS = ("Polygon", "MultiPolygon")
+
+
+def read_shapes(path: Path, choice: Choice) -> Imported:
+    """Raises PrescriptionError, OSError."""
+    try:
+        layers = read_layers(path)
+    except ShapesError as error:
+        raise PrescriptionError(str(error)) from None
+    if choice.inside is not None:
+        layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
+    held = [layer for layer in layers if any(_is_area(shape) for shape in layer.shapes)]
+    if len(held) > 1:
+        raise RateQuestion(f"{path}: {len(held)} layers of polygons: allowed is one of "
+                           f"{listed(layer.name for layer in held)} (--inside says which)")
+    if not held:
+        inside = "" if choice.inside is None else f" named {choice.inside}"
+        raise NoPolygons(f"{path}: no layer of polygons{inside}: allowed is at least one polygon")
+    layer = held[0]
+    findings = [Finding("projected", layer.said)] if layer.said else []
+    features = _features(layer)
+    if others := len(layer.shapes) - len(features):
+        findings.append(Finding("not_polygons", f"{many(others, 'shape')} that are no polygons left out", rows=others))
+    return imported(path, path.suffix[1:].lower(), features, choice, findings, title=path.stem)
+
+
+def _is_area(shape: shapely.Geometry | None) -> bool:
+    return shape is not None and shape.geom_type in POLYGONS and not shape.is_empty
+
+
+def _features(layer: Layer) -> list[Feature]:
+    found = []
+    for number, (row, shape) in enumerate(zip(layer.rows, layer.shapes, strict=True), start=1):
+        if not _is_area(shape):
+            continue
+        polygons = [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
+                    for part in shapely.get_parts(shape) if not part.is_empty]
+        found.append(Feature(number, {**told(row), "title": name_of(row)}, polygons))
+    return found
+
+
+def write_shapes(data: MapData, path: Path) -> None:
+    """A polygon for each zone, or for each cell of a grid; no place for fallbacks and field.
+
+    Raises PrescriptionError, OSError.
+    """
+    from drivers.files.prescriptions.write import zones_of
+    zones = zones_of(data)
+    shapes = [shapely.Polygon(zone.rings_deg[0][:, ::-1], [hole[:, ::-1] for hole in zone.rings_deg[1:]])
+              for zone in zones]
+    name = "title" if path.suffix.lower() == ".gpkg" else "Name"
+    try:
+        write_layer(path, "prescription", shapes, {name: [zone.title for zone in zones],
+                                                   "rate_kg_ha": [zone.rate_kg_ha for zone in zones]})
+    except ShapesError as error:
+        raise PrescriptionError(str(error)) from None

@@ -1,0 +1,150 @@
+"""What kind of file a file is, by its first bytes and its name, and what would be read of it: for refusals."""
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Collection
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+from drivers.devices.capture import HEADER as CAPTURE
+from drivers.files.limits import DAMAGED_ZIP
+from drivers.plain_text import OneLine
+
+LOOKED_BYTES = 4096
+TEXTS = 0.95                # of the bytes that text may hold
+
+
+class WrongKind(OneLine):
+    """A file of a kind that is not read here; one line."""
+
+
+class Kind(NamedTuple):
+    """`id`: by which commands say what they take. `words`: what it is. `instead`: what reads it, or what to do."""
+
+    id: str
+    words: str
+    instead: str
+
+
+_SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
+_UNPACK = "unpack it first"
+KINDS = {kind.id: kind for kind in (
+    Kind("geotiff", "a TIFF picture or GeoTIFF raster", "topdress map reads a GeoTIFF (extra raster)"),
+    Kind("picture", "a picture", "no command reads pictures"),
+    Kind("pdf", "a PDF document", f"no command reads PDF; {_SAVE}"),
+    Kind("html", "a web page", "no command reads web pages; was a download refused?"),
+    Kind("gpkg", "a GeoPackage", "topdress map and topdress field read it (extra gis)"),
+    Kind("sqlite", "an SQLite database", f"no command reads it; {_SAVE}"),
+    Kind("kml", "a KML file", "topdress map and topdress field read it (extra gis)"),
+    Kind("kmz", "a KMZ file", "topdress map and topdress field read it (extra gis)"),
+    Kind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
+    Kind("task", "an ISOXML task file", "topdress map, import and check read it"),
+    Kind("xml", "an XML file that is no task file", "of XML, ISOXML task files (TASKDATA.XML) and KML are read"),
+    Kind("fgb", "a FlatGeobuf file", _SAVE),
+    Kind("las", "a LAS point cloud", "no command reads point clouds"),
+    Kind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
+    Kind("gzip", "a gzip file", _UNPACK), Kind("7z", "a 7z archive", _UNPACK), Kind("rar", "a RAR archive", _UNPACK),
+    Kind("excel", "a workbook", "topdress import and diagnose read it"),
+    Kind("office", "a text document", f"no command reads it; {_SAVE}"),
+    Kind("zip", "a zip", "topdress map and import read zips that hold task files or shapefiles"),
+    Kind("shp", "a shapefile", "topdress map, import and field read it"),
+    Kind("shp part", "a part of a shapefile", "give the .shp beside it"),
+    Kind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
+    Kind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
+    Kind("capture", "a capture of the console", "topdress decode reads it"),
+    Kind("config", "a configuration file of topdress", "topdress check says what is in it"),
+    Kind("aog", "a field of AgOpenGPS", "topdress field reads it"),
+    Kind("folder", "a folder", "topdress map, import and check read folders with a task file or shapefiles"),
+    Kind("empty", "an empty file", "nothing is in it"),
+    Kind("binary", "no text and no known format", "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
+         "GeoPackage and GeoTIFF"),
+    Kind("text", "a text", ""),
+)}
+TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
+
+_MAGIC = (
+    (b"II*\0", "geotiff"), (b"MM\0*", "geotiff"), (b"II+\0", "geotiff"), (b"MM\0+", "geotiff"),
+    (b"\x89PNG", "picture"), (b"\xff\xd8\xff", "picture"), (b"GIF8", "picture"), (b"BM6", "picture"), (b"%PDF", "pdf"),
+    (b"fgb\x03", "fgb"), (b"LASF", "las"), (b"PAR1", "parquet"), (b"\x1f\x8b", "gzip"), (b"7z\xbc\xaf", "7z"),
+    (b"Rar!", "rar"), (b"\xd0\xcf\x11\xe0", "excel"), (b"\0\0\x27\x0a", "shp"))
+_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
+_ROOT = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
+_ROOTS = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
+_NMEA = re.compile(rb"^[$!](G[A-Z]|BD|PQ|PM|II)[A-Z]{3},", re.MULTILINE)
+_CONFIG = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
+_HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
+
+
+def what_is(path: Path) -> Kind:
+    """Raises OSError."""
+    if path.is_dir():
+        names = {one.name.lower() for one in path.iterdir()}
+        return KINDS["aog" if {"field.txt", "boundary.txt"} & names and "taskdata.xml" not in names else "folder"]
+    with path.open("rb") as file:
+        head = file.read(LOOKED_BYTES)
+    return KINDS[_of_bytes(path, head)]
+
+
+def _of_bytes(path: Path, head: bytes) -> str:
+    suffix = path.suffix.lower()
+    if not head.strip(b"\0 \r\n\t\xef\xbb\xbf"):
+        return "empty" if len(head) < LOOKED_BYTES else "binary"
+    if suffix in _PARTS:
+        return "shp part"
+    for magic, kind in _MAGIC:
+        if head.startswith(magic):
+            return kind
+    if head.startswith(b"SQLite format 3\0"):
+        return "gpkg" if head[68:72] == b"GPKG" or suffix == ".gpkg" else "sqlite"
+    if head.startswith(b"PK"):
+        return _of_zip(path)
+    return _of_text(head)
+
+
+def _of_zip(path: Path) -> str:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name.lower() for name in archive.namelist()]
+    except DAMAGED_ZIP:
+        return "zip"
+    if any(name.startswith("xl/") for name in names) or any(name == "content.xml" for name in names):
+        return "excel"
+    if any(name.startswith(("word/", "ppt/")) for name in names):
+        return "office"
+    endings = {PurePosixPath(name).suffix for name in names}
+    return "kmz" if ".kml" in endings and not endings & {".shp", ".xml"} else "zip"
+
+
+def _of_text(head: bytes) -> str:
+    begin = head.lstrip(b"\xef\xbb\xbf \r\n\t")
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff") or head[1:8:2] == b"\0\0\0\0":
+        return "text"                       # UTF-16
+    if begin.startswith(b"<"):
+        if _HTML.match(begin):
+            return "html"
+        root = _ROOT.search(re.sub(rb"<[?!].*?>", b"", begin, flags=re.DOTALL))
+        return _ROOTS.get(root[1].decode("ascii", "ignore").lower(), "xml") if root else "xml"
+    if begin[:1] in (b"{", b"["):
+        return "json"
+    if begin.startswith(CAPTURE):
+        return "capture"
+    if _CONFIG.search(head):
+        return "config"
+    if len(_NMEA.findall(head)) >= 2:
+        return "nmea"
+    readable = sum(byte >= 32 or byte in b"\t\r\n\0\x0c" for byte in head)
+    return "text" if readable >= TEXTS * len(head) and head.count(0) < 0.3 * len(head) else "binary"
+
+
+def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
+    """Nothing of a file that may be right. takes: ids of kinds; reads: what is read here, in words.
+
+    Raises WrongKind: what it is and what would be read; that it is not there; OSError.
+    """
+    if not path.exists():
+        raise WrongKind(f"{path}: no such file")
+    kind = what_is(path)
+    if kind.id not in takes:
+        instead = f" ({kind.instead})" if kind.instead else ""
+        raise WrongKind(f"{path}: this is {kind.words}{instead}: allowed here is {reads}")

@@ -1,0 +1,118 @@
+"""Every refusal names the kind of file that it is; endings and exit codes are alike in all commands."""
+from __future__ import annotations
+
+import gzip
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from console.cli import app
+from control.log_row import COLUMNS
+from drivers.files.extras import install_line
+from drivers.files.what_it_is import what_is
+
+PRJ = "<kml xmlns='http://www.opengis.net/kml/2.2'><Document/></kml>"
+KINDS: dict[str, tuple[str, bytes]] = {
+    "drone.tif": ("geotiff", b"II*\0" + bytes(60)), "cloud.csv": ("geotiff", b"MM\0*" + bytes(60)),
+    "photo.png": ("picture", b"\x89PNG\r\n\x1a\n" + bytes(60)),
+    "photo.jpg": ("picture", b"\xff\xd8\xff\xe0" + bytes(60)),
+    "report.pdf": ("pdf", b"%PDF-1.7\n"), "map.csv": ("html", b"<!DOCTYPE html><html>Not found</html>"),
+    "field.gpkg": ("gpkg", b"SQLite format 3\0" + bytes(52) + b"GPKG" + bytes(40)),
+    "farm.db": ("sqlite", b"SQLite format 3\0" + bytes(100)),
+    "field.kml": ("kml", b"<?xml version='1.0'?>" + PRJ.encode()),
+    "track.gpx": ("gpx", b"<?xml version='1.0'?><gpx version='1.1'></gpx>"), "other.xml": ("xml", b"<config/>"),
+    "TASKDATA.XML": ("task", b"<?xml version='1.0'?><!-- x --><ISO11783_TaskData VersionMajor='4'/>"),
+    "map.fgb": ("fgb", b"fgb\x03fgb" + bytes(20)), "scan.las": ("las", b"LASF" + bytes(200)),
+    "log.csv.gz": ("gzip", gzip.compress(b"time_s\n")), "old.7z": ("7z", b"7z\xbc\xaf\x27\x1c" + bytes(20)),
+    "old.rar": ("rar", b"Rar!\x1a\x07\x01\0"), "map.dbf": ("shp part", b"\x03\x5f\x07\x1a" + bytes(60)),
+    "nmea.log": ("nmea", b"$GPGGA,1,2\r\n$GPRMC,1,2\r\n"), "machine.yaml": ("config", b"format: topdress-machine/1\n"),
+    "blob.dat": ("binary", bytes(range(256)) * 4), "empty.csv": ("empty", b""), "map.json": ("json", b"{}"),
+    "gbk.csv": ("text", "时间,速度\n1,2\n".encode("gb18030")), "wide.csv": ("text", "time_s,a\n1,2\n".encode("utf-16")),
+    "log.csv": ("text", b"time_s,speed_mps\n0,1\n"),
+}
+
+
+@pytest.fixture
+def topdress() -> Callable[..., Result]:
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_kind_is_known_by_its_bytes(name: str, tmp_path: Path) -> None:
+    kind, data = KINDS[name]
+    (tmp_path / name).write_bytes(data)
+    assert what_is(tmp_path / name).id == kind
+
+
+def test_zips_and_folders(tmp_path: Path) -> None:
+    for name, inside, kind in (("a.kmz", "doc.kml", "kmz"), ("b.xlsx", "xl/workbook.xml", "excel"), ("c.docx",
+                               "word/document.xml", "office"), ("d.zip", "TASKDATA/TASKDATA.XML", "zip")):
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            archive.writestr(inside, "x")
+        assert what_is(tmp_path / name).id == kind
+    assert what_is(tmp_path).id == "folder"
+    (tmp_path / "Field.txt").write_text("x")
+    assert what_is(tmp_path).id == "aog"
+
+
+READERS = [("import", "{}", "--out", "{o}.csv"), ("check", "{}"), ("diagnose", "{}"), ("watch", "{}", "--to-end"),
+           ("replay", "{}", "--headless", "--out", "{o}.csv"), ("calibrate", "catch", "{}", "--out", "{o}.yaml"),
+           ("calibrate", "lag", "{}", "--out", "{o}.yaml"), ("calibrate", "wheel", "{}", "--out", "{o}.yaml"),
+           ("calibrate", "heads", "{}", "--out", "{o}.yaml"), ("decode", "gnss", "{}"), ("map", "{}")]
+
+
+@pytest.mark.parametrize("words", READERS, ids=lambda words: "-".join(words[:2]).replace("{}", "x"))
+def test_one_line_names_what_it_is_and_what_is_read(words: tuple[str, ...], topdress: Callable[..., Result],
+                                                    tmp_path: Path) -> None:
+    for name in ("report.pdf", "photo.png", "log.csv.gz"):
+        (tmp_path / name).write_bytes(KINDS[name][1])
+        result = topdress(*(word.format(tmp_path / name, o=tmp_path / "out") for word in words))
+        lines = result.output.strip().splitlines()
+        assert result.exit_code == 2 and len(lines) == 1, result.output
+        assert "this is a" in lines[0] and "allowed here is" in lines[0]
+    gone = topdress(*(word.format(tmp_path / "gone.csv", o=tmp_path / "out") for word in words))
+    assert gone.exit_code == 2 and gone.output.strip() == f"{tmp_path / 'gone.csv'}: no such file"
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_endings_that_do_not_fit(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    table = tmp_path / "t.csv"
+    table.write_text("shaft_rpm,drop_s\n10,0.5\n20,0.45\n30,0.4\n")
+    for words, allowed in ((("diagnose", table, "--report", tmp_path / "why.pdf"), "--report"),
+                           (("diagnose", table, "--adopt", tmp_path / "new.csv"), "--adopt"),
+                           (("calibrate", "lag", table, "--out", tmp_path / "n.csv"), "--out"),
+                           (("history", "huanghai", "--undo", "--out", tmp_path / "n.csv"), "--out")):
+        result = topdress(*words)
+        assert result.exit_code == 2 and result.output.startswith(allowed), result.output
+        assert "allowed is a name that ends in" in result.output and len(result.output.strip().splitlines()) == 1
+
+
+def test_a_log_is_no_table_and_a_table_no_log(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    log, table = tmp_path / "log.csv", tmp_path / "lag.csv"
+    log.write_text("time_s,shaft_rpm,speed_mps,lat_deg\n" + "".join(f"{k},40,1.2,34\n" for k in range(9)))
+    table.write_text("shaft_rpm,drop_s\n10,0.5\n20,0.45\n30,0.4\n")
+    for name, header in (("log.csv", None), ("ours.csv", ",".join(COLUMNS))):      # ours has what a lag table has too
+        if header:
+            (tmp_path / name).write_text(header + "\n" + ",".join("1" for _ in COLUMNS) + "\n")
+        said = topdress("calibrate", "lag", tmp_path / name, "--out", tmp_path / "n.yaml")
+        assert said.exit_code == 2 and "this is a run log" in said.output
+    for words in (("calibrate", "wheel", table, "--out", tmp_path / "n.yaml"), ("watch", table),
+                  ("replay", table, "--headless", "--out", tmp_path / "o.csv")):
+        said = topdress(*words)
+        assert said.exit_code == 2 and "this is a bench table (lag" in said.output, said.output
+
+
+def test_decode_and_devices_do_not_end_well_where_nothing_was(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    (tmp_path / "words.txt").write_text("Dear all,\nthe field is ready.\n")
+    said = topdress("decode", "gnss", tmp_path / "words.txt")
+    assert said.exit_code == 2 and "no measurement of gnss in" in said.output
+    port = topdress("devices", "/dev/nope")
+    assert port.exit_code == 1 and "cannot be opened" in port.output
+
+
+def test_an_install_line_works_for_who_cloned() -> None:
+    assert install_line("report").endswith("[report]'") and " -m pip install -e '/" in install_line("report")

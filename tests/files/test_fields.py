@@ -1,0 +1,124 @@
+"""Fields of AgOpenGPS, KML, KMZ, GeoPackage and GeoJSON: in as a job's field, out, and back with nothing moved."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from click.testing import Result
+from typer.testing import CliRunner
+
+from console.cli import app
+from control.field.job import Job
+from drivers.files.config import load
+from drivers.files.fields.agopengps import read_agopengps, write_agopengps
+from drivers.files.fields.field_data import FieldData, FieldError, Line, data_of, ground_of
+from drivers.files.fields.shapes import read_shapes, write_shapes
+from drivers.files.kinds import JOB
+
+HERE = np.array([52.1234567, 9.7654321])
+
+
+def around(*places: tuple[float, float]) -> np.ndarray:
+    """Metres north and east as degrees about HERE, roughly."""
+    return HERE + np.array(places) / (111_300.0, 68_500.0)
+
+
+FIELD = FieldData("Nordfeld 李", around((0, 0), (0, 400), (260, 420), (300, 10)),
+                  (around((100, 100), (100, 130), (130, 120)),),
+                  (Line("AB 1", around((0, 5), (300, 12))),
+                   Line("Curve", around((0, 9), (80, 11), (190, 9), (290, 17)))),
+                  12.0)
+
+
+@pytest.fixture
+def topdress() -> Callable[..., Result]:
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+def farthest_m(one: FieldData, other: FieldData) -> float:
+    plane = one.plane()
+    pairs = [(one.outline_deg, other.outline_deg), *zip(one.holes_deg, other.holes_deg, strict=True),
+             *((a.places_deg, b.places_deg) for a, b in zip(one.lines, other.lines, strict=True))]
+    return max(float(np.hypot(*(plane.many_to_m(*a.T) - plane.many_to_m(*b.T)).T).max())
+               for a, b in pairs if a is not None and b is not None)
+
+
+@pytest.mark.parametrize(("name", "most_m"), [("a.kml", 1e-6), ("a.kmz", 1e-6), ("a.gpkg", 1e-6), ("a.geojson", 1e-6),
+                                              ("field", 0.002)])
+def test_there_and_back(name: str, most_m: float, tmp_path: Path) -> None:
+    if "." in name and not name.endswith("json"):
+        pytest.importorskip("pyogrio", reason="pyogrio is not installed")
+    path = tmp_path / name
+    (write_shapes if path.suffix else write_agopengps)(FIELD, path)
+    back = read_shapes(path) if path.suffix else read_agopengps(path)
+    assert farthest_m(FIELD, back) < most_m
+    assert [line.title for line in back.lines] == ["AB 1", "Curve"]
+    if path.suffix:
+        assert back.title == FIELD.title
+    else:
+        assert back.headland_m == pytest.approx(12.0, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["a.kml", "a.gpkg"])
+def test_others_read_the_same(name: str, tmp_path: Path) -> None:
+    geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
+    write_shapes(FIELD, tmp_path / name)
+    frame = geopandas.read_file(tmp_path / name).to_crs("EPSG:32632")
+    area = float(frame[frame.geom_type == "Polygon"].area.sum()) / 10_000.0
+    boundary = FIELD.boundary(FIELD.plane())
+    assert boundary is not None and area == pytest.approx(boundary.area_ha, rel=1e-3)       # UTM's scale
+
+
+def test_into_a_job_and_out_again(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    write_agopengps(FIELD, tmp_path / "north")
+    done = topdress("field", tmp_path / "north", "--job", "demo", "--line", "AB 1", "--out", tmp_path / "job.yaml")
+    assert done.exit_code == 0 and "1 obstacles taken out" in done.output, done.output
+    job = load(tmp_path / "job.yaml", JOB).model
+    assert isinstance(job, Job) and len(job.field.holes_m) == 1 and len(job.field.lines) == 2
+    boundary = job.field.boundary()
+    assert boundary is not None
+    hole = shapely.Polygon(job.field.holes_m[0]).centroid
+    assert not boundary.contains(hole.x, hole.y)
+    assert job.field.pass_heading_deg == pytest.approx(1.337, abs=0.02) and job.field.headland_m == pytest.approx(12.0)
+    again = topdress("field", tmp_path / "job.yaml", "--out", tmp_path / "again.geojson")
+    assert again.exit_code == 0
+    assert farthest_m(FIELD, read_shapes(tmp_path / "again.geojson")) < 0.002
+    assert topdress("check", tmp_path / "job.yaml").exit_code == 0
+
+
+def test_what_is_not_one_field_is_asked(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    path = tmp_path / "two.geojson"
+    shapes = [shapely.box(9.0, 52.0, 9.01, 52.01), shapely.box(9.02, 52.0, 9.03, 52.01)]
+    path.write_text('{"type": "FeatureCollection", "features": [' + ", ".join(
+        f'{{"type": "Feature", "properties": {{"name": "{name}"}}, "geometry": {shapely.to_geojson(shape)}}}'
+        for name, shape in zip(("West", "East"), shapes, strict=True)) + "]}")
+    asked = topdress("field", path)
+    assert asked.exit_code == 2 and "2 fields: allowed with --name is one of West (76." in asked.output
+    assert topdress("field", path, "--name", "East").exit_code == 0
+    write_shapes(FIELD, tmp_path / "lines.geojson")
+    lines = topdress("field", tmp_path / "lines.geojson", "--out", tmp_path / "job.yaml")
+    assert lines.exit_code == 2 and "run different ways" in lines.output and not (tmp_path / "job.yaml").exists()
+
+
+def test_damaged_fields_are_one_line(tmp_path: Path) -> None:
+    write_agopengps(FIELD, tmp_path / "north")
+    boundary = tmp_path / "north" / "Boundary.txt"
+    text = boundary.read_text()
+    for wrong in (text[:60], text.replace("4\n", "999999999\n", 1), text.replace("4\n", "x\n", 1)):
+        boundary.write_text(wrong)
+        with pytest.raises(FieldError, match=r"Boundary.txt: .*allowed is"):
+            read_agopengps(tmp_path / "north")
+    (tmp_path / "north" / "Field.txt").write_text("nothing")
+    with pytest.raises(FieldError, match="no StartFix"):
+        read_agopengps(tmp_path / "north")
+
+
+def test_a_line_alone_keeps_the_jobs_field() -> None:
+    before = ground_of(FIELD, Job().field, "AB 1")
+    plane_before = (before.origin_lat_deg, before.origin_lon_deg)
+    after = ground_of(FieldData("x", lines=(FIELD.lines[0],)), before)
+    assert (after.origin_lat_deg, after.origin_lon_deg) == plane_before and after.boundary_m == before.boundary_m
+    assert farthest_m(data_of(after, "x"), FieldData("x", FIELD.outline_deg, FIELD.holes_deg, FIELD.lines[:1])) < 1e-3
