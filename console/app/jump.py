@@ -11,10 +11,10 @@ ACT_ON_THE_MACHINE = (ANYWHERE, RUN, DEVICES, CALIBRATE)      # their letters be
 
 
 def letters(bound: Mapping[str, Set[str]]) -> str:
-    """Those that labels are made of: none that has an action on the machine, whatever page is open, so that one letter
-    too many does nothing there. bound: keys that have an action, by page."""
+    """Letters and digits that labels are made of: none that has an action on the machine, whatever page is open, so that
+    one too many does nothing there. bound: keys that have an action, by page."""
     taken = frozenset[str]().union(*(bound[where] for where in ACT_ON_THE_MACHINE))
-    return "".join(letter for letter in string.ascii_lowercase if letter not in taken)
+    return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
 
 
 def labels(count: int, of: str) -> tuple[str, ...]:

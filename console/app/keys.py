@@ -165,6 +165,10 @@ class PagesDialog(ChoiceDialog):
             self.action_yes()
 
 
+def start_asked(app: TopdressApp) -> None:
+    start_from_any_page(app)
+
+
 def pages(app: TopdressApp) -> None:
     def answer(name: str | None) -> None:
         if name is not None:
@@ -246,7 +250,7 @@ ACTIONS = (
     Action("pages", "tab", "Tab", N_("pages"), N_("Goes to a page, where the terminal keeps the F-keys to itself."),
            pages, bar=10, locked=True),
     Action("start_anywhere", "ctrl+s", "^S", N_("start, asked"),
-           N_("Ready or held: begins to work, from any page; asks first."), start_from_any_page, why=why_no_start),
+           N_("Ready or held: begins to work, from any page; asks first."), start_asked, why=why_no_start),
     Action("undo", "ctrl+z", "^Z", N_("undo"),
            N_("Takes the last change of strategy, source, nudge, switch or setting back; asks first."), take_back,
            why=why_no_undo),

@@ -144,6 +144,8 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
     """
     if not path.exists():
         raise WrongKind(f"{path}: no such file")
+    if not (path.is_file() or path.is_dir()):
+        return                      # to open a pipe waits for its writer, and takes the bytes from its reader
     kind = what_is(path)
     if kind.id not in takes:
         instead = f" ({kind.instead})" if kind.instead else ""
