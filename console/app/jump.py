@@ -11,7 +11,7 @@ ACT_ON_THE_MACHINE = (ANYWHERE, RUN, DEVICES, CALIBRATE)      # their letters be
 
 
 def letters(bound: Mapping[str, Set[str]]) -> str:
-    """Letters and digits that labels are made of: none that has an action on the machine, whatever page is open, so that
+    """Letters and digits for labels: none that has an action on the machine, whatever page is open, so that
     one too many does nothing there. bound: keys that have an action, by page."""
     taken = frozenset[str]().union(*(bound[where] for where in ACT_ON_THE_MACHINE))
     return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
