@@ -34,20 +34,24 @@ def fleet(
     price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts "
                                                 "money.")] = None,
     currency: Annotated[str, typer.Option(metavar="NAME", help="Of the money.")] = "CNY",
+    storage: Annotated[list[str] | None, typer.Option("--storage-option", metavar="NAME=VALUE", help="Of the store at "
+                                                      "URLs, as fsspec names it; repeatable.")] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Try logs again that could not be read.")] = False,
     force: Force = False,
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what products, operators and
     fields share, what it cost. Ctrl-C ends; what is done is kept."""
     from console.reports.figure import need_matplotlib
     from console.reports.html import GENERATOR
-    from console.services.fleet import cluster, diagnosed, logs_at
+    from console.services.fleet import Asked, cluster, diagnosed, logs_at
     from console.services.fleet_job import FORMAT
     from drivers.files.config import load, sha256_of
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
     need_matplotlib()
     loaded = load(machine, MACHINE)
-    logs = logs_at(paths, out)
+    options = _options(storage or [])
+    logs = logs_at(paths, out, options)
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
     table = None if about is None else Path(about)
@@ -59,9 +63,10 @@ def fleet(
     out.mkdir(parents=True, exist_ok=True)
     salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()
+    asked = Asked(loaded.model.model_dump(mode="json"), known, salt, options, retry)
     with cluster(scheduler, workers) as client:
         try:
-            found = diagnosed(client, logs, loaded.model.model_dump(mode="json"), known, out, salt, _progress())
+            found = diagnosed(client, logs, asked, out, _progress())
         except KeyboardInterrupt:
             signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))     # a second one waits for no worker
             typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
@@ -71,6 +76,16 @@ def fleet(
     twins = f", {found.twins} the same as others" if found.twins else ""
     typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken"
                f"{twins}; {took_s:.0f} s", err=True)
+    if not found.records:
+        raise CommandError(f"{out}: no log was diagnosed: allowed is a run with at least one that can be read")
+
+
+def _options(said: list[str]) -> dict[str, str]:
+    """NAME=VALUE, as fsspec takes them."""
+    for one in said:
+        if not one.partition("=")[0] or "=" not in one:
+            raise CommandError(f"--storage-option {one}: allowed is NAME=VALUE, as anon=true")
+    return {name: value for name, _equals, value in (one.partition("=") for one in said)}
 
 
 def _told(found: object, out: Path, price: float | None, currency: str) -> None:
@@ -80,6 +95,8 @@ def _told(found: object, out: Path, price: float | None, currency: str) -> None:
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
     assert isinstance(found, Found)
+    for line in found.blind:
+        typer.echo(line, err=True)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
     whole = season(found.records, found.broken, time.time() / 86_400.0)

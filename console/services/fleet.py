@@ -18,7 +18,7 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
-from console.services.fleet_job import FORMAT, checksum, record
+from console.services.fleet_job import FORMAT, Options, checksum, first_bytes, record
 from drivers.files.atomic import write_atomically
 from drivers.files.extras import install_line
 
@@ -27,6 +27,7 @@ SUFFIXES = (".csv", ".parquet", ".pq")
 ASIDE = (".truth.csv",)
 AHEAD = 4                       # tasks in the cluster for each of its threads: few, so that cancelling is quick
 MEMORY = "2GB"                  # of a local worker
+MOST_LOOKED_AT = 100            # folders of which every worker reads a log's first bytes
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
 
 GONE = "the scheduler is gone: what is done is kept; the same command goes on"
@@ -47,6 +48,22 @@ class Found:
     broken: tuple[tuple[str, str], ...]
     known: int
     twins: int
+    blind: tuple[str, ...] = ()         # a line for each worker that does not see the logs: it was left out
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Asked:
+    """What is wanted of every log. about: what the list says of it, by path; options: of fsspec, for URLs; retry: logs
+    that could not be read are tried again."""
+
+    machine: Mapping[str, Any]
+    about: Mapping[str, Mapping[str, str]]
+    salt: str
+    options: Options = dataclasses.field(default_factory=dict)
+    retry: bool = False
+
+    def of(self, path: str) -> dict[str, str]:
+        return dict(self.about.get(path, {}))
 
 
 @contextlib.contextmanager
@@ -144,7 +161,7 @@ def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
                    "but for its last number")
 
 
-def logs_at(paths: Sequence[str], out: Path) -> list[str]:
+def logs_at(paths: Sequence[str], out: Path, options: Options | None = None) -> list[str]:
     """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each once, in order. Of what
     lies in `out` only what was named itself: that is refused before it is written over.
 
@@ -153,7 +170,7 @@ def logs_at(paths: Sequence[str], out: Path) -> list[str]:
     found: list[str] = []
     for where in paths:
         if "://" in where:
-            found += _at_url(where)
+            found += _at_url(where, options or {})
         elif Path(where).is_dir():
             found += [str(file) for file in sorted(Path(where).rglob("*")) if _is_log(file.name) and file.is_file()]
         elif any(sign in where for sign in "*?["):
@@ -172,12 +189,12 @@ def _is_log(name: str) -> bool:
     return name.lower().endswith(SUFFIXES) and not name.lower().endswith(ASIDE) and not name.startswith(".")
 
 
-def _at_url(where: str) -> list[str]:
+def _at_url(where: str, options: Options) -> list[str]:
     try:
         import fsspec
     except ImportError:
         raise NoDask(f"a URL needs fsspec, and it is not installed: {install_line('fleet')}") from None
-    system, path = fsspec.core.url_to_fs(where)
+    system, path = fsspec.core.url_to_fs(where, **options)
     if any(sign in path for sign in "*?["):
         names = system.glob(path)
     else:
@@ -185,19 +202,27 @@ def _at_url(where: str) -> list[str]:
     return [system.unstrip_protocol(name) for name in sorted(names) if _is_log(name.split("/")[-1]) or name == path]
 
 
-def diagnosed(client: Any, paths: Sequence[str], machine: Mapping[str, Any], about: Mapping[str, Mapping[str, str]],
-              out: Path, salt: str, tell: Tell) -> Found:
-    """Every log's record. KeyboardInterrupt passes through: what is done is kept."""
+def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: Tell) -> Found:
+    """Every log's record. KeyboardInterrupt passes through: what is done is kept.
+
+    Only workers that see the logs are asked. A fault that is not the log's own is tried once more when all else is
+    done, and is never kept: the next run tries again. Raises OSError where no worker sees the logs.
+    """
     (out / LOGS).mkdir(parents=True, exist_ok=True)
     seen = _seen(out)
-    marks = {path: _mark(path, salt, about.get(path, {})) for path in paths}
+    marks = {path: _mark(path, asked) for path in paths}
     keys = {path: seen[path][1] for path in paths if path in seen and seen[path][0] == marks[path] and marks[path]}
     unknown = [path for path in paths if path not in keys]
     errors: dict[str, str] = {}
     kept: dict[str, dict[str, Any]] = {}
+    blind: dict[str, str] = {}
     try:
-        for number, (path, key, why) in enumerate(_worked(client, checksum, {
-                path: (path, salt + json.dumps(about.get(path, {}), sort_keys=True)) for path in unknown})):
+        blind = _blind(client, [path for path in paths if asked.retry or path not in keys or not _place(
+            out, keys[path]).is_file()], asked.options)
+        work = _Work(client, [who for who in client.nthreads() if who not in blind])
+        for number, (path, key, why) in enumerate(work.twice(checksum, {
+                path: (_whole(path), asked.options, asked.salt + json.dumps(asked.of(path), sort_keys=True))
+                for path in unknown})):
             if why:
                 errors[path] = why
             else:
@@ -207,27 +232,55 @@ def diagnosed(client: Any, paths: Sequence[str], machine: Mapping[str, Any], abo
         first: dict[str, str] = {}
         for path, key in keys.items():
             first.setdefault(key, path)
-        kept = {key: one for key in first if (one := _kept(out, key)) is not None}
+        kept = {key: one for key in first if (one := _kept(out, key)) is not None and not (
+            asked.retry and "error" in one)}
         todo = {path: key for key, path in first.items() if key not in kept}
         known = len(kept)
-        for number, (path, made, why) in enumerate(_worked(client, record, {
-                path: (path, machine, dict(about.get(path, {}))) for path in todo})):
-            if why:                             # what no worker survived is tried again the next time
+        for number, (path, made, why) in enumerate(work.twice(record, {
+                path: (_whole(path), asked.options, asked.machine, asked.of(path)) for path in todo})):
+            if why:                             # what no worker survived, or was not the log's own fault
                 errors[path] = why
-            elif (mark := _mark(path, salt, about.get(path, {}))) != marks[path]:
+            elif (mark := _mark(path, asked)) != marks[path]:
                 errors[path] = "it was written while it was read: the same command reads it again"
                 seen.pop(path, None)
             else:
                 seen[path] = (mark, todo[path])
-                kept[todo[path]] = made
-                write_atomically(_place(out, todo[path]), json.dumps(made))
+                kept[todo[path]] = {**made, "path": path}
+                write_atomically(_place(out, todo[path]), json.dumps(kept[todo[path]]))
             tell(known + number + 1, len(first), "diagnosing")
     finally:
         write_atomically(out / SEEN, json.dumps(seen))
     records = [{"key": key, **kept[key]} for key in first if key in kept]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
     return Found(tuple(one for one in records if "error" not in one), tuple(sorted(broken)), known,
-                 len(keys) - len(first))
+                 len(keys) - len(first), tuple(f"{who} does not see the logs, and is left out: {why}"
+                                               for who, why in sorted(blind.items())))
+
+
+def _whole(path: str) -> str:
+    """A path that means the same in every folder; a worker's is not this one's."""
+    return path if "://" in path else str(Path(path).absolute())
+
+
+def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str]:
+    """Workers that do not read the first bytes of a log of every folder as they are read here, and why.
+
+    Raises OSError where none does.
+    """
+    one_of_each = {path.replace("\\", "/").rpartition("/")[0]: path for path in reversed(paths)}
+    blind: dict[str, str] = {}
+    for path in list(one_of_each.values())[:MOST_LOOKED_AT]:
+        here = first_bytes(_whole(path), options)
+        if here.startswith("no: "):             # gone, or broken: it is listed as such
+            continue
+        for who, said in client.run(first_bytes, _whole(path), options, on_error="return").items():
+            if said != here:
+                blind.setdefault(f"worker {who}", str(said).removeprefix("no: ") if str(said).startswith("no: ")
+                                 else f"{path} holds other bytes there")
+    if blind and len(blind) >= len(client.nthreads()):
+        who, why = min(blind.items())
+        raise OSError(f"no worker sees the logs: {who}: {why}: allowed are paths and URLs that every worker reads")
+    return {who.removeprefix("worker "): why for who, why in blind.items()}
 
 
 def _kept(out: Path, key: str) -> dict[str, Any] | None:
@@ -239,39 +292,71 @@ def _kept(out: Path, key: str) -> dict[str, Any] | None:
     return made if isinstance(made, dict) and made.get("format") == FORMAT else None
 
 
-def _worked(client: Any, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]
-            ) -> Iterator[tuple[str, Any, str]]:
-    """(path, result, "") or (path, None, why), as they are done; a worker that dies has its tasks done by another."""
-    from distributed import as_completed
-    from distributed.comm.core import CommClosedError
-    waiting = iter(todo.items())
-    room = max(1, AHEAD * sum(client.nthreads().values()))
-    running: dict[Any, str] = {}
-    done = as_completed(loop=client.loop)
+class _Work:
+    """Tasks for the workers that see the logs."""
 
-    def put() -> None:
-        for path, arguments in waiting:
-            future = client.submit(work, *arguments, pure=False)
-            running[future] = path
-            done.add(future)
-            return
-    for _ in range(min(room, len(todo))):
-        put()
-    try:
-        for future in done:
-            path = running.pop(future)
-            if future.status == "cancelled":
-                raise OSError(GONE)
-            error = future.exception() if future.status == "error" else None
-            result = None if error is not None else future.result()
-            future.release()
+    def __init__(self, client: Any, workers: Sequence[str]) -> None:
+        self._client, self._workers = client, list(workers)
+
+    def twice(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any, str]]:
+        """As `once`; what failed for no fault of the log is done again when all else is done."""
+        again: dict[str, tuple[Any, ...]] = {}
+        for path, made, why in self.once(work, todo):
+            if why:
+                again[path] = todo[path]
+            else:
+                yield path, made, why
+        yield from self.once(work, again)
+
+    def once(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any, str]]:
+        """(path, result, "") or (path, None, why), as they are done; of a worker that dies another does the tasks."""
+        from distributed import as_completed
+        from distributed.comm.core import CommClosedError
+        waiting = iter(todo.items())
+        threads = self._client.nthreads()
+        room = max(1, AHEAD * sum(threads.get(who, 1) for who in self._workers))
+        running: dict[Any, str] = {}
+        done = as_completed(loop=self._client.loop)
+
+        def put() -> None:
+            for path, arguments in waiting:
+                future = self._client.submit(work, *arguments, pure=False, **self._where())
+                running[future] = path
+                done.add(future)
+                return
+        for _ in range(min(room, len(todo))):
             put()
-            yield path, result, "" if error is None else (str(error).splitlines() or [type(error).__name__])[0]
-    except (CommClosedError, CancelledError):
-        raise OSError(GONE) from None
-    finally:
-        with contextlib.suppress(CommClosedError, CancelledError):
-            client.cancel(list(running))
+        try:
+            for future in done:
+                path = running.pop(future)
+                if future.status == "cancelled":
+                    raise OSError(GONE)
+                result, why = _result(future)
+                future.release()
+                put()
+                yield path, result, why
+        except (CommClosedError, CancelledError):
+            raise OSError(GONE) from None
+        finally:
+            with contextlib.suppress(CommClosedError, CancelledError):
+                self._client.cancel(list(running))
+
+    def _where(self) -> dict[str, Any]:
+        """Where all are asked, also those that come later; else only those that see the logs."""
+        if len(self._workers) == len(self._client.nthreads()):
+            return {}
+        return {"workers": self._workers}
+
+
+def _result(future: Any) -> tuple[Any, str]:
+    """A task's result, or why it has none: it was raised, or the worker and not the log was at fault."""
+    if future.status == "error":
+        error = future.exception()
+        return None, (str(error).splitlines() or [type(error).__name__])[0]
+    result = future.result()
+    if isinstance(result, dict) and "error" in result and not result.get("lasting", True):
+        return None, str(result["error"])
+    return result, ""
 
 
 def _place(out: Path, key: str) -> Path:
@@ -286,16 +371,19 @@ def _seen(out: Path) -> dict[str, tuple[str, str]]:
         return {}
 
 
-def _mark(path: str, salt: str, about: Mapping[str, str]) -> str:
+def _mark(path: str, asked: Asked) -> str:
     """Tells whether a file is as it was without reading it; "" where that cannot be told."""
+    from drivers.files.imports.beside import import_file
     try:
         if "://" in path:
             import fsspec
-            system, name = fsspec.core.url_to_fs(path)
+            system, name = fsspec.core.url_to_fs(path, **asked.options)
             state = system.ukey(name)
         else:
-            status, beside = Path(path).stat(), Path(path).with_suffix(".yaml")
-            state = f"{status.st_size} {status.st_mtime_ns} {beside.stat().st_mtime_ns if beside.is_file() else 0}"
+            status = Path(path).stat()
+            beside = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
+            state = " ".join(map(str, (status.st_size, status.st_mtime_ns, *(
+                one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in beside))))
     except (OSError, NotImplementedError):
         return ""
-    return f"{state} {salt} {json.dumps(dict(about), sort_keys=True)}"
+    return f"{state} {asked.salt} {json.dumps(asked.of(path), sort_keys=True)}"

@@ -15,16 +15,36 @@ if TYPE_CHECKING:
     from control.machine.machine import Machine
     from drivers.files.read_log import RunLog
 
-FORMAT = "topdress-fleet-log/2"
+FORMAT = "topdress-fleet-log/3"
 BLOCK = 1 << 20
+FIRST_BYTES = 4096
 SHARED = ("product", "operator", "field")
+Options = Mapping[str, str]             # of fsspec, for logs at URLs
 
 
-def checksum(where: str, salt: str) -> str:
-    """SHA-256 of a log's bytes, its sidecar's, and of what else decides its record. Raises OSError."""
+def first_bytes(where: str, options: Options) -> str:
+    """SHA-256 of a log's first bytes, "no: why" where they cannot be read: whether a worker sees the logs."""
+    try:
+        if "://" in where:
+            import fsspec
+            with fsspec.open(where, "rb", **options) as opened:
+                return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest()
+        with Path(where).open("rb") as opened:
+            return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest()
+    except Exception as error:      # a store's own error of any kind
+        return f"no: {_first_line(error)}"
+
+
+def checksum(where: str, options: Options, salt: str) -> str:
+    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of what else decides its record.
+
+    Raises OSError; where there is no such file too: all that a worker does not see would have one checksum.
+    """
+    from drivers.files.imports.beside import import_file
     digest = hashlib.sha256(salt.encode())
-    with local(where) as path:
-        for file in (path, path.with_suffix(".yaml")):
+    with local(where, options) as path:
+        path.stat()
+        for file in (path, path.with_suffix(".yaml"), import_file(path) or path.with_suffix(".yaml")):
             if file.is_file():
                 with file.open("rb") as opened:
                     while block := opened.read(BLOCK):
@@ -33,24 +53,30 @@ def checksum(where: str, salt: str) -> str:
     return digest.hexdigest()
 
 
-def record(where: str, machine: Mapping[str, Any], about: Mapping[str, str]) -> dict[str, Any]:
+def record(where: str, options: Options, machine: Mapping[str, Any], about: Mapping[str, str]) -> dict[str, Any]:
     """The record of one log, of plain values. machine: for logs that name none. about: what is known of it beside.
 
-    Whatever is wrong with it is a record too: {"error": one line}.
+    Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the log's own fault}. What
+    a reader refuses is the log's; no such file, no memory, a package that is missing are the worker's.
     """
     from control.machine.machine import Machine
     from drivers.files.config import ConfigError
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     began = time.perf_counter(), time.process_time()
     try:
-        with local(where) as path:
+        with local(where, options) as path:
+            path.open("rb").close()
             made = _judged(where, path, Machine.model_validate(machine), about)
             return {**made, "took_s": time.perf_counter() - began[0], "processor_s": time.process_time() - began[1]}
     except ConfigError as error:
-        return {"format": FORMAT, "path": where, "error": error.lines[0]}
+        return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
     except Exception as error:      # one log of thousands never stops the rest
-        lines = str(error).splitlines()
-        return {"format": FORMAT, "path": where, "error": lines[0] if lines else type(error).__name__}
+        return {"format": FORMAT, "path": where, "error": _first_line(error), "lasting": isinstance(error, ValueError)
+                and not isinstance(error.__context__, OSError)}
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) -> dict[str, Any]:
@@ -106,23 +132,28 @@ def _time(log: RunLog, path: Path, about: Mapping[str, str]) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def local(where: str) -> Iterator[Path]:
-    """The file at a path or fsspec URL as a file of this computer, its sidecar beside it. Raises OSError."""
+def local(where: str, options: Options) -> Iterator[Path]:
+    """The file at a path or fsspec URL as a file of this computer, its sidecar and import file beside it. Raises
+    OSError."""
     if "://" not in where:
         yield Path(where)
         return
     import fsspec
-    system, path = fsspec.core.url_to_fs(where)
+
+    from drivers.files.imports.beside import OF_FOLDER, OWN
+    system, path = fsspec.core.url_to_fs(where, **options)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / path.rstrip("/").split("/")[-1]
         system.get_file(path, str(place))
-        beside = beside_url(path)
-        if system.exists(beside):
-            system.get_file(beside, str(place.with_suffix(".yaml")))
+        for ending in (".yaml", OWN):
+            if system.exists(beside := beside_url(path, ending)):
+                system.get_file(beside, str(place.with_suffix(ending)))
+        if system.exists(beside := f"{path.rpartition('/')[0]}/{OF_FOLDER}"):
+            system.get_file(beside, str(place.with_name(OF_FOLDER)))
         yield place
 
 
-def beside_url(path: str) -> str:
+def beside_url(path: str, ending: str = ".yaml") -> str:
     """Where a log's sidecar is. Of http a path is the whole URL: as a file's path it would lose a stroke."""
     folder, stroke, name = path.rpartition("/")
-    return f"{folder}{stroke}{name.rpartition('.')[0] or name}.yaml"
+    return f"{folder}{stroke}{name.rpartition('.')[0] or name}{ending}"

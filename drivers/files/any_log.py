@@ -1,15 +1,21 @@
-"""A log of any program, opened as a run log: its own as it is, another's through the import where nothing is unsure."""
+"""A log of any program, opened as a run log: its own as it is, another's through the import: by the import file beside
+it, else where nothing is unsure."""
 from __future__ import annotations
 
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
 from drivers.files.log_store import is_store
 from drivers.files.read_log import LogError, RunLog, read_rows
 from drivers.files.table import header_of
+
+if TYPE_CHECKING:
+    from drivers.files.imports.mapping import ImportFile
+    from drivers.files.imports.raw import RawTable
 
 FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
 TEXTS = frozenset({".csv", ".txt", ".tsv"})
@@ -27,23 +33,36 @@ def open_log(path: Path) -> RunLog:
             if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
                 raise                       # our own; of another's with names as ours the import knows more
     from drivers.files.imports.convert import convert
-    from drivers.files.imports.guess import guess
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import write_imported
+    raw, mapping, said_by = _raw_and_mapping(path)
+    imported = joined([convert(raw, mapping)], mapping.join)
+    with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
+        place = Path(folder) / "imported.csv"
+        write_imported(place, imported, mapping, said_by)
+        log = read_rows(place)
+    odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
+    return replace(log, path=path, findings=(*odd, *(one for one in log.findings if one not in odd)))
+
+
+def _raw_and_mapping(path: Path) -> tuple[RawTable, ImportFile, Path | None]:
+    """What is read, by the import file beside it or, without one, by a guess in which nothing is unsure."""
+    from drivers.files.imports.beside import import_file
     from drivers.files.imports.read import read_raw
     from drivers.files.imports.trouble import ImportTrouble
+    place = import_file(path)
+    if place is not None:
+        from drivers.files.config import load
+        from drivers.files.imports.mapping import IMPORT
+        mapping = load(place, IMPORT).model
+        return read_raw(path, mapping.source), mapping, place
+    from drivers.files.imports.guess import guess
     raw = read_raw(path)
     found = guess(raw)
     if not found.sure:
         raise ImportTrouble(*found.questions(path), f"{path}: not opened: topdress import {path} --guess writes an "
                             "import file in which these lines can be put right")
-    imported = joined([convert(raw, found.mapping)], found.mapping.join)
-    with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-        place = Path(folder) / "imported.csv"
-        write_imported(place, imported, found.mapping, None)
-        log = read_rows(place)
-    odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
-    return replace(log, path=path, findings=(*odd, *(one for one in log.findings if one not in odd)))
+    return raw, found.mapping, None
 
 
 def _not_by_another_name(path: Path) -> None:

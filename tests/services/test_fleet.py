@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -47,11 +48,11 @@ class Asked:
     def __init__(self, file: Path, spoilt: str = "") -> None:
         self.file, self.spoilt = file, spoilt
 
-    def answer(self, where: str, machine: Any, about: Any) -> dict[str, Any]:
+    def answer(self, where: str, options: Any, machine: Any, about: Any) -> dict[str, Any]:
         with self.file.open("a") as opened:
             opened.write(where + "\n")
         said = {"format": FORMAT, "path": where}
-        return {**said, "error": "spoilt"} if where == self.spoilt else said
+        return {**said, "error": "spoilt", "lasting": True} if where == self.spoilt else said
 
     @property
     def so_far(self) -> list[str]:
@@ -71,7 +72,7 @@ def client() -> Any:
 
 
 def test_a_record_tells_machine_time_and_sizes_with_their_errors(tmp_path: Path) -> None:
-    said = record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), MACHINE,
+    said = record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), {}, MACHINE,
                   {"operator": "Li", "time": "2026-04-01T08:00:00+08:00"})
     assert said["unit"] == "seeder 7" and said["shared"]["operator"] == "Li" and said["rows"] == 1200
     assert said["time_d"] == pytest.approx(20544.0)
@@ -121,9 +122,9 @@ def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> Non
 def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) -> None:
     path = tmp_path / "broken.csv"
     path.write_text(content)
-    said = record(str(path), MACHINE, {})
+    said = record(str(path), {}, MACHINE, {})
     assert said["error"] and "\n" not in said["error"]
-    assert record(str(tmp_path / "not-there.csv"), MACHINE, {})["error"]
+    assert record(str(tmp_path / "not-there.csv"), {}, MACHINE, {})["error"]
 
 
 @pytest.mark.parametrize(("begin", "what"), [(b"PK\x03\x04", "a zip"), (b"PAR1", "a Parquet file"),
@@ -131,18 +132,18 @@ def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) ->
 def test_what_has_anothers_suffix_is_said(tmp_path: Path, begin: bytes, what: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(begin + bytes(range(256)))
-    said = record(str(path), MACHINE, {})["error"]
+    said = record(str(path), {}, MACHINE, {})["error"]
     assert said.startswith(f"{path}: {what}") and said.isprintable()
 
 
 def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
     path = wheel_log(tmp_path / "a.csv")
-    first = checksum(str(path), "1")
-    assert checksum(str(path), "2") != first
+    first = checksum(str(path), {}, "1")
+    assert checksum(str(path), {}, "2") != first
     (tmp_path / "b.csv").write_bytes(path.read_bytes())
-    assert checksum(str(tmp_path / "b.csv"), "1") == first
+    assert checksum(str(tmp_path / "b.csv"), {}, "1") == first
     path.with_suffix(".yaml").write_text("operator: Li\n")
-    assert checksum(str(path), "1") != first
+    assert checksum(str(path), {}, "1") != first
 
 
 def test_the_sidecar_of_a_url() -> None:
@@ -170,15 +171,15 @@ def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, c
     asked = Asked(tmp_path / "asked", logs[2])
     monkeypatch.setattr(fleet, "record", asked.answer)
     out = tmp_path / "out"
-    found = fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), out, quiet)
     assert sorted(asked.so_far) == sorted(logs[:3]) and found.known == 0
     assert len(found.records) == 2 and found.broken == ((logs[2], "spoilt"),) and found.twins == 1
-    again = fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
+    again = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), out, quiet)
     assert len(asked.so_far) == 3 and again.known == 3 and again.broken == found.broken
     wheel_log(Path(logs[1]), seed=9)
-    fleet.diagnosed(client, logs, MACHINE, {}, out, "s", quiet)
+    fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), out, quiet)
     assert asked.so_far[3:] == [logs[1]]
-    fleet.diagnosed(client, logs, MACHINE, {logs[0]: {"operator": "Li"}}, out, "s", quiet)
+    fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {logs[0]: {"operator": "Li"}}, "s"), out, quiet)
     assert asked.so_far[4:] == [logs[0]]               # what is known of it is part of it
 
 
@@ -186,7 +187,7 @@ def test_few_tasks_wait_in_the_cluster(client: Any, monkeypatch: pytest.MonkeyPa
     """Else a cancel waits for all logs; and each task that is done brings the next one."""
     asked, submit = [], client.submit
     monkeypatch.setattr(client, "submit", lambda *words, **more: asked.append(words) or submit(*words, **more))
-    done = fleet._worked(client, len, {str(k): ("x" * k,) for k in range(20)})
+    done = fleet._Work(client, list(client.nthreads())).once(len, {str(k): ("x" * k,) for k in range(20)})
     ahead = fleet.AHEAD * sum(client.nthreads().values())
     assert ahead < 20
     seen = []
@@ -205,10 +206,10 @@ def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, client: Any, monke
         if what == "diagnosing" and done == 2:
             raise KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt):
-        fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", tell)
+        fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", tell)
     kept = [json.loads(one.read_text())["path"] for one in (tmp_path / "out" / "logs").glob("*.json")]
     assert len(kept) == 2
-    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
     assert found.known == 2 and len(found.records) == 6
     assert all(asked.so_far.count(log) == 1 for log in kept)     # others may have been begun when it was cancelled
 
@@ -218,34 +219,34 @@ def test_a_record_that_cannot_be_read_is_made_again(tmp_path: Path, client: Any,
     logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
     asked = Asked(tmp_path / "asked")
     monkeypatch.setattr(fleet, "record", asked.answer)
-    fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
     first, second, _ = sorted((tmp_path / "out" / "logs").glob("*.json"))
     first.write_text("")
     second.write_text('{"format": "of long ago"}')
     (tmp_path / "out" / "seen.json").write_text('{"a": 3}')
-    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
     assert len(asked.so_far) == 5 and len(found.records) == 3 and found.known == 1
 
 
 class Written(Asked):
     """A log that another program still writes."""
 
-    def answer(self, where: str, machine: Any, about: Any) -> dict[str, Any]:
+    def answer(self, where: str, options: Any, machine: Any, about: Any) -> dict[str, Any]:
         if where == self.spoilt:
             with Path(where).open("a") as opened:
                 opened.write("1000.0,1.0,1.0,300.0\n")
-        return super().answer(where + "", machine, about) | {"path": where}
+        return super().answer(where + "", options, machine, about) | {"path": where}
 
 
 def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, client: Any,
                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(2)]
     monkeypatch.setattr(fleet, "record", Written(tmp_path / "asked", logs[0]).answer)
-    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
     assert len(found.records) == 1 and found.broken[0][0] == logs[0] and "written while" in found.broken[0][1]
     asked = Asked(tmp_path / "again")
     monkeypatch.setattr(fleet, "record", asked.answer)
-    assert len(fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet).records) == 2
+    assert len(fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet).records) == 2
     assert asked.so_far == [logs[0]]
 
 
@@ -262,9 +263,9 @@ def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, client: Any,
         write(path, content)
     monkeypatch.setattr(fleet, "write_atomically", written)
     with pytest.raises(OSError, match="No space left"):
-        fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+        fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
     monkeypatch.setattr(fleet, "write_atomically", write)
-    found = fleet.diagnosed(client, logs, MACHINE, {}, tmp_path / "out", "s", quiet)
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
     assert found.known == 2 and len(found.records) == 4
 
 
@@ -333,7 +334,7 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
     for machine, percent in (("one", 3.0), ("two", 0.0)):
         for day in range(4):
             path = wheel_log(tmp_path / machine / f"{day}.parquet", percent, 60.0, seed=day)
-            made.append({"key": f"{machine}{day}", **record(str(path), MACHINE, {"time": f"2026-04-0{day + 1}"})})
+            made.append({"key": f"{machine}{day}", **record(str(path), {}, MACHINE, {"time": f"2026-04-0{day + 1}"})})
     return made
 
 
@@ -368,3 +369,101 @@ def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:
     table.write_text("log,driver\na.csv,Li\n")
     told = CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "o"), "--about", str(table)])
     assert told.exit_code != 0 and "column driver" in told.output
+
+
+@pytest.fixture
+def two_workers() -> Any:
+    distributed = pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    threads = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**threads) as local, distributed.Client(local, set_as_default=False) as one:
+        one.wait_for_workers(2)
+        yield one
+
+
+def hidden(folder: str) -> None:
+    """Makes the process that runs it blind for a folder, as a computer that has not mounted it."""
+    import sys
+
+    def refuse(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open" and str(arguments[0]).startswith(folder):
+            raise FileNotFoundError(2, "No such file or directory", str(arguments[0]))
+    sys.addaudithook(refuse)
+
+
+def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(tmp_path: Path, two_workers: Any) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seconds=30.0, seed=k)) for k in range(4)]
+    who = sorted(two_workers.nthreads())[0]
+    two_workers.run(hidden, str(tmp_path / "in"), workers=[who])
+    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    assert len(found.records) == 4 and not found.broken and found.twins == 0
+    assert len(found.blind) == 1 and who in found.blind[0] and "No such file" in found.blind[0]
+    two_workers.run(hidden, str(tmp_path / "in"))
+    with pytest.raises(OSError, match="no worker sees the logs"):
+        fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "other"), tmp_path / "out", quiet)
+
+
+def test_workers_in_other_folders_find_logs_by_relative_paths(tmp_path: Path, two_workers: Any,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    logs = [str(wheel_log(Path("in") / f"{k}.csv", seconds=30.0, seed=k)) for k in range(3)]
+    two_workers.run(os.chdir, "/")
+    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    assert sorted(one["path"] for one in found.records) == logs and found.twins == 0
+
+
+class AtFault(Asked):
+    """A worker without memory, or whose disk came off while it read."""
+
+    def answer(self, where: str, options: Any, machine: Any, about: Any) -> dict[str, Any]:
+        said = super().answer(where, options, machine, about)
+        return {**said, "error": "Input/output error", "lasting": False} if where == self.spoilt else said
+
+
+def test_a_workers_fault_is_never_kept_and_a_logs_own_is_tried_again_when_asked(
+        tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
+    out, wanted = tmp_path / "out", fleet.Asked(MACHINE, {}, "s")
+    fault = AtFault(tmp_path / "asked", logs[0])
+    monkeypatch.setattr(fleet, "record", fault.answer)
+    found = fleet.diagnosed(client, logs, wanted, out, quiet)
+    assert found.broken == ((logs[0], "Input/output error"),) and fault.so_far.count(logs[0]) == 2
+    spoilt = Asked(tmp_path / "again", logs[0])
+    monkeypatch.setattr(fleet, "record", spoilt.answer)
+    assert fleet.diagnosed(client, logs, wanted, out, quiet).broken == ((logs[0], "spoilt"),)
+    fleet.diagnosed(client, logs, wanted, out, quiet)
+    assert spoilt.so_far == [logs[0]]                   # of itself, and then no more
+    whole = Asked(tmp_path / "retried")
+    monkeypatch.setattr(fleet, "record", whole.answer)
+    assert len(fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s", retry=True), out, quiet).records) == 3
+    assert whole.so_far == [logs[0]]
+
+
+def test_a_log_that_is_not_there_is_the_workers_fault_and_one_that_is_spoilt_its_own(tmp_path: Path) -> None:
+    (tmp_path / "empty.csv").write_text("")
+    assert record(str(tmp_path / "empty.csv"), {}, MACHINE, {})["lasting"]
+    assert not record(str(tmp_path / "gone.csv"), {}, MACHINE, {})["lasting"]
+    with pytest.raises(FileNotFoundError):
+        checksum(str(tmp_path / "gone.csv"), {}, "s")
+
+
+def test_the_import_file_beside_a_log_or_of_its_folder_says_what_its_columns_mean(tmp_path: Path) -> None:
+    rows = "".join(f"{0.5 * k:.1f};{60 + k % 7};{60 + k % 7 + 0.1 * (k % 3):.1f}\n" for k in range(600))
+    (tmp_path / "a.csv").write_text("t;S;I\n" + rows)
+    said = ("format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
+            "  shaft_rpm_cmd: {from: S, unit: 1/min}\n  shaft_rpm: {from: I, unit: 1/min}\n")
+    assert "error" in record(str(tmp_path / "a.csv"), {}, MACHINE, {})
+    before = checksum(str(tmp_path / "a.csv"), {}, "s")
+    for place in ("a.import.yaml", "import.yaml"):
+        (tmp_path / place).write_text(said)
+        found = record(str(tmp_path / "a.csv"), {}, MACHINE, {})
+        assert found.get("rows") == 600, found
+        assert checksum(str(tmp_path / "a.csv"), {}, "s") != before
+        (tmp_path / place).unlink()
+
+
+def test_where_nothing_was_diagnosed_the_command_fails(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.csv").write_text("a,b\nc,d\n")
+    done = CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--workers", "1"])
+    assert done.exit_code != 0 and "no log was diagnosed" in done.output
