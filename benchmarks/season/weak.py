@@ -42,7 +42,7 @@ def weak(minutes: float, machine: Machine, seed: int, checks: Checks) -> None:
                 place = Path(folder) / f"{number:02d}.parquet"
                 write_store(place, columns, run_meta(machine, started_utc=f"2026-03-{number + 1:02d}T08:00:00Z",
                                                      extra={"unit": "m"}))
-                records.append({"key": place.stem, **record(str(place), machine.model_dump(mode="json"), {})})
+                records.append({"key": place.stem, **record(str(place), {}, machine.model_dump(mode="json"), {})})
                 z += [Eye(Plant(done), noises, Physics()).z(planted)] if planted else []
         found = dict(selected([one_log(one) for one in records]))
         named = sum(EFFECT in [cause["id"] for cause in one["causes"]] for one in records)
