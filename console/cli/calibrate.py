@@ -34,6 +34,7 @@ Table = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench tabl
 Log = Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log.")]
 Out = Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file.")]
 From = Annotated[str, typer.Option(metavar="MACHINE", help="Machine file to begin with, or name of a shipped one.")]
+Date = Annotated[str | None, typer.Option(metavar="YYYY-MM-DD", help="Of the test; default: today.")]
 
 
 def catch(
@@ -44,7 +45,7 @@ def catch(
     machine: From = "huanghai",
     product: Annotated[str | None, typer.Option(metavar="PRODUCT", help="What was caught: the test is added, with its "
                                                 "date, to this product file instead of the machine's.")] = None,
-    date: Annotated[str | None, typer.Option(metavar="YYYY-MM-DD", help="Of the test; default: today.")] = None,
+    date: Date = None,
     force: Force = False,
 ) -> None:
     """Fit the flow model to a catch test: what was weighed at each shaft speed and opening, with intervals."""
@@ -102,6 +103,7 @@ def lag(
                                                      "stands.")] = None,
     no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
                                          "hard-wired stop.")] = False,
+    date: Date = None,
     force: Force = False,
 ) -> None:
     """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag rig."""
@@ -117,32 +119,34 @@ def lag(
     from control.calibration.tube_fit import settle_tube
     from drivers.files.bench_table import read_bench_table
     _table(data, out, "calibrate lag")
-    fitted = _begun(data, out, machine, force)
+    fitted, day = _begun(data, out, machine, force), _day(date).isoformat()
     table = read_bench_table(data, What.LAG.value)
     running = table.running()
     if not running.all():
-        fitted, line = fit_lag(table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=_today())
+        fitted, line = fit_lag(table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=day)
         _tell_lag(line)
     if running.any():
-        fitted, tube = settle_tube(table, fitted, date=_today())
+        fitted, tube = settle_tube(table, fitted, date=day)
         _tell_tube(tube)
     elif not fitted.tube_is_settled:
         typer.echo(f"note: {UNSETTLED}")
     _save(fitted, data, out)
 
 
-def wheel(data: Log, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
+def wheel(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
+          force: Force = False) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
     _log(data, out, "calibrate wheel")
     loaded = _begun(data, out, machine, force)
-    _save(_from_log(What.WHEEL, data, loaded, _today()), data, out)
+    _save(_from_log(What.WHEEL, data, loaded, _day(date).isoformat()), data, out)
 
 
-def heads(data: Log, *, out: Out, machine: From = "huanghai", force: Force = False) -> None:
+def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
+          force: Force = False) -> None:
     """Fit each canopy head against the others over a run log."""
     _log(data, out, "calibrate heads")
     loaded = _begun(data, out, machine, force)
-    _save(_from_log(What.HEADS, data, loaded, _today()), data, out)
+    _save(_from_log(What.HEADS, data, loaded, _day(date).isoformat()), data, out)
 
 
 def _table(data: Path, out: Path, command: str) -> None:
@@ -180,10 +184,6 @@ def _save(fitted: Machine, data: Path, out: Path) -> None:
 
 UNSETTLED = ("starts do not tell whether the stream in the tube carries what falls; a step from 40 to 80 r/min at the "
              "rig, ten times, does (before_rpm in the table): docs/field-work.md")
-
-
-def _today() -> str:
-    return dt.date.today().isoformat()
 
 
 def _signed(machine: Machine, data: Path) -> Machine:

@@ -64,7 +64,8 @@ def _compared(logs: list[Path], old: Machine, new: Machine, name: str) -> list[t
             log = open_log(path)
             one = compared(dict(log.columns), old, new, step if line.shown else _silent)
             line.end()
-            notes = [*map(str, log.findings), *one.findings, *_fitted_to(path, old, new)]
+            odd = [str(one) for one in log.findings if one.id != "missing" or not (old.stages and new.stages)]
+            notes = [*odd, *one.findings, *_fitted_to(path, old, new)]
             for finding in dict.fromkeys(notes):
                 typer.echo(f"note: {path}: {finding}", err=True)
             if not one.channels:

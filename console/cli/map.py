@@ -222,6 +222,6 @@ def _tell_applied(applied: AsApplied) -> None:
     if (cut := applied.cut) is not None:
         typer.echo(f"limit        {cut.area_ha:.4f} ha wanted up to {cut.highest_kg_ha:g} kg/ha: the crop's limit of "
                    f"{cut.limit_kg_ha:g} was applied there, {cut.less_kg:.2f} kg less than wanted")
-    if t.stopped_kg > 0.0:
-        typer.echo(f"stopped      {t.stopped_kg:.2f} kg of it were released while the machine was told to stand")
+    if t.stopped_kg >= 0.005:           # less would be written as 0.00
+        typer.echo(f"stopped      {t.stopped_kg:.2f} kg of it were released while the shaft should have stood")
     typer.echo(f"stretches    {len(applied.stretches.time_s)} in {t.worked_s:.0f} s of work")

@@ -7,7 +7,8 @@ from typing import Any
 from typer.core import TyperCommand
 
 _TYPES = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
-_RANGE = re.compile(r"(?P<low>-?[\d.]+)<=x<=(?P<high>-?[\d.]+)|x>=(?P<least>-?[\d.]+)|x<=(?P<most>-?[\d.]+)")
+_NUMBER = r"-?[\d.]+(?:e[-+]?\d+)?"
+_RANGE = re.compile(rf"(?P<low>{_NUMBER})<=x<=(?P<high>{_NUMBER})|x>=(?P<least>{_NUMBER})|x<=(?P<most>{_NUMBER})")
 
 
 def ranges_in_words(text: str) -> str:

@@ -33,7 +33,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
                               "again"),)),
         *(() if t.doses is None else (("doses", f"{t.doses}, plants missed: {t.doses_missed or 0}"),)),
         ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(applied.mean_kg_ha, 4)} kg/ha"),
-        *(() if t.stopped_kg <= 0.0 else (("released while stopped", f"{fixed(t.stopped_kg, 2)} kg of it, in "
+        *(() if t.stopped_kg < 0.005 else (("released while stopped", f"{fixed(t.stopped_kg, 2)} kg of it, in "
             f"{len(applied.stopped)} entries of the log"),)),
         ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"
                    if t.error_percent is not None else "none logged"),

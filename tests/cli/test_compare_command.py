@@ -53,6 +53,14 @@ def test_the_better_file_is_said_with_its_interval(files: tuple[Path, Path, Path
     assert better["low"] > 0.0 and worse["high"] < 0.0
 
 
+def test_what_a_machine_does_not_have_is_not_missed(files: tuple[Path, Path, Path]) -> None:
+    old, new, log = files
+    for path in (old, new):
+        save(path, load(str(path), MACHINE).model.model_copy(update={"stages": ("shaft",)}), MACHINE)
+    done = RUNNER.invoke(app, ["compare", str(old), str(new), str(log)])
+    assert done.exit_code == 0 and "cannot be diagnosed" not in done.stderr, done.stderr
+
+
 def test_in_words_and_as_a_page(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     old, new, log = files
     page = tmp_path / "page.html"

@@ -125,6 +125,7 @@ def test_nothing_in_a_line_steers_the_terminal(monkeypatch):
 def test_ranges_are_told_in_words_and_texts_stay_in_their_column():
     assert ranges_in_words("[default: 10; 1<=x<=100]") == "[default: 10; from 1 to 100]"
     assert ranges_in_words("[0.2<=x<=60.0] [x>=0] [x<=9.5]") == "[from 0.2 to 60] [0 or more] [at most 9.5]"
+    assert ranges_in_words("[1e-06<=x<=1e+4]") == "[from 1e-06 to 1e+4]"
     assert ranges_in_words("[300<=x<=4000000]") == "[from 300 to 4000000]"
     for name in EXAMPLES:
         text = said(*name.split(), "--help")

@@ -64,6 +64,29 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path):
     assert not {a for r in rows for a in (r.alarms or "").split(";") if a}
 
 
+GUIDE = Path(__file__).parents[2] / "docs" / "guides" / "first-day.md"
+TYPED = {"Space": " ", "Esc": "\x1b", "F3": "\x1bOR", "F10": "\x1b[21~"}         # as xterm sends them
+
+
+def test_the_keys_of_the_operators_first_day(benchmark_module, tmp_path):
+    """The first table of the guide: each key typed, and the screen says what the table says."""
+    text = GUIDE.read_text(encoding="utf-8")
+    table = text[text.index("| key |"):].split("\n\n")[0].splitlines()[2:]
+    rows = [[cell.strip(" `") for cell in row.split("|")[1:4]] for row in table]
+    assert len(rows) == 9
+    deaths = benchmark_module("console_deaths")
+    console = deaths.Console(tmp_path)
+    terminal = console.terminal
+    try:
+        deaths.wait(lambda: terminal.shows("NDVI 0."), 20.0, "the Run screen", terminal)
+        for key, _, words in rows:
+            terminal.type(TYPED.get(key, key.lower()))
+            deaths.wait(lambda words=words: terminal.shows(words), 10.0, f"{words} after {key}", terminal)
+    finally:
+        terminal.end()
+        console.end_worker()
+
+
 @pytest.mark.exam
 def test_the_console_frozen_the_machine_is_held(benchmark_module, tmp_path):
     found = benchmark_module("console_deaths").console_dies(tmp_path, "SIGSTOP")

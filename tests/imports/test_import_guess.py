@@ -41,6 +41,14 @@ def test_a_column_is_of_numbers_where_half_of_it_is(words: int, known: int | Non
     assert (values.size, int(np.isfinite(values).sum())) == ((10, known) if known is not None else (0, 0))
 
 
+def test_a_command_is_one_whatever_it_drives(tmp_path: Path) -> None:
+    """Of a speed that is read; where the reading does not follow it is another drive's."""
+    path = tmp_path / "fan.csv"
+    for answered, known in ((ANSWER, {"shaft_rpm", "shaft_rpm_cmd"}), (ANSWER[::-1], {"shaft_rpm"})):
+        path.write_text(table("time_s,fan command rpm,tacho rpm", COMMAND, answered))
+        assert set(guess(read_raw(path)).mapping.columns) == known
+
+
 @pytest.mark.parametrize(("content", "doubts"), [
     (table("time_s,Shaft command rpm,Shaft rpm", COMMAND, ANSWER), []),
     (table("time_s,rpm a,rpm b", ANSWER, COMMAND), ["columns.shaft_rpm_cmd: no word says that rpm b is the command"]),

@@ -42,7 +42,24 @@ def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[Candidate]:
     """The columns that may be some column of the log, but for those in use."""
     found = [one for name in raw.names if name not in set(used) and (one := _candidate(raw, name)) is not None]
     _tell_roles(found)
-    return found
+    return found + _commands_by_name(raw, used, found)
+
+
+def _commands_by_name(raw: RawTable, used: Iterable[str | None], found: list[Candidate]) -> list[Candidate]:
+    """Where a speed is read and no command is known: the speed that is named a command and that the reading follows,
+    whatever it drives (`fan_command_rpm`: the fan of an applicator is no metering shaft, that on a bench is one)."""
+    reading = next((one for one in found if one.target == "shaft_rpm"), None)
+    if reading is None or any(one.target == "shaft_rpm_cmd" for one in found):
+        return []
+    commands = []
+    for name in raw.names:
+        plain, unit = folded(named(name)[0]), unit_named(raw.units[name]) if name in raw.units else None
+        turns = says(plain, IN_RPM) if unit is None else unit.quantity == "rotation"
+        if name not in {*used, reading.source} and turns and says(plain, COMMAND):
+            values = _values(raw, name)
+            if values.size and _follows(values, reading.values):
+                commands.append(Candidate(name, "shaft_rpm_cmd", unit, unit is None, "command", values=values))
+    return commands
 
 
 def _candidate(raw: RawTable, name: str) -> Candidate | None:

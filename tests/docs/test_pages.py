@@ -1,0 +1,89 @@
+"""The pages of docs with commands: each command is run, in the page's order, and says what the page shows.
+
+Words must be the same. Numbers may move a little, so that a page shows real ones: the simulated machine improves.
+`...` stands for anything: for part of a line, or by itself for any lines.
+"""
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from console.cli import app
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+NUMBER = re.compile(r"\d{4}-\d\d-\d\d|(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+NEAR, NEAR_ABSOLUTE = 0.3, 0.3          # of a number on the page: share of it, or itself
+PAGES = ("import.md", "guides/first-day.md", "guides/researcher.md",
+         pytest.param("guides/engineer.md", marks=pytest.mark.exam))       # drives and diagnoses for 40 s of processor
+
+
+def shown(page: str) -> list[tuple[str, str]]:
+    """Commands on a page, in order, with what they say there."""
+    blocks = re.findall(r"```console\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+    pieces = [piece for block in blocks for piece in re.split(r"^\$ ", block, flags=re.MULTILINE) if piece]
+    return [(command, said) for command, _, said in (piece.partition("\n") for piece in pieces)]
+
+
+def is_as_shown(said: str, page: str) -> bool:
+    """Whether an output has the page's words in their places, and numbers near the page's."""
+    numbers = NUMBER.findall(page)
+    parts = re.split(r"^\.\.\.\n|\.\.\.", NUMBER.sub("\0", page), flags=re.MULTILINE)
+    pattern = ".*?".join(re.escape(re.sub(r" +", " ", part)).replace("\0", f"({NUMBER.pattern})") for part in parts)
+    found = re.fullmatch(pattern, re.sub(r" +", " ", said), re.DOTALL)
+    return found is not None and all(
+        one == other or "-" in one[1:] or math.isclose(float(one), float(other), rel_tol=NEAR, abs_tol=NEAR_ABSOLUTE)
+        for one, other in zip(numbers, found.groups(), strict=True))
+
+
+def run_as(command: str) -> Result:
+    return CliRunner().invoke(app, shlex.split(command)[1:])
+
+
+@pytest.fixture
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder as a reader's: the pages' examples, and nothing else."""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "examples").symlink_to(DOCS / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_says_what_the_page_shows(page: str, there: Path) -> None:
+    commands = shown(page)
+    assert len(commands) >= 6
+    for command, said in commands:
+        result = run_as(command)
+        assert is_as_shown(result.output, said), f"{page}: {command}\n{result.output}"
+        refused = "not imported" in said
+        assert result.exit_code == (2 if refused else 0), command
+
+
+def test_the_blocks_of_the_researchers_guide(there: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    text = (DOCS / "guides" / "researcher.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(compile(block, "researcher.md", "exec"), names)
+    causes, last = capsys.readouterr().out.splitlines()[:2], names["shaft"]
+    assert [line.split()[0] for line in causes] == ["shaft.gain", "shaft.slow"]
+    told = re.search(r"From (\d+) to ([\d.]+) r/min", text)
+    assert told and float(told[1]) == pytest.approx(last.old, rel=0.05)             # type: ignore[attr-defined]
+    assert float(told[2]) == pytest.approx(last.new, rel=0.05)                      # type: ignore[attr-defined]
+    assert (there / "why.html").exists()
+
+
+@pytest.mark.parametrize(("page", "said", "same"), [
+    ("3 rows, 60 s\n", "3 rows, 60 s\n", True), ("3 rows, 60 s\n", "3 lines, 60 s\n", False),
+    ("error 5.2 kg\n", "error 5.6 kg\n", True), ("error 5.2 kg\n", "error 8.2 kg\n", False),
+    ("a\n...\nz\n", "a\nb 1\nc\n\nz\n", True), ("a\n...\nz\n", "a\nb\n", False), ("one; ...\n", "one; 2\n", True),
+    ("2026-07-01, from a\n", "2031-12-24, from a\n", True), ("", "something\n", False), ("...\n", "", True),
+])
+def test_words_are_held_and_numbers_nearly(page: str, said: str, same: bool) -> None:
+    assert is_as_shown(said, page) is same
