@@ -4,8 +4,9 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
 from textual import events
 from textual.app import App, SystemCommand
@@ -51,7 +52,7 @@ from control.orders import Answer, Do, Order
 from drivers.files.settings import Rates
 
 if TYPE_CHECKING:
-    from console.app.pages.job.desk import JobDesk
+    from console.app.pages.job.desk import JobDesk, Offer
     from console.app.pages.job.page import JobScreen
     from console.app.pages.replay.page import ReplayScreen
 
@@ -60,7 +61,9 @@ STROKE_S = 0.35                # between two strokes of the bell: closer ones ar
 FIRST_S = 0.02                 # how often the first frame is looked for
 SEEN_S = 0.5                   # after the first frame: its picture is drawn, and the other pages are made ready, ...
 BESIDE_S = 0.05                # ... so far apart that keys come between them
+LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")      # Textual's, once it needs them
 _HERE = Path(__file__).parent
+T = TypeVar("T")
 Connect = Callable[[], Awaitable[FrameSource]]
 
 
@@ -266,14 +269,17 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._until_first.stop()
             self.page.hurry()
             self.tick()
-            self.set_timer(SEEN_S, self._make_a_page)
+            self.set_timer(SEEN_S, lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False))
 
-    def _make_a_page(self) -> None:
-        """The other pages come up once the first one is seen."""
-        if self.pages.make_one():
-            self.set_timer(BESIDE_S, self._make_a_page)
-        else:
-            quick_start.done()
+    async def _make_pages(self) -> None:
+        """The other pages come up once the first one is seen; their modules are read beside the screen."""
+        for where in self.pages:
+            await asyncio.to_thread(self.pages.read, where)
+            self.pages[where]
+            await asyncio.sleep(BESIDE_S)
+        for module in LATE_MODULES:
+            await asyncio.to_thread(import_module, module)
+        quick_start.done()
 
     def _note_consoles(self, frame: Frame) -> None:
         """Another console that ended, or was ended, is said by those that are left."""
@@ -344,6 +350,33 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page.is_mounted:
             self.page.show_keys()
 
+    def list_files(self, work: Callable[[], T], then: Callable[[T], None]) -> None:
+        """What is asked about after files are looked at: `then` has it, if the page is still the one that is seen.
+        As `with_files` for the rest."""
+        page = self.page
+
+        def ask(found: T) -> None:
+            if self.page is page:
+                then(found)
+
+        self.with_files(work, ask)
+
+    def with_files(self, work: Callable[[], T], then: Callable[[T], None],
+                   failed: Callable[[str], None] | None = None) -> None:
+        """Files are read and written in a thread, for a disk may take its time. Errors (ValueError, OSError) are one
+        line, to `failed` or in the key bar. A second one takes the place of one that is not done."""
+        self.run_worker(self._with_files(work, then, failed or self.notice), group="files", exclusive=True,
+                        exit_on_error=False)
+
+    @staticmethod
+    async def _with_files(work: Callable[[], T], then: Callable[[T], None], failed: Callable[[str], None]) -> None:
+        try:
+            found = await asyncio.to_thread(work)
+        except (ValueError, OSError) as error:
+            failed((str(error).splitlines() or [type(error).__name__])[0])
+        else:
+            then(found)
+
     # --- the other end ------------------------------------------------------------------------------------------
 
     def _supervise(self) -> None:
@@ -397,7 +430,9 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def ask_to_go_on(self, desk: JobDesk) -> None:
         """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
-        offer = desk.offer()
+        self.with_files(desk.offer, lambda offer: self._ask_to_go_on(desk, offer))
+
+    def _ask_to_go_on(self, desk: JobDesk, offer: Offer | None) -> None:
         if offer is None:
             self.connect(self.start)
             return

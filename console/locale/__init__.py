@@ -44,6 +44,7 @@ def catalogue(language: str) -> Catalogue:
     return Catalogue(texts)
 
 
+@cache
 def languages() -> tuple[str, ...]:
     """Codes of all languages that can be used, English first."""
     return (ENGLISH, *sorted({path.parent.name for path in _FOLDER.glob("*/*.po")}))

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
+from types import ModuleType
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS, JOB, MAP, REPLAY, RUN, SETTINGS, TRENDS
 from console.app.pages.page import Page
@@ -24,7 +25,7 @@ class Pages(Mapping[str, Page]):
 
     def __getitem__(self, where: str) -> Page:
         if where not in self.made:
-            screen = getattr(import_module(f"console.app.pages.{where}.page"), SCREENS[where])
+            screen = getattr(self.read(where), SCREENS[where])
             self.made[where] = screen(*self._needs.get(where, ()))
             self._begin(where, self.made[where])
         return self.made[where]
@@ -38,7 +39,7 @@ class Pages(Mapping[str, Page]):
     def __len__(self) -> int:
         return len(SCREENS)
 
-    def make_one(self) -> bool:
-        """The next one that nobody has wanted yet; False: all are there."""
-        where = next((where for where in SCREENS if where not in self.made), None)
-        return where is not None and self[where] is not None
+    @staticmethod
+    def read(where: str) -> ModuleType:
+        """Its modules, without making it: in a thread, for a disk may take its time."""
+        return import_module(f"console.app.pages.{where}.page")

@@ -164,11 +164,10 @@ def _ask_to_write(page: DiagnosisScreen, found: Found, chosen: Adoption) -> None
 def take_back(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here, else of the one that is held against."""
     machine = page.adopted or page.machine
-    try:
-        lines = page.served.last_change(machine)
-    except (ValueError, OSError) as error:
-        page.app.notice(str(error))
-        return
+    page.app.list_files(partial(page.served.last_change, machine), partial(_ask_to_take_back, page, machine))
+
+
+def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[str, ...]) -> None:
     if not lines:
         page.app.notice(_("no diagnosis changed this machine file: nothing to take back"))
         return

@@ -222,18 +222,14 @@ class DiagnosisScreen(Page):
         self.found, self.which, self.cause, self.said = (), 0, 0, ""
 
     def write(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
-        """Small files: written at once; the path stays on the screen until it is read. machine: then it is asked
+        """A file; the path stays on the screen until it is read. machine: then it is asked
         whether the job takes the file."""
-        def read(_answer: bool | None) -> None:
-            if machine and self.app.services.job is not None:
-                self.app.turn_to(JOB)
-                self.app.call_after_refresh(self.app.job_page.ask_use, path)
+        def written(path: str) -> None:
+            def read(_answer: bool | None) -> None:
+                if machine and self.app.services.job is not None:
+                    self.app.turn_to(JOB)
+                    self.app.call_after_refresh(self.app.job_page.ask_use, path)
 
-        try:
-            path = write()
-        except (ValueError, OSError) as error:
-            self.said = str(error)
-        else:
             self.said = ""
             text = path
             if machine:
@@ -241,7 +237,13 @@ class DiagnosisScreen(Page):
                 text = "\n".join((path, _("Z on the Diagnosis page takes the last change of it back."),
                                   _("= there says, on another log, whether it predicts better than before.")))
             self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
-        self.look()
+            self.look()
+
+        def failed(why: str) -> None:
+            self.said = why
+            self.look()
+
+        self.app.with_files(write, written, failed)
 
     # --- long work -------------------------------------------------------------------------------------------------
 

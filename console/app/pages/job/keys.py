@@ -111,8 +111,15 @@ def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
     files: tuple[File, ...] = {"job": page.facts.jobs, "crop": page.facts.crops,
                                "machine": page.facts.machines}[kind]
     now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
+    if kind == "job":
+        page.app.list_files(lambda: [Choice(one.value, _drawn(one, desk)) for one in files],
+                       lambda choices: _choose_file(page, desk, kind, choices, now))
+    else:
+        _choose_file(page, desk, kind, [Choice(one.value, one.label) for one in files], now)
+
+
+def _choose_file(page: JobScreen, desk: JobDesk, kind: Kind, choices: list[Choice], now: str) -> None:
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
-    choices = [Choice(one.value, _drawn(one, desk) if kind == "job" else one.label) for one in files]
 
     def answer(value: str | None) -> None:
         if value is None or value == now:

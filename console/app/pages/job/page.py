@@ -35,7 +35,7 @@ MOST_CHECK_ROWS = 8, 10, 16       # at low, middle and full height
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
 MOST_MAPS = 60
-FOLDERS, TYPED = "\0folders", "\0typed"       # no file is called so
+FOLDERS, TYPED, WRITE = "\0folders", "\0typed", "\0write"       # no file, and no name, is called so
 RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
 MAY_RESTART = (None, "off", "ready", "fault")
 
@@ -339,7 +339,7 @@ class JobScreen(Page):
         labels = {"client": _("client"), "farm": _("farm"), "field": _("field"), "product": _("product"),
                   "operator": _("operator")}
         choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
-        choices.append(Choice("", _("write the job with these names")))
+        choices.append(Choice(WRITE, _("write the job with these names")))
 
         def named(name: str, text: str | None) -> None:
             if text is None:
@@ -349,7 +349,7 @@ class JobScreen(Page):
             self._ask_name(desk, who._replace(**{name: text[:80]})._replace(product_file=file))
 
         def answer(name: str | None) -> None:
-            if name == "":
+            if name == WRITE:
                 self.take(lambda: desk.take_who(who))
             elif name == "product" and self.facts is not None and self.facts.products:
                 self._ask_product(desk, who, lambda: self.app.push_screen(
@@ -358,7 +358,9 @@ class JobScreen(Page):
                 self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)),
                                      lambda text: named(name, text))
 
-        self.app.push_screen(ChoiceDialog(_("Whose job is it?"), choices, ""), answer)
+        question = ChoiceDialog(_("Whose job is it?"), choices, "")
+        question.at = len(choices) - 1
+        self.app.push_screen(question, answer)
 
     def _ask_product(self, desk: JobDesk, who: Who, type_name: Callable[[], object]) -> None:
         """Of the library, with its flow and its N share; or a name that is typed."""

@@ -1,6 +1,7 @@
 """Keys of the Map page and what they do."""
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from console.app import layers
@@ -10,6 +11,7 @@ from console.locale import N_, _
 
 if TYPE_CHECKING:
     from console.app.pages.map.page import MapScreen
+    from console.app.pages.replay.log_files import LogFile
 
 
 def next_layer(page: MapScreen) -> None:
@@ -39,7 +41,14 @@ def plan(page: MapScreen) -> None:
 def lay_file(page: MapScreen) -> None:
     """Chosen from the newest; where one is laid, its place in the list takes it off."""
     services, frame = page.app.services.layers, page.app.arrival.frame
-    listed = services.files(frame.log_path if frame is not None else "") if services is not None else ()
+    running = frame.log_path if frame is not None else ""
+    if services is None:
+        _choose_laid(page, ())
+    else:
+        page.app.list_files(partial(services.files, running), partial(_choose_laid, page))
+
+
+def _choose_laid(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
     if not listed and not page.laid.path:
         page.app.notice(_("there is no file yet that could be laid on the map"))
         return

@@ -1,6 +1,7 @@
 """Keys of the Replay page and what they do."""
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from console.app import words
@@ -9,6 +10,7 @@ from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.locale import N_, _
 
 if TYPE_CHECKING:
+    from console.app.pages.replay.log_files import LogFile, LogFiles
     from console.app.pages.replay.page import ReplayScreen
 
 SEEK_S = 30.0
@@ -16,15 +18,20 @@ SEEK_S = 30.0
 
 def open_log(page: ReplayScreen) -> None:
     files = page.app.services.logs
-    listed = files.logs() if files is not None else ()
-    if files is None or not listed:
+    if files is None:
+        page.app.notice(_("there is no log yet"))
+    else:
+        page.app.list_files(files.logs, partial(_choose_log, page, files))
+
+
+def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]) -> None:
+    if not listed:
         page.app.notice(_("there is no log yet"))
         return
-    at_hand = files
 
     def answer(path: str | None) -> None:
         if path is not None:
-            page.read_log(at_hand, path)
+            page.read_log(files, path)
 
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
     page.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)

@@ -1,6 +1,7 @@
 """The Settings screen: units, language, look, sound, limits, rates, and every key. What is changed is kept at once."""
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -49,6 +50,8 @@ class SettingsScreen(Page):
     def __init__(self) -> None:
         super().__init__()
         self.at = 0
+        self._writing = asyncio.Lock()
+        self._kept: Settings | None = None          # as the file has them, from the first change on
 
     @property
     def store(self) -> SettingsStore | None:
@@ -202,13 +205,27 @@ class SettingsScreen(Page):
         store.settings, store.trouble = settings, apply(self.app, settings)
         if before != settings:
             self.app.undo.add(_("settings before the last change"), partial(self.take, before))
+        self._kept = self._kept or before
+        self.app.run_worker(self._keep(settings), group="settings", exit_on_error=False)
+        self._redraw_all()
+
+    async def _keep(self, settings: Settings) -> None:
+        """Written in a thread, one after the other: a disk may take its time. Where that fails, those that the file
+        has are used again."""
+        store = self.store
+        assert store is not None and self._kept is not None
         try:
-            store.write(settings)
+            async with self._writing:
+                await asyncio.to_thread(store.write, settings)
+                self._kept = settings
         except OSError as error:
-            store.settings = before
-            apply(self.app, before)
+            store.settings = self._kept
+            apply(self.app, self._kept)
             store.trouble = _("not kept: {why}").format(why=f"{store.place}: {error.strerror or error}")
             self.app.notice(store.trouble)
+            self._redraw_all()
+
+    def _redraw_all(self) -> None:
         for page in self.app.pages.made.values():
             if page.is_mounted:
                 page.redraw()
