@@ -30,6 +30,7 @@ class MapCheck(NamedTuple):
     beyond_kg_ha: float = 0.0           # what is applied on mapped ground outside the field; a fence stops it
     uncovered_kg_ha: float = 0.0        # what is applied in the field where the map has no rate
     away_kg_ha: float = 0.0             # what is applied in the field where the map lies elsewhere
+    swapped: bool = False               # it lies elsewhere, and on the field once latitude and longitude are exchanged
 
 
 def map_check(data: MapData, limit_kg_ha: float | None = None, field: Boundary | None = None,
@@ -51,11 +52,22 @@ def map_check(data: MapData, limit_kg_ha: float | None = None, field: Boundary |
     over = ground.rates[above] - (limit_kg_ha or 0.0)
     limit = float("inf") if limit_kg_ha is None else limit_kg_ha
     outside, default = min(limit, data.fallbacks.outside_kg_ha), min(limit, data.fallbacks.default_kg_ha)
+    away_m = 0.0 if shape is None or here.any() else ground.away_m(shape)
     return MapCheck(
         mapped / HECTARE_M2, None if shape is None else float(shape.area) / HECTARE_M2,
         max(0.0, mapped - inside) / HECTARE_M2,
         0.0 if shape is None else max(0.0, float(shape.area) - inside) / HECTARE_M2,
-        0.0 if shape is None or here.any() else ground.away_m(shape), ground.overlap_m2 / HECTARE_M2, limit_kg_ha,
+        away_m, ground.overlap_m2 / HECTARE_M2, limit_kg_ha,
         float(inside_m2[above].sum()) / HECTARE_M2, float((inside_m2[above] * over).sum()) / HECTARE_M2,
         float(ground.rates[here].max()) if here.any() else 0.0, 0.0 if field is not None else outside,
-        default if data.fields_deg else outside, outside)
+        default if data.fields_deg else outside, outside,
+        away_m > 0.0 and field is not None and _swapped_on(data, plane, field))
+
+
+def _swapped_on(data: MapData, plane: TangentPlane, field: Boundary) -> bool:
+    """Whether the map lies on the field once latitude and longitude are exchanged."""
+    south, west, north, east = data.box_deg
+    if max(abs(west), abs(east)) > 90.0:
+        return False
+    low, high = plane.to_m(west, south), plane.to_m(east, north)
+    return bool(field.shape.intersects(shapely.box(*low, *high)))

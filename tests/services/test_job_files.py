@@ -3,13 +3,17 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+import json
 import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from console.app.pages.job.desk import AtWork, Reading
+from console.app.pages.job.map_words import is_doubtful, map_words
+from console.app.units import METRIC
 from console.running import WorkerFailed
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
@@ -17,9 +21,13 @@ from console.services.sticks import maps_in
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.agronomy.strips import StripValue
+from control.field.boundary import Boundary
 from control.field.job import Job
 from control.field.totals import Sums
 from control.field.who import Who
+from control.geodesy import TangentPlane
+from control.targets.map_check import map_check
+from control.targets.prescription import MapData, Zone
 from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter
@@ -248,3 +256,46 @@ def test_names_go_into_a_new_job_and_come_back(desk, launcher):
 def test_a_job_s_outline(desk, tmp_path):
     assert desk.outline(str(tmp_path / "gone.yaml")) == ()
     assert all(len(ring) >= 3 for ring in desk.outline(str(shipped("jobs")["demo"])))
+
+
+def _geojson(path, *corners):
+    ring = [list(corner) for corner in (*corners, corners[0])]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"rate kg/ha": 200},
+         "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
+    return str(path)
+
+
+def _square(east, north, size=0.001):
+    return (east, north), (east + size, north), (east + size, north + size), (east, north + size)
+
+
+def test_what_is_no_prescription_map_says_what_it_is(desk, tmp_path):
+    (tmp_path / "notes.csv").write_bytes(b"%PDF-1.7 ...")
+    (tmp_path / "worker.json").write_text('{"port": 1}')
+    for name, what in (("notes.csv", "this is a PDF document"), ("worker.json", "type None")):
+        with pytest.raises(ValueError) as raised:
+            desk.preview(str(tmp_path / name), Reading())
+        assert str(raised.value).startswith("not a prescription map: ") and what in str(raised.value)
+
+
+def test_swapped_latitude_and_longitude_are_named(desk, tmp_path):
+    """Degrees beyond 90 cannot be latitudes; within them the job's own field tells (the demo's: 34.28, 119.88)."""
+    with pytest.raises(ValueError, match=r"^latitude and longitude look swapped: latitudes up to 120, "):
+        desk.preview(_geojson(tmp_path / "a.geojson", *_square(34.28, 119.88)), Reading())
+    with pytest.raises(ValueError, match=r"^coordinates up to 500"):
+        desk.preview(_geojson(tmp_path / "m.geojson", *_square(500_000.0, 3_800_000.0, 100.0)), Reading())
+    assert not desk.preview(_geojson(tmp_path / "b.geojson", *_square(119.88, 34.28)), Reading()).check.away_m
+
+
+def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
+    """Both numbers could be latitudes: 48 north, 16 east."""
+    plane = TangentPlane(48.0, 16.0)
+    field = Boundary(((0.0, 0.0), (200.0, 0.0), (200.0, 200.0), (0.0, 200.0)))
+    right = np.array([(48.0, 16.0), (48.001, 16.0), (48.001, 16.001), (48.0, 16.001)])
+    zones = {False: Zone(200.0, (right,)), True: Zone(200.0, (right[:, ::-1].copy(),)),
+             None: Zone(200.0, (right + 1.0,))}
+    found = {name: map_check(MapData((zone,)), 500.0, field, plane) for name, zone in zones.items()}
+    assert [found[name].swapped for name in (False, True, None)] == [False, True, False]
+    assert map_words(found[True], METRIC)[0].startswith("latitude and longitude look swapped")
+    assert is_doubtful(found[True]) and map_words(found[None], METRIC)[0].startswith("the map lies")

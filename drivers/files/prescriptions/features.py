@@ -20,6 +20,7 @@ from drivers.files.prescriptions.words import (
     PrescriptionError,
     checked_rate,
     factor_kg_ha,
+    not_degrees,
     with_choice,
 )
 from drivers.files.shape_sets import Unit
@@ -83,5 +84,4 @@ def _check_degrees(path: Path, zones: Sequence[Zone]) -> None:
         raise PrescriptionError(f"{path}: a corner is not finite: allowed are degrees")
     highest = np.abs(corners).max(axis=0)
     if highest[0] > 90.0 or highest[1] > 180.0:
-        raise PrescriptionError(f"{path}: coordinates up to {highest[1]:.0f}, {highest[0]:.0f}: allowed are degrees "
-                                "(WGS84); export the map again in longitude and latitude")
+        raise not_degrees(path, float(highest[0]), float(highest[1]))

@@ -10,7 +10,7 @@ from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
 from drivers.files.limits import read_json
 from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError, checked_rate
+from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, checked_rate
 
 OURS = "topdress"            # foreign member with what GeoJSON has no place for
 WGS84 = ("crs84", "4326")
@@ -21,11 +21,11 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
     try:
         root = read_json(path)
     except ValueError as error:
-        raise PrescriptionError(f"{path}: not readable as JSON: {error}") from None
+        raise NotAMap(f"{path}: not readable as JSON: {error}") from None
     found = root.get("features") if isinstance(root, dict) and root.get("type") == "FeatureCollection" else None
     if not isinstance(found, list):
-        raise PrescriptionError(f"{path}: type {root.get('type') if isinstance(root, dict) else type(root).__name__}: "
-                                "allowed FeatureCollection")
+        raise NotAMap(f"{path}: type {root.get('type') if isinstance(root, dict) else type(root).__name__}: "
+                      "allowed FeatureCollection")
     crs = json.dumps(root.get("crs") or "crs84").lower()
     if not any(name in crs for name in WGS84):
         raise PrescriptionError(f"{path}: crs {crs}: allowed is WGS84 (longitude, latitude)")

@@ -26,7 +26,7 @@ from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import NO_TIME, TIME, folded, says, subject_of
 from drivers.files.point_files import TABLES
 from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.words import MASS_UNITS, Choice, Imported, PrescriptionError
+from drivers.files.prescriptions.words import MASS_UNITS, Choice, Imported, NotAMap, PrescriptionError, not_degrees
 from drivers.files.shape_sets import Unit
 from drivers.files.table import TableError, header_of
 from drivers.plain_text import OneLine
@@ -82,8 +82,8 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
     except ImportTrouble as trouble:
         raise PrescriptionError(str(trouble).splitlines()[0]) from None
     if not places_without_time(raw.names):
-        raise PrescriptionError(f"{path}: columns {', '.join(raw.names[:12])}: allowed are latitude, longitude and a "
-                                "rate without times (a log is read by topdress import), or polygons (WKT)")
+        raise NotAMap(f"{path}: columns {', '.join(raw.names[:12])}: allowed are latitude, longitude and a "
+                      "rate without times (a log is read by topdress import), or polygons (WKT)")
     lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
     known = np.isfinite(lat) & np.isfinite(lon)
     rows = np.flatnonzero(known)
@@ -91,8 +91,7 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
         raise PrescriptionError(f"{path}: no point with latitude and longitude: allowed are degrees")
     lat, lon = lat[rows], lon[rows]
     if np.abs(lat).max() > 90.0 or np.abs(lon).max() > 180.0:
-        raise PrescriptionError(f"{path}: coordinates up to {np.abs(lon).max():.0f}, {np.abs(lat).max():.0f}: allowed "
-                                "are degrees (WGS84); export the map again in longitude and latitude")
+        raise not_degrees(path, float(np.abs(lat).max()), float(np.abs(lon).max()))
     try:
         found, corners = _cells(lat, lon)
     except NoLattice as why:

@@ -11,7 +11,7 @@ from drivers.files.extras import install_line
 from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError
 
 MOST_CELLS = 100_000        # with a value: a zone each; a field of 100 ha in cells of 3 m
 
@@ -27,7 +27,7 @@ def read_raster(path: Path, choice: Choice) -> Imported:
         with rasterio.open(path) as file:
             return _read(path, file, choice)
     except rasterio.errors.RasterioError as error:
-        raise PrescriptionError(f"{path}: not readable as GeoTIFF: {str(error).splitlines()[0][:150]}") from None
+        raise NotAMap(f"{path}: not readable as GeoTIFF: {str(error).splitlines()[0][:150]}") from None
 
 
 def _read(path: Path, file: Any, choice: Choice) -> Imported:

@@ -12,7 +12,7 @@ from drivers.files.imports.trouble import listed
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
-from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, NotAMap, PrescriptionError, RateQuestion
 from drivers.files.shape_sets import ShapeSet, shape_sets
 
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
@@ -68,7 +68,7 @@ def _of_several(path: Path, choice: Choice) -> Imported:
                            f"{listed(one.name for one in shapes)} (--inside says which)")
     if not shapes:
         inside = "" if choice.inside is None else f" named {choice.inside}"
-        raise PrescriptionError(f"{path}: no prescription{inside}: allowed is {KNOWN}{_packed(path)}")
+        raise NotAMap(f"{path}: no prescription{inside}: allowed is {KNOWN}{_packed(path)}")
     from drivers.files.prescriptions.shapefiles import read_shapefile
     return _areas_or_points(partial(read_shapefile, shapes[0], choice, []), path, choice)
 

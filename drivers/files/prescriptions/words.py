@@ -26,6 +26,10 @@ class PrescriptionError(OneLine):
     """The file cannot be used; one line that names file, place, value and what is allowed."""
 
 
+class NotAMap(PrescriptionError):
+    """Nothing in the file says that it is a prescription map."""
+
+
 class NoPolygons(PrescriptionError):
     """There is not one polygon in the file; it may hold points."""
 
@@ -93,6 +97,16 @@ def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
 def _asked(given: float | None) -> type[PrescriptionError]:
     """What was not given is a question, what was given wrongly is refused."""
     return RateQuestion if given is None else PrescriptionError
+
+
+def not_degrees(path: Path, lat_deg: float, lon_deg: float) -> PrescriptionError:
+    """Of a file whose places go up to these: what is wrong with them."""
+    if lat_deg <= 180.0 and lon_deg <= 90.0:
+        return PrescriptionError(f"{path}: latitude and longitude look swapped: latitudes up to {lat_deg:.0f}, "
+                                 f"longitudes up to {lon_deg:.0f}: allowed are latitudes to 90 (GeoJSON and WKT name "
+                                 "the longitude first)")
+    return PrescriptionError(f"{path}: coordinates up to {lon_deg:.0f}, {lat_deg:.0f}: allowed are degrees (WGS84); "
+                             "export the map again in longitude and latitude")
 
 
 def checked_rate(rate_kg_ha: float, where: Callable[[], str]) -> float:

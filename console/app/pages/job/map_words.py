@@ -14,6 +14,9 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
     area, rate = units.area._replace(decimals=4), units.rate
     if check.away_m > 0.0:
         away = f"{check.away_m / 1000.0:.1f}"
+        if check.swapped:
+            return (_("latitude and longitude look swapped: exchanged, the map lies on the field; as it is, {away} km "
+                      "away").format(away=away),)
         if check.away_kg_ha > 0.0:
             return (_("the map lies {away} km away from the field: its rate for outside, {rate}, is applied "
                       "everywhere").format(away=away, rate=rate.full(check.away_kg_ha)),)
