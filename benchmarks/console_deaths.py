@@ -1,4 +1,4 @@
-"""The console frozen, killed, its terminal closed; the worker killed: `python benchmarks/console_deaths.py [--long]`
+"""The console frozen, killed, its terminal closed; the worker killed: `python -m benchmarks console_deaths [--long]`
 
 The real program runs in a pseudo-terminal of its own, with folders of its own, on the simulated machine at work. A
 second client without the token looks on and keeps the time. POSIX only.

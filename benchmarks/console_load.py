@@ -1,4 +1,4 @@
-"""What console and worker take: `python benchmarks/console_load.py [--minutes 15]`, or `--idle [--against TREE]`
+"""What console and worker take: `python -m benchmarks console_load [--minutes 15]`, or `--idle [--against TREE]`
 
 The real program in a pseudo-terminal of 120 x 40, on the simulated machine, at work in real time. Run (with its map and
 trend) is looked at all the time; then each other page for a while. --idle: a machine that was not even made ready, five

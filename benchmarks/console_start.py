@@ -1,4 +1,4 @@
-"""From the command to the first moving number: `python benchmarks/console_start.py [--times 5] [--against TREE]`
+"""From the command to the first moving number: `python -m benchmarks console_start [--times 5] [--against TREE]`
 
 Cold: the kernel's file cache is emptied before (needs root on Linux, said when it cannot). Warm: started just before.
 Moving: the worker's running time on the screen changed once. The modules are compiled already, as an installer leaves

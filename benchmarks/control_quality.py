@@ -1,4 +1,4 @@
-"""How good control is, manoeuvre by manoeuvre: `python benchmarks/control_quality.py --seeds 3 --against /old/tree`
+"""How good control is, manoeuvre by manoeuvre: `python -m benchmarks control_quality --seeds 3 --against /old/tree`
 
 Every strategy is driven through the manoeuvres of `manoeuvres.py`, with each way of knowing the speed to come: not at
 all; what the driver has set, at once; changes of that a lag ahead; all that the drive will do, its wander included.

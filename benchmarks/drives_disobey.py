@@ -1,4 +1,4 @@
-"""What a drive that does not stand when it is told to costs, and when it is said: `python benchmarks/drives_disobey.py`
+"""What a drive that does not stand when it is told to costs, and when it is said: `python -m benchmarks drives_disobey`
 
 Worker's loop, cab and drivers against the virtual machine's bytes, on an injected clock. In each state the board turns
 the shaft at 70 r/min for 30 s, whatever it is told; or opens the gate; or a section's valve stays open. Printed: what

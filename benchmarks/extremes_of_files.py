@@ -1,4 +1,4 @@
-"""Every number of a machine file and of a job file at both ends of its range: `python benchmarks/extremes_of_files.py`
+"""Every number of a machine file and of a job file at both ends of its range: `python -m benchmarks extremes_of_files`
 
 Each is put into the shipped file in turn, read as any file is read, and the machine is simulated for some seconds with
 at most 2 GB of memory. Printed: what was refused for another number's sake, what took long, and what broke.

@@ -1,4 +1,4 @@
-"""What the tests catch: `python benchmarks/faults.py [--count 40] [--seed 31] [--out faults.jsonl]`.
+"""What the tests catch: `python -m benchmarks faults [--count 40] [--seed 31] [--out faults.jsonl]`.
 
 Puts seeded faults (fault_kinds.py) into a copy of the sources, one at a time, and runs tests until one fails: first of
 the quick set (`make test`), then of the rest (`make exam`) on what it lets through. Asked are the tests that run the

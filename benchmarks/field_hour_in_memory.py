@@ -1,6 +1,6 @@
 """An hour of field work in process: loop, cab and virtual machine on ports in memory, every device unplugged once.
 
-    python benchmarks/field_hour_in_memory.py --seconds 3600
+    python -m benchmarks field_hour_in_memory --seconds 3600
 
 As `field_work_over_tcp.py`, on a clock set by hand: each reaction is exact to one tick of 0.05 s.
 """

@@ -3,7 +3,7 @@
 `topdress serve-machine` in one process, the control worker in another, an operator (this program) on its link. Tells
 what the operator saw and when, how soon each loss was reacted to, and whether anything is missing from the log.
 
-    python benchmarks/field_work_over_tcp.py --seconds 600
+    python -m benchmarks field_work_over_tcp --seconds 600
 """
 from __future__ import annotations
 

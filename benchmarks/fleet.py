@@ -1,14 +1,14 @@
 """A fleet against the truth: what was planted (benchmarks/season/truth.py), what a season of logs says.
 
-    python benchmarks/fleet.py pooled [--seeds 11 12]    1,000 logs of 20 machines, each log as its quadratic form
-    python benchmarks/fleet.py logs DIR [--minutes 6]    makes the 1,000 logs in DIR (hidden generator), broken ones too
-    python benchmarks/fleet.py run DIR OUT [--workers 2] `topdress fleet` on them, then `told`
-    python benchmarks/fleet.py told OUT                  truth against what stands in OUT
-    python benchmarks/fleet.py scaling DIR [--logs 60]   the first logs with 1 and 2 workers; share of overhead
-    python benchmarks/fleet.py killed DIR [--logs 40]    a worker killed, the command killed and begun again
-    python benchmarks/fleet.py long DIR [--logs 20]      a log of 1e6 rows among others: memory of workers
-    python benchmarks/fleet.py elsewhere DIR [--logs 12] a scheduler and workers started by hand; logs by file:// and http://
-    python benchmarks/fleet.py weak [--seeds 11]         30 logs with an effect of z 3 in each, and the same without it
+    python -m benchmarks fleet pooled [--seeds 11 12]    1,000 logs of 20 machines, each log as its quadratic form
+    python -m benchmarks fleet logs DIR [--minutes 6]    makes the 1,000 logs in DIR (hidden generator), broken ones too
+    python -m benchmarks fleet run DIR OUT [--workers 2] `topdress fleet` on them, then `told`
+    python -m benchmarks fleet told OUT                  truth against what stands in OUT
+    python -m benchmarks fleet scaling DIR [--logs 60]   the first logs with 1 and 2 workers; share of overhead
+    python -m benchmarks fleet killed DIR [--logs 40]    a worker killed, the command killed and begun again
+    python -m benchmarks fleet long DIR [--logs 20]      a log of 1e6 rows among others: memory of workers
+    python -m benchmarks fleet elsewhere DIR [--logs 12] a scheduler and workers started by hand; logs by file:// and http://
+    python -m benchmarks fleet weak [--seeds 11]         30 logs with an effect of z 3 in each, and the same without it
 
 Exit code 1 where a promise is not kept. `pooled` draws each log's form about the truth with the information of real
 logs, so that a thousand logs cost seconds; all others diagnose real rows. Outputs lie beside DIR.

@@ -1,6 +1,6 @@
 """A million mutated frames through every driver: does one fall over, hang, or believe what was never said?
 
-    python benchmarks/fuzz_protocols.py --frames 1000000
+    python -m benchmarks fuzz_protocols --frames 1000000
 
 Each frame is made of random values, spoilt in one way (the kinds below), and given to the protocol's streaming decoder
 (crash, slowest piece) and to its frame reader. Accepted is counted as right where it says exactly what one of the

@@ -1,6 +1,6 @@
 """Sentences a second through the whole GNSS path (bytes to fixes) against bare `pynmea2.parse`, in one run.
 
-    python benchmarks/gnss_throughput.py [RECORDING...]
+    python -m benchmarks gnss_throughput [RECORDING...]
 
 Without recordings: 10 Hz epochs of GGA, RMC and VTG, made here. Processor time, best of five; both are given the same
 sentences, pynmea2 already cut into lines of text.

@@ -1,4 +1,4 @@
-"""From a key to the screen: `python benchmarks/key_latency.py [--times 20]`
+"""From a key to the screen: `python -m benchmarks key_latency [--times 20]`
 
 The real program in a pseudo-terminal at work on the simulated machine; then a replay alone, playing at 100x. Of each
 kind of key the seconds from writing it to the terminal until the screen shows what it does: median and 95th

@@ -3,7 +3,7 @@
 Logs are those of the hidden generator of tests/diagnosis, which shares no formula with the program: machines within
 their tolerances, four kinds of noise, all programmes. They are fed half a minute at a time, as they would grow.
 
-    python benchmarks/live_check.py [--hours 50] [--delays] [--seed 1] [--keep FILE.jsonl]
+    python -m benchmarks live_check [--hours 50] [--delays] [--seed 1] [--keep FILE.jsonl]
 
 Exit code 1 where there is more than one false alarm in 100 hours. `--keep` goes on where it was stopped.
 """

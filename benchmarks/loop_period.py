@@ -1,4 +1,4 @@
-"""How punctual is the control loop where? `python benchmarks/loop_period.py --hz 100 --seconds 60 --rounds 2`
+"""How punctual is the control loop where? `python -m benchmarks loop_period --hz 100 --seconds 60 --rounds 2`
 
 Three places, taken in turns so that all meet the same load; everything is the real thing, the machine simulated:
 

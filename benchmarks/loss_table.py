@@ -1,4 +1,4 @@
-"""Every row of the loss table, provoked on the virtual machine through its bytes: `python benchmarks/loss_table.py`
+"""Every row of the loss table, provoked on the virtual machine through its bytes: `python -m benchmarks loss_table`
 
 The machine works on the demo field: plant, virtual board and devices, ports in memory with faults in them, the cab's
 drivers, the control worker's host with its loop at 20 Hz and a real log, all on one injected clock. Times are from

@@ -1,4 +1,4 @@
-"""Rate and place error of every manoeuvre, for every strategy: `python benchmarks/manoeuvres.py --seeds 3`
+"""Rate and place error of every manoeuvre, for every strategy: `python -m benchmarks manoeuvres --seeds 3`
 
 Each manoeuvre is driven on the demo field by the simulated machine and judged inside its own window of time. Rate
 error is the area mean of |landed - target| over the mean target; place error the distance between a step of the

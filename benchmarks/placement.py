@@ -1,4 +1,4 @@
-"""How exactly rates and doses land: `python benchmarks/placement.py [correction|oblique|point|point_loop|import|all]`.
+"""How exactly rates and doses land: `python -m benchmarks placement [correction|oblique|point|point_loop|import|all]`.
 
 correction  the lag paper's experiment before and after the correction, and which reading explains its table 5
 oblique     straight passes across a 10 m grid through the whole loop, with and without the look-ahead

@@ -1,4 +1,4 @@
-"""What goes in and out as files: `python benchmarks/placement_exchange.py TASK_FOLDER... [--seconds S]`.
+"""What goes in and out as files: `python -m benchmarks placement_exchange TASK_FOLDER... [--seconds S]`.
 
 Each task file: zones or cells, rates with units, totals; written again as a task and read back equal. Then one
 simulated run on the shipped map job, exported as shapefile, GeoJSON and ISO 11783-10 task, and read back by pyshp,

@@ -1,6 +1,6 @@
 """GNSS that walks off: how far it is believed, and how often a sound receiver is accused.
 
-    python benchmarks/position_walks.py [--hours 10] [--recordings FOLDER]
+    python -m benchmarks position_walks [--hours 10] [--recordings FOLDER]
 
 1. A machine at 1.25 m/s; after a minute its place drifts, at right angles to the way, while the receiver tells the same
    quality, speed and course as before ("place"), or speed and course of the drift as well ("all"). Printed: how far it

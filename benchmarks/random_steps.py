@@ -1,4 +1,4 @@
-"""Random steps of the control loop with wild places, times and numbers: `python benchmarks/random_steps.py --steps N`
+"""Random steps of the control loop with wild places, times and numbers: `python -m benchmarks random_steps --steps N`
 
 A machine drives to and fro on a field and works, by any strategy, at times with START held down while it creeps; a
 tractor tells speeds to come. A share of its readings, of the times of its ticks and of its orders is wild: no number,

@@ -1,6 +1,6 @@
 """Sections on a field that tapers, against the whole machine switched at once and against nothing switched.
 
-    python benchmarks/sections.py [--speed-kmh 7.2] [--strategy opening_first] [--overlap 50] [--no-valves]
+    python -m benchmarks sections [--speed-kmh 7.2] [--strategy opening_first] [--overlap 50] [--no-valves]
 
 The field is a wedge: 100 m long, 33.6 m wide at one end and 14.4 m at the other. Two rounds are driven along its edge
 (the headland), then passes parallel to one side; they meet the slanting edge, and the headland's done ground, askew.

@@ -1,4 +1,4 @@
-"""How long the console is silent while it draws: `python benchmarks/sign_of_life.py [--rounds 1]`
+"""How long the console is silent while it draws: `python -m benchmarks sign_of_life [--rounds 1]`
 
 The real console in a pseudo-terminal, at work on the simulated machine, turning to every page and opening every dialog.
 Between console and worker stands this program, passes every byte on and notes when the console says that it lives. The

@@ -1,4 +1,4 @@
-"""How fast `topdress simulate` is, and whether its rows stay: `python benchmarks/simulate_speed.py --against TREE`
+"""How fast `topdress simulate` is, and whether its rows stay: `python -m benchmarks simulate_speed --against TREE`
 
 Speed: a run of `--seconds`, the whole process, in turns with the other tree; simulated seconds for each second of the
 processor, which a busy machine stretches less than the clock. Rows: ten set-ups, run log and truth of each by sha256

@@ -1,6 +1,6 @@
 """The slave board's own program: how soon it stops when its host is killed, and pulses against commanded angle.
 
-    python benchmarks/slave_program.py --kills 10
+    python -m benchmarks slave_program --kills 10
 
 First the scenarios of the tests with a small machine behind the pins, under CPython and, where Node and MicroPython's
 WebAssembly build are there (`--micropython FOLDER`, the folder of micropython.mjs), under MicroPython. Then (POSIX) the

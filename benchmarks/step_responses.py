@@ -1,6 +1,6 @@
 """Closed-loop step responses on the virtual machine: every byte through the real drivers, both strategies.
 
-    python benchmarks/step_responses.py
+    python -m benchmarks step_responses
 
 The set-point of the manual rate steps at a steady 1.25 m/s; speed first answers with the shaft, opening first with the
 gate. Judged on the true shaft and gate: delay (order to 10 %), 10 to 90 % rise time, overshoot, mean error of the last

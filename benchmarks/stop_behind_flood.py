@@ -1,4 +1,4 @@
-"""STOP while strangers flood the worker: `python benchmarks/stop_behind_flood.py [--strangers 0,1,8,32] [--times 20]`
+"""STOP while strangers flood the worker: `python -m benchmarks stop_behind_flood [--strangers 0,1,8,32] [--times 20]`
 
 The real console in a pseudo-terminal, the real worker, `topdress serve-machine` behind TCP. Between worker and board
 stands this program: it passes every byte on and notes when a drive frame comes that forbids the drives. Each stranger

@@ -1,4 +1,4 @@
-"""Pictures of the console in a real browser: `python benchmarks/tablet_pictures.py http://127.0.0.1:8000 FOLDER`.
+"""Pictures of the console in a real browser: `python -m benchmarks tablet_pictures http://127.0.0.1:8000 FOLDER`.
 
 Drives a headless Chromium over its DevTools protocol: two tabs at once, landscape and portrait, then each page given
 with --keys. Needs `topdress serve` at the address, and chromium on the path.

@@ -1,6 +1,6 @@
 """Two hidden effects, from one run log to the adopted machine to the closed loop: what knowing them is worth.
 
-    python benchmarks/diagnosis/adopted.py --seconds 1200 --out docs/benchmark-diagnosis-adopted.md
+    python -m benchmarks diagnosis/adopted --seconds 1200 --out docs/benchmark-diagnosis-adopted.md
 
 A machine with two effects is driven by control that does not know them. Its log is diagnosed and adopted by the
 commands that a user would give. Then the same machine is driven again, with other canopy and noise, by control that
@@ -109,7 +109,7 @@ def main() -> int:
             print(outcomes[-1], file=sys.stderr, flush=True)
     text = "\n".join([
         "# Two hidden effects, found, adopted, driven", "",
-        f"`python benchmarks/diagnosis/adopted.py --seconds {args.seconds:g}`; opening first; log of seed "
+        f"`python -m benchmarks diagnosis/adopted --seconds {args.seconds:g}`; opening first; log of seed "
         f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}. Control that does not know the effects -> control that reads "
         "the adopted file; "
         "the machine has the hidden effects, not those found.", "", *table(outcomes)]) + "\n"

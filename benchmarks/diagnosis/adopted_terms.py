@@ -1,6 +1,6 @@
 """Machines that do what no catalogue holds, end to end: log, answer, adopted file, closed loop before and after.
 
-    python benchmarks/diagnosis/adopted_terms.py --seconds 1200 --seeds 3 --out docs/benchmark-diagnosis-terms.md
+    python -m benchmarks diagnosis/adopted_terms --seconds 1200 --seeds 3 --out docs/benchmark-diagnosis-terms.md
 
 A machine with a term that control does not know is simulated, its log diagnosed and adopted, the new file checked, all
 by the commands that a user would give. Then the same machine is driven on other fields by control that reads the
@@ -155,7 +155,7 @@ def main() -> None:
             failed.append(f"{text}: {error}")
     text = "\n".join([
         "# Terms beyond the catalogue, found, adopted, driven", "",
-        f"`python benchmarks/diagnosis/adopted_terms.py --seconds {args.seconds:g} --seeds {args.seeds}`; opening "
+        f"`python -m benchmarks diagnosis/adopted_terms --seconds {args.seconds:g} --seeds {args.seeds}`; opening "
         f"first, flow trim off, ground of {ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and {FAST_KMH:g} km/h in turn; log of "
         f"seed {LOGGED_SEED}, fields of seeds from {DRIVEN_SEED} on (mean +- s.d.). The machine has the hidden term; "
         "control reads the shipped file, the adopted one, one with the true term. After: verdict of the same log with "

@@ -1,6 +1,6 @@
 """Ambiguous answers about runs, asked again after the manoeuvre that the answer itself proposed has been driven.
 
-    python benchmarks/diagnosis/after_separating.py --seed 1 --most 60 --out docs/benchmark-diagnosis-separated.md
+    python -m benchmarks diagnosis/after_separating --seed 1 --most 60 --out docs/benchmark-diagnosis-separated.md
 
 Takes the answers that run.py kept for the present code. For each ambiguous one, the same machine with the same hidden
 effect and noise is driven again with the manoeuvre at its end, and diagnosed anew.

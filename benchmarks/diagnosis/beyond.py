@@ -1,6 +1,6 @@
 """Machines that do what no catalogue holds: is it found, said rightly, and worth adopting?
 
-    python benchmarks/diagnosis/beyond.py --cases 300 --nulls 100 --seed 1 --programmes unseen --jobs 2 --minutes 60 \\
+    python -m benchmarks diagnosis/beyond --cases 300 --nulls 100 --seed 1 --programmes unseen --jobs 2 --minutes 60 \\
         --keep FOLDER [--peers [--sysident PYTHON]] [--out F.md]
 
 Cases of the hidden generator (tests/diagnosis/hidden) in nine classes in turn, and healthy logs. Each is diagnosed and

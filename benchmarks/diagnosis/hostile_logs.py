@@ -1,6 +1,6 @@
 """Hostile logs through `topdress diagnose`: exit codes, seconds of processor, faults; a line a log and a sum.
 
-    python benchmarks/diagnosis/hostile_logs.py [--logs 60] [--seed 1] [--start 0] [--only WORD] [--keep FOLDER]
+    python -m benchmarks diagnosis/hostile_logs [--logs 60] [--seed 1] [--start 0] [--only WORD] [--keep FOLDER]
 
 The logs are those of tests/diagnosis/hostile: plain machines whose recordings were spoilt in one to three ways. A
 fault is an exit code other than 0, 2 (only where the file may be refused, and then one line) and 3, a line that no

@@ -1,6 +1,6 @@
 """A long log, whole catalogue: seconds, processor time and peak memory of one diagnosis.
 
-    python benchmarks/diagnosis/million_rows.py [--rows 1000000]
+    python -m benchmarks diagnosis/million_rows [--rows 1000000]
 
 The log is made by the compiled stages (the run of tests/diagnosis/test_run_diagnosis.py in rows of 0.05 s, refilled
 every half an hour, two effects planted); the first diagnosis, of a short log, loads what is compiled.

@@ -1,8 +1,8 @@
 """What other methods make of the same runs: pysindy, lmfit + BIC, petab-select, a random forest, SysIdentPy, a spline.
 
-    python benchmarks/diagnosis/run.py ... --peers [--peer-cases 200] [--sysident PYTHON]
+    python -m benchmarks diagnosis/run ... --peers [--peer-cases 200] [--sysident PYTHON]
 
-or, without our diagnosis beside them, `python benchmarks/diagnosis/peers.py --test 200`. Needs the extra `benchmark`;
+or, without our diagnosis beside them, `python -m benchmarks diagnosis/peers --test 200`. Needs the extra `benchmark`;
 SysIdentPy runs in an environment of its own. Every peer gets evidence.py's linear problem, whitened with the noise
 model of the diagnosis; some also without. Calibrated alike: each threshold is the highest value among sixty runs of
 the tuning half with nothing hidden. The runs are the first of the timetable, of both halves.

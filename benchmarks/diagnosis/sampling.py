@@ -1,6 +1,6 @@
 """One simulated run with one effect, its log rewritten at other sample times and with rows missing: same verdict?
 
-    python benchmarks/diagnosis/sampling.py --effect shaft.load_droop=4 --seconds 900 --seed 1
+    python -m benchmarks diagnosis/sampling --effect shaft.load_droop=4 --seconds 900 --seed 1
 
 The run is simulated once, in ticks of 0.02 s; each rewritten log holds the rows that fall on its own sample time.
 """

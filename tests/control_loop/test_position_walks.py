@@ -152,6 +152,6 @@ def test_recordings_of_receivers_are_not_accused(walks):
 
 @pytest.mark.parametrize("number", range(6))
 def test_minutes_of_work_accuse_no_receiver(walks, number):
-    """Hours: python benchmarks/position_walks.py."""
+    """Hours: python -m benchmarks position_walks."""
     was = walks.hour(walks.RECEIVERS[number], 240.0, 100 + number)
     assert was.epochs > 100 and was.walks == 0, was

@@ -1,6 +1,6 @@
 """What cannot be never gets into the loop: numbers that are none, places not on earth, a clock that stands.
 
-The same by the million: `python benchmarks/random_steps.py`.
+The same by the million: `python -m benchmarks random_steps`.
 """
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A seeded selection of the examination, for `make exam`: the diagnosis against hidden effects.
 
-The whole examination is `python benchmarks/diagnosis/run.py`. Only the tuning half is used here.
+The whole examination is `python -m benchmarks diagnosis/run`. Only the tuning half is used here.
 """
 from __future__ import annotations
 

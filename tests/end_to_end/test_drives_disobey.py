@@ -21,7 +21,7 @@ SHAFT, GATE = Runaway(shaft_rpm=RUNAWAY_RPM), Runaway(opening_mm=RUNAWAY_MM)
 @pytest.fixture(scope="module")
 def bench(benchmark_module):
     module = benchmark_module("drives_disobey")
-    module.LASTS_S, module.SETTLED_S = 6.0, 3.0         # half a minute by hand: python benchmarks/drives_disobey.py
+    module.LASTS_S, module.SETTLED_S = 6.0, 3.0         # half a minute by hand: python -m benchmarks drives_disobey
     return module
 
 
