@@ -60,7 +60,7 @@ LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-
 lock: .venv-tools/.installed
 	$(TOOLS)/$(LOCK) pyproject.toml requirements/build.in --extra dev --output-file requirements/dev.txt
 	$(TOOLS)/$(LOCK) requirements/build.in --output-file requirements/build.txt
-	$(TOOLS)/$(LOCK) pyproject.toml --extra report --extra serve --extra fleet --extra gis --output-file requirements/run.txt
+	$(TOOLS)/$(LOCK) pyproject.toml --extra report --extra serve --extra fleet --extra gis --extra raster --output-file requirements/run.txt
 
 # Who wrote what the program needs, under which licence (docs/licences.md is made by this).
 licences: .venv-tools/.installed

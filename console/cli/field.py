@@ -12,13 +12,14 @@ from console.cli.outputs import Force, Output, named, refuse_collisions
 if TYPE_CHECKING:
     from drivers.files.fields.field_data import FieldData
 
-READS = Reads(("kml", "kmz", "gpkg", "json", "aog", "config"),
-              "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, or a job file")
+READS = Reads(("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config"),
+              "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a "
+              "job file")
 
 
 def field(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A field of AgOpenGPS (its folder), KML, KMZ, "
-                                           "GeoPackage, GeoJSON, or a job file.")],
+                                           "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a job file.")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .yaml (a job with this field), .kml, "
                                              ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: IN is only "
                                              "told.")] = None,
@@ -56,7 +57,8 @@ def _read(source: Path, name: str | None) -> FieldData:
     from drivers.files.fields.agopengps import read_agopengps
     from drivers.files.fields.field_data import data_of
     from drivers.files.fields.shapes import read_shapes
-    if source.is_dir():
+    from drivers.files.what_it_is import what_is
+    if source.is_dir() and what_is(source).id == "aog":
         return read_agopengps(source)
     if source.suffix.lower() in (".yaml", ".yml"):
         from drivers.files.config import load

@@ -20,8 +20,10 @@ def record(
     out: Annotated[Path | None, typer.Option(metavar="FARM.csv", help="The farm record: a line for each log, added to "
                                              "those that are there. Without it: the sums are only told.")] = None,
     price: Annotated[list[str] | None, typer.Option(metavar="PRODUCT=MONEY", help="Of a kilogram of a product "
-                                                    "(repeatable); MONEY alone: of every product.")] = None,
-    currency: Annotated[str, typer.Option(metavar="NAME", help="Of the money.")] = "EUR",
+                                                    "(repeatable); MONEY alone: of every product. Without it: the "
+                                                    "job's price_per_kg.")] = None,
+    currency: Annotated[str | None, typer.Option(metavar="NAME", help="Of the money of --price; else as "
+                                                 "the job says, EUR.")] = None,
     machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
     nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", min=0.0, max=1.0, help="N in the product, of logs "
                                                    "that name none.")] = None,
@@ -40,10 +42,10 @@ def record(
         refuse_collisions(reads, [marked(out, BEGINS)], force)
     loaded = load(machine, MACHINE).model if machine else None
     passes = [_pass(log, loaded, nitrogen, prices, currency) for log in logs]
-    if prices and all(one.price_per_kg is None for one in passes):
+    if prices and not any(_priced(one, prices) for one in passes):
         raise CommandError(f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
                            f"{', '.join(sorted({one.product for one in passes}))}")
-    _tell(passes, currency)
+    _tell(passes)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         added, replaced = write_record(passes, out)
@@ -65,8 +67,13 @@ def _prices(texts: list[str] | tuple[()]) -> dict[str, float]:
     return found
 
 
+def _priced(one: Pass, prices: dict[str, float]) -> bool:
+    """Whether a price was given for its product, or for every one."""
+    return "" in prices or one.product.casefold() in prices
+
+
 def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: dict[str, float],
-          currency: str) -> Pass:
+          currency: str | None) -> Pass:
     from console.reports.job_about import about_of
     from drivers.files.any_log import is_foreign, open_log
     from drivers.files.exports.as_applied import Product, as_applied
@@ -79,17 +86,19 @@ def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: di
     applied = as_applied(opened, machine, given)
     said = {"client": who.client, "farm": who.farm, "field": who.field, "crop": about.crop, "operator": who.operator,
             "product": who.product}
-    one = Pass(applied, said, about.simulated, log.name, None, currency)
-    price = prices.get(one.product.casefold(), prices.get(""))
-    return one._replace(price_per_kg=price)
+    one = Pass(applied, said, about.simulated, log.name, about.price_per_kg, about.currency or "EUR")
+    if not _priced(one, prices):
+        return one
+    return one._replace(price_per_kg=prices.get(one.product.casefold(), prices.get("")),
+                        currency=currency or one.currency)
 
 
-def _tell(passes: list[Pass], currency: str) -> None:
+def _tell(passes: list[Pass]) -> None:
     from drivers.files.exports.farm_record import sums
     typer.echo(f"{'product':20} {'field':20} {'passes':>6} {'ha':>10} {'kg':>12} {'kg N':>10} {'kg N/ha':>8} "
                f"{'cost':>12}")
     for one in sums(passes):
         a_hectare = one.nitrogen_kg / one.hectares if one.hectares > 0.0 else 0.0
-        cost = "" if one.cost is None else f"{one.cost:.2f} {currency}"
+        cost = "" if one.cost is None else f"{one.cost:.2f} {one.currency}"
         typer.echo(f"{one.product[:20]:20} {(one.field or '-')[:20]:20} {one.passes:6d} {one.hectares:10.4f} "
                    f"{one.kilograms:12.2f} {one.nitrogen_kg:10.2f} {a_hectare:8.1f} {cost:>12}".rstrip())

@@ -1,6 +1,7 @@
 """What a handover sheet tells beside the figures: whose job, of what, by whom, simulated or not; alarms and refills."""
 from __future__ import annotations
 
+from math import isfinite
 from typing import NamedTuple
 
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
@@ -37,6 +38,8 @@ class About(NamedTuple):
     map: str = ""
     simulated: bool = False
     happened: Happened = Happened()
+    price_per_kg: float | None = None       # of the product, as the job says
+    currency: str = ""
 
 
 NOBODY = About()
@@ -55,7 +58,14 @@ def about_of(log: RunLog) -> About:
     who = Who(said(job, "client"), said(job, "farm"), said(field, "title"), said(job, "product"),
               said(job, "operator"))
     return About(who, said(crop, "name"), said(target, "map").replace("\\", "/").rpartition("/")[2],
-                 meta is not None and meta.seed is not None, happened(log))
+                 meta is not None and meta.seed is not None, happened(log), _price(job.get("price_per_kg")),
+                 said(job, "currency"))
+
+
+def _price(value: object) -> float | None:
+    """As a sidecar has it; what is no price is none."""
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
+    return float(number) if number is not None and isfinite(number) and number >= 0.0 else None
 
 
 def happened(log: RunLog) -> Happened:

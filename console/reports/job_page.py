@@ -42,6 +42,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
             f"applied there, {fixed(applied.cut.less_kg, 2)} kg less than wanted"),)),
         ("nitrogen", f"{fixed(t.applied_n_kg, 2)} kg ({fixed(100.0 * applied.product.n_fraction, 1)} % of the "
                      "product)"),
+        *costs(applied, about),
         ("evenness", f"CV {number(t.cv_percent)} %, Christiansen's uniformity {number(t.cuc_percent)} %"),
         *evenness_against_plan(applied),
         *(() if applied.one_rate is None else (("one rate across the width", escape(across_words(applied.one_rate))),)),
@@ -57,6 +58,18 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
             f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'
             f'<p class="signed"><span>handed over by</span><span>received by</span></p>\n'
             f'<p class="dim">{escape(software)}</p>'))
+
+
+def costs(applied: AsApplied, about: About) -> list[tuple[str, str]]:
+    """Of the product, where the job says its price: in all, of a hectare worked, and what less or more than the target
+    costs."""
+    if about.price_per_kg is None:
+        return []
+    t, price, money = applied.totals, about.price_per_kg, escape(about.currency)
+    a_hectare = f", {fixed(price * t.applied_kg / applied.worked_ha, 2)} {money}/ha" if applied.worked_ha > 0.0 else ""
+    off = "" if t.error_percent is None else (f"; against the target "
+                                              f"{_signed(price * t.target_kg * t.error_percent / 100.0)} {money}")
+    return [("cost", f"{fixed(price * t.applied_kg, 2)} {money}{a_hectare}, at {price:g} {money} a kilogram{off}")]
 
 
 def evenness_against_plan(applied: AsApplied) -> list[tuple[str, str]]:

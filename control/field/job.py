@@ -165,6 +165,9 @@ class Job(Part):
     operator: Name = ""
     product: Name = ""                          # what is spread, as the bag names it
     product_file: str | None = None             # the same as a product file: N share, and the flow by its catch tests
+    # of a kilogram of the product, as bought: costs on the report and in the farm record; None: none are said
+    price_per_kg: Annotated[float, Field(ge=0, lt=1e6)] | None = None
+    currency: Annotated[str, Field(max_length=8)] = "EUR"       # of that price
     crop: str = "huanghai_wheat"
     days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
     sown: dt.date | None = None                 # with the crop's weather file; None: as that crop file says

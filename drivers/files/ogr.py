@@ -169,8 +169,8 @@ def told(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def name_of(row: Mapping[str, Any]) -> str:
-    """What a shape is called."""
-    for wanted in ("name", "title", "field", "designator"):
+    """What a shape is called. The names of a shapefile's columns have ten letters."""
+    for wanted in ("name", "title", "field", "field_name", "fieldname", "designator"):
         for name, value in row.items():
             if name.casefold() == wanted and value not in (None, ""):
                 return str(value)

@@ -15,8 +15,9 @@ from xml.etree import ElementTree
 
 import shapefile
 
-from drivers.files.archives import Files, Folder, files_at
+from drivers.files.archives import ArchiveError, Files, Folder, files_at
 from drivers.files.imports.dialect import encoding_of
+from drivers.files.limits import DAMAGED_ZIP
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {0x01: "cp437", 0x02: "cp850", 0x03: "cp1252", 0x57: "cp1252", 0x58: "cp1252", 0x59: "cp1252",
@@ -94,6 +95,24 @@ class ShapeSet:
             elif plain in (f"{stem}.shp.xml", f"{stem}.xml"):
                 found |= _esri(self.files.read(name), PurePosixPath(name).name)
         return found
+
+
+@contextmanager
+def damage_said(label: str, error: type[Exception]) -> Iterator[None]:
+    """Whatever a reader of shapefiles raises on damaged ones, as one line of this kind."""
+    try:
+        yield
+    except error:
+        raise
+    except ArchiveError as trouble:
+        raise error(str(trouble)) from None
+    except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as trouble:
+        said = (str(trouble).splitlines() or [type(trouble).__name__])[0]
+        raise error(f"{label}: not readable as a shapefile: {said}") from None
+    except KeyError as trouble:
+        raise error(f"{label}: not a shapefile: no type of shapes is {trouble}") from None
+    except (ValueError, IndexError, OverflowError, MemoryError) as trouble:
+        raise error(f"{label}: damaged shapefile ({type(trouble).__name__})") from None
 
 
 def shape_sets(path: Path) -> list[ShapeSet]:

@@ -47,7 +47,7 @@ KINDS = {kind.id: kind for kind in (
     Kind("gzip", "a gzip file", _UNPACK), Kind("7z", "a 7z archive", _UNPACK), Kind("rar", "a RAR archive", _UNPACK),
     Kind("excel", "a workbook", "topdress import and diagnose read it"),
     Kind("office", "a text document", f"no command reads it; {_SAVE}"),
-    Kind("zip", "a zip", "topdress map and import read zips that hold task files or shapefiles"),
+    Kind("zip", "a zip", "topdress map, import and field read zips that hold task files or shapefiles"),
     Kind("shp", "a shapefile", "topdress map, import and field read it"),
     Kind("shp part", "a part of a shapefile", "give the .shp beside it"),
     Kind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
@@ -55,7 +55,7 @@ KINDS = {kind.id: kind for kind in (
     Kind("capture", "a capture of the console", "topdress decode reads it"),
     Kind("config", "a configuration file of topdress", "topdress check says what is in it"),
     Kind("aog", "a field of AgOpenGPS", "topdress field reads it"),
-    Kind("folder", "a folder", "topdress map, import and check read folders with a task file or shapefiles"),
+    Kind("folder", "a folder", "topdress map, import, field and check read folders with a task file or shapefiles"),
     Kind("empty", "an empty file", "nothing is in it"),
     Kind("binary", "no text and no known format", "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
          "GeoPackage and GeoTIFF"),

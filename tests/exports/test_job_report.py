@@ -1,6 +1,7 @@
 """The report of a job: its figures are the log's, its pictures are inside, and `topdress map` writes it."""
 from __future__ import annotations
 
+import csv
 import dataclasses
 import re
 from pathlib import Path
@@ -86,6 +87,31 @@ def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
         assert said in page, said
     assert page.count("<svg") == 3 and page.count('class="blank"') == 1, "the operator signs by hand"
     assert "SIMULATED" not in job_page(applied, "topdress test")
+
+
+def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> None:
+    """The page as the command writes it, the same kilograms and money as in the farm record."""
+    meta = known_log.meta
+    assert meta is not None and meta.job is not None
+    priced = {**meta.job, "price_per_kg": 0.62, "currency": "U<D", "product": "urea"}
+    path = tmp_path / "log.csv"
+    write_log(path, dataclasses.replace(meta, job=priced), list(known_log.rows()))
+    done = CliRunner().invoke(app, ["map", str(path), "--out", str(tmp_path / "r.html")])
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    found = re.search(r"<dt>cost</dt>\s*<dd>([0-9.]+) U&lt;D, ([0-9.]+) U&lt;D/ha, at 0.62 U&lt;D a kilogram; against the "
+                      r"target ([-+\N{MINUS SIGN}]?[0-9.]+) U&lt;D</dd>", page)
+    assert found is not None, re.findall(r"<dt>cost.*", page)
+    said = CliRunner().invoke(app, ["record", str(path), "--out", str(tmp_path / "farm.csv")])
+    assert said.exit_code == 0 and f"{found[1]} U<D" in said.output, said.output
+    row = next(csv.DictReader((tmp_path / "farm.csv").open(encoding="utf-8")))
+    assert (row["cost"], row["currency"], row["price_per_kg"]) == (found[1], "U<D", "0.62")
+    assert float(found[1]) == pytest.approx(0.62 * float(row["applied_kg"]), abs=0.01)
+    assert float(found[2]) == pytest.approx(0.62 * float(row["applied_kg_ha"]), abs=0.02)
+    free = write_log(tmp_path / "free.csv", dataclasses.replace(meta, job={**priced, "price_per_kg": "dear"}),
+                     list(known_log.rows()))
+    assert CliRunner().invoke(app, ["map", str(free), "--out", str(tmp_path / "f.html")]).exit_code == 0
+    assert "<dt>cost" not in (tmp_path / "f.html").read_text(encoding="utf-8")
 
 
 def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:

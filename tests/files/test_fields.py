@@ -1,6 +1,7 @@
 """Fields of AgOpenGPS, KML, KMZ, GeoPackage and GeoJSON: in as a job's field, out, and back with nothing moved."""
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -122,3 +123,68 @@ def test_a_line_alone_keeps_the_jobs_field() -> None:
     after = ground_of(FieldData("x", lines=(FIELD.lines[0],)), before)
     assert (after.origin_lat_deg, after.origin_lon_deg) == plane_before and after.boundary_m == before.boundary_m
     assert farthest_m(data_of(after, "x"), FieldData("x", FIELD.outline_deg, FIELD.holes_deg, FIELD.lines[:1])) < 1e-3
+
+
+def write_shp(path: Path, shapes: list[shapely.Geometry], names: list[str], crs: str = "EPSG:4326",
+              encoding: str = "utf-8", column: str = "Name") -> None:
+    geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    geopandas.GeoDataFrame({column: names}, geometry=shapes, crs="EPSG:4326").to_crs(crs).to_file(path, encoding=encoding)
+
+
+OUTLINE = shapely.Polygon(FIELD.outline_deg[:, ::-1], [hole[:, ::-1] for hole in FIELD.holes_deg])
+TRACKS = [shapely.LineString(line.places_deg[:, ::-1]) for line in FIELD.lines]
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:32632"])
+@pytest.mark.parametrize("packed", ["shp", "folder", "zip"])
+def test_shapefiles_of_an_outline_and_of_lines(topdress: Callable[..., Result], tmp_path: Path, packed: str,
+                                               crs: str) -> None:
+    """As geopandas writes them: polygons in one, lines in another; a folder or a zip has both."""
+    folder = tmp_path / "north"
+    write_shp(folder / "outline.shp", [OUTLINE], ["Nordfeld 李"], crs, column="FIELD_NAME")
+    write_shp(folder / "lines.shp", TRACKS, ["AB 1", "Curve"], crs)
+    if packed == "shp":
+        alone = read_shapes(folder / "outline.shp")
+        lines = read_shapes(folder / "lines.shp")
+        assert lines.outline_deg is None and not alone.lines
+        back = FieldData(alone.title, alone.outline_deg, alone.holes_deg, lines.lines)
+        source = folder / "outline.shp"
+    else:
+        source = folder if packed == "folder" else Path(shutil.make_archive(str(tmp_path / "both"), "zip", folder))
+        back = read_shapes(source)
+    assert back.title == "Nordfeld 李" and {line.title for line in back.lines} == {"AB 1", "Curve"}
+    assert back.outline_deg is not None and back.outline_deg.shape == (4, 2) and len(back.holes_deg) == 1
+    told = topdress("field", source)
+    assert told.exit_code == 0 and "1 obstacles taken out" in told.output, told.output
+    plane = FIELD.plane()
+    for one, other in ((shapely.Polygon(plane.many_to_m(*back.outline_deg.T)),
+                        shapely.Polygon(plane.many_to_m(*FIELD.outline_deg.T))),
+                       *((shapely.LineString(plane.many_to_m(*line.places_deg.T)),
+                          shapely.LineString(plane.many_to_m(*next(
+                              same.places_deg for same in FIELD.lines if same.title == line.title).T)))
+                         for line in back.lines)):
+        assert shapely.hausdorff_distance(one, other) < (1e-6 if crs == "EPSG:4326" else 2e-3)
+
+
+def test_shapefiles_that_are_none_are_one_line(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    write_shp(tmp_path / "a.shp", [OUTLINE], ["North"], "EPSG:28992")
+    said = topdress("field", tmp_path / "a.shp")
+    assert said.exit_code == 2 and "Amersfoort" in said.output and "allowed are longitude and latitude" in said.output
+    write_shp(tmp_path / "points.shp", [shapely.Point(9.0, 52.0)], ["tree"])
+    said = topdress("field", tmp_path / "points.shp")
+    assert said.exit_code == 2 and "shapes of type POINT: allowed are polygons" in said.output
+    write_shp(tmp_path / "utm.shp", [OUTLINE], ["North"], "EPSG:32632")
+    (tmp_path / "utm.prj").unlink()
+    said = topdress("field", tmp_path / "utm.shp")
+    assert said.exit_code == 2 and "no .prj that says in what" in said.output
+    (tmp_path / "none").mkdir()
+    said = topdress("field", tmp_path / "none")
+    assert said.exit_code == 2 and "no shapefile and no field of AgOpenGPS" in said.output
+    for cut in (0, 60, 120, 170):
+        data = (tmp_path / "points.shp").read_bytes() if cut == 0 else b""
+        write_shp(tmp_path / "b.shp", [OUTLINE], ["North"])
+        whole = (tmp_path / "b.shp").read_bytes()
+        (tmp_path / "b.shp").write_bytes(data or whole[:cut])
+        said = topdress("field", tmp_path / "b.shp")
+        assert said.exit_code == 2 and len(said.output.splitlines()) == 1 and "b.shp" in said.output, (cut, said.output)

@@ -54,10 +54,11 @@ class Pass(NamedTuple):
 
 
 class Sum(NamedTuple):
-    """Of the passes with one product on one field."""
+    """Of the passes with one product on one field, paid in one currency."""
 
     product: str
     field: str
+    currency: str
     passes: int
     hectares: float
     kilograms: float
@@ -66,10 +67,10 @@ class Sum(NamedTuple):
 
 
 def sums(passes: Iterable[Pass]) -> list[Sum]:
-    """By product and field, in the order of the passes."""
-    found: dict[tuple[str, str], Sum] = {}
+    """By product, field and currency, in the order of the passes."""
+    found: dict[tuple[str, str, str], Sum] = {}
     for one in passes:
-        key = (one.product, one.said.get("field", ""))
+        key = (one.product, one.said.get("field", ""), one.currency)
         before = found.get(key, Sum(*key, 0, 0.0, 0.0, 0.0, 0.0))
         both = None if before.cost is None or one.cost is None else before.cost + one.cost
         totals = one.applied.totals

@@ -1,4 +1,4 @@
-"""Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage, GeoJSON."""
+"""Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage, GeoJSON, shapefile."""
 from __future__ import annotations
 
 import json
@@ -12,8 +12,9 @@ import shapely
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import FieldData, FieldError, Line
+from drivers.files.fields.shapefiles import is_shapefile, read_named
 from drivers.files.findings import Finding
-from drivers.files.limits import read_json
+from drivers.files.limits import BeyondLimits, check_file, read_json
 from drivers.files.ogr import FORMATS, ShapesError, name_of, read_layers, write_layer
 
 GEOJSON = (".geojson", ".json")
@@ -22,7 +23,7 @@ INSIDE = 0.999              # of its area, that a polygon lies in another one
 
 def read_shapes(path: Path, name: str | None = None) -> FieldData:
     """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
-    named = _geojson(path) if path.suffix.lower() in GEOJSON else _layers(path)
+    named = named_shapes(path)
     polygons = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
                 if part.geom_type == "Polygon" and not part.is_empty]
     lines = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
@@ -33,6 +34,17 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
     return FieldData(title or path.stem, outline, holes, tuple(
         Line(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
         for k, (line_title, line) in enumerate(lines, start=1)), None, tuple(findings))
+
+
+def named_shapes(path: Path) -> list[tuple[str, Any]]:
+    """Names and shapes in longitude and latitude. Raises FieldError, OSError."""
+    try:
+        check_file(path)
+    except BeyondLimits as error:
+        raise FieldError(str(error)) from None
+    if is_shapefile(path):
+        return read_named(path)
+    return _geojson(path) if path.suffix.lower() in GEOJSON else _layers(path)
 
 
 def _layers(path: Path) -> list[tuple[str, Any]]:

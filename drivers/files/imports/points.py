@@ -1,7 +1,6 @@
 """Points with attributes: GeoJSON and shapefiles, as many as-applied files are."""
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import numpy as np
 import polars as pl
 import shapefile
 
-from drivers.files.archives import ArchiveError, chosen
+from drivers.files.archives import chosen
 from drivers.files.findings import Finding, many
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
@@ -17,7 +16,7 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.limits import read_json
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.shape_sets import ShapeSet, column_names, shape_sets
+from drivers.files.shape_sets import ShapeSet, column_names, damage_said, shape_sets
 
 LAT, LON = "lat_deg", "lon_deg"     # what places are called here
 POINTS = (shapefile.POINT, shapefile.POINTZ, shapefile.POINTM)
@@ -56,16 +55,8 @@ def read_geojson(path: Path, said: Source) -> RawTable:
 def read_shapefile(path: Path, said: Source) -> RawTable:
     """A shapefile of points; of a zip or folder the one that is, or the one that `said` names. Raises ImportTrouble,
     OSError."""
-    try:
+    with damage_said(str(path), ImportTrouble):
         return _of_points(path, _one_of(path, said), said)
-    except ImportTrouble:
-        raise
-    except ArchiveError as error:
-        raise ImportTrouble(str(error)) from None
-    except (shapefile.ShapefileException, struct.error, UnicodeDecodeError) as error:
-        raise ImportTrouble(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
-    except (ValueError, KeyError, IndexError, OverflowError, MemoryError) as error:
-        raise ImportTrouble(f"{path}: damaged shapefile ({type(error).__name__})") from None
 
 
 def _one_of(path: Path, said: Source) -> ShapeSet:

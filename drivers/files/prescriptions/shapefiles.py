@@ -1,7 +1,6 @@
 """Shapefiles with polygons and a rate column, in degrees or in metres of a transverse Mercator projection."""
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +8,12 @@ import numpy as np
 import shapefile
 
 from control.targets.rate_map import Floats
-from drivers.files.archives import ArchiveError
 from drivers.files.findings import Finding, many
-from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.rings import sorted_rings
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError
-from drivers.files.shape_sets import ShapeSet, column_names
+from drivers.files.shape_sets import ShapeSet, column_names, damage_said
 
 POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
 
@@ -24,25 +21,13 @@ POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
 def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) -> Imported:
     """A prescription out of a shapefile. Raises PrescriptionError, OSError."""
     path = shapes.label
-    try:
-        projection = _projection(shapes)
+    with damage_said(path, PrescriptionError):
+        projection = projection_in(shapes)
         with shapes.reader() as reader:
             if reader.shapeType not in POLYGONS:
                 raise NoPolygons(f"{path}: shapes of type {reader.shapeTypeName}: allowed POLYGON")
             features, empty = _features(path, reader, column_names(reader))
         units = shapes.units()
-    except PrescriptionError:
-        raise
-    except ArchiveError as error:
-        raise PrescriptionError(str(error)) from None
-    except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as error:
-        raise PrescriptionError(f"{path}: not readable as a shapefile: {str(error).splitlines()[0]}") from None
-    except KeyError as error:
-        raise PrescriptionError(f"{path}: not a shapefile: type of shapes {error}: allowed POLYGON") from None
-    except (ValueError, IndexError, OverflowError, MemoryError) as error:
-        raise PrescriptionError(f"{path}: damaged shapefile ({type(error).__name__})") from None
-    except struct.error as error:
-        raise PrescriptionError(f"{path}: cut off: {error}") from None
     if projection is not None:
         features = _in_degrees(features, projection)
         findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
@@ -81,7 +66,7 @@ def _clockwise(corners: Floats) -> bool:
     return bool(np.sum(lon * np.roll(lat, -1) - np.roll(lon, -1) * lat) < 0.0)
 
 
-def _projection(shapes: ShapeSet) -> TransverseMercator | None:
+def projection_in(shapes: ShapeSet) -> TransverseMercator | None:
     """What the `.prj` beside the file says; None for degrees, or without one. Raises PrescriptionError."""
     text = shapes.part(".prj")
     if text is None:
