@@ -99,8 +99,8 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     done = CliRunner().invoke(app, ["map", str(path), "--out", str(tmp_path / "r.html")])
     assert done.exit_code == 0, done.output
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    found = re.search(r"<dt>cost</dt>\s*<dd>([0-9.]+) U&lt;D, ([0-9.]+) U&lt;D/ha, at 0.62 U&lt;D a kilogram; against the "
-                      r"target ([-+\N{MINUS SIGN}]?[0-9.]+) U&lt;D</dd>", page)
+    found = re.search(r"<dt>cost</dt>\s*<dd>([0-9.]+) U&lt;D, ([0-9.]+) U&lt;D/ha, at 0.62 U&lt;D a kilogram; "
+                      r"against the target ([-+\N{MINUS SIGN}]?[0-9.]+) U&lt;D</dd>", page)
     assert found is not None, re.findall(r"<dt>cost.*", page)
     said = CliRunner().invoke(app, ["record", str(path), "--out", str(tmp_path / "farm.csv")])
     assert said.exit_code == 0 and f"{found[1]} U<D" in said.output, said.output

@@ -129,7 +129,8 @@ def write_shp(path: Path, shapes: list[shapely.Geometry], names: list[str], crs:
               encoding: str = "utf-8", column: str = "Name") -> None:
     geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
     path.parent.mkdir(parents=True, exist_ok=True)
-    geopandas.GeoDataFrame({column: names}, geometry=shapes, crs="EPSG:4326").to_crs(crs).to_file(path, encoding=encoding)
+    frame = geopandas.GeoDataFrame({column: names}, geometry=shapes, crs="EPSG:4326")
+    frame.to_crs(crs).to_file(path, encoding=encoding)
 
 
 OUTLINE = shapely.Polygon(FIELD.outline_deg[:, ::-1], [hole[:, ::-1] for hole in FIELD.holes_deg])
