@@ -125,10 +125,6 @@ class UdpPort:
         """The port number listened on (of use where 0 was asked for); 0 while not bound."""
         return int(self._socket.getsockname()[1]) if self._socket else 0
 
-    def send_to(self, to: tuple[str, int]) -> None:
-        """Send there from now on."""
-        self._address = self._address._replace(to=to)
-
     def read_each(self) -> list[bytes]:
         self._bind()
         found: deque[bytes] = deque(maxlen=MOST_WAITING)

@@ -566,11 +566,6 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.tick()
         self.call_after_refresh(self.tick)
 
-    def open_replay(self, job: ReplayJob) -> None:
-        """Show a log on the Replay screen."""
-        self.replay_page.open(job)
-        self.turn_to(REPLAY)
-
     def lock_keys(self, locked: bool) -> None:
         self.locked = locked
         self.look()

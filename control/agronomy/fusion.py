@@ -57,18 +57,12 @@ def start(heads: int = 6) -> FusionState:
     return FusionState((HeadState(),) * heads)
 
 
-def fuse(state: FusionState, values: Sequence[float | None], time_s: float,
-         limits: FusionLimits = LIMITS) -> tuple[FusionState, Fused]:
-    """One step with values sampled at `time_s`; None: that head said nothing new.
-
-    values (heads,) NDVI. A change in the number of heads starts afresh. Source: the house's own rule.
-    """
-    return fuse_readings(state, tuple(None if v is None else Reading(v, time_s) for v in values), time_s, limits)
-
-
 def fuse_readings(state: FusionState, readings: Sequence[Reading | None], time_s: float,
                   limits: FusionLimits = LIMITS) -> tuple[FusionState, Fused]:
-    """One step with the newest reading of each head, however old (as `control.readings.Measurements` holds them)."""
+    """One step with the newest reading of each head, however old (as `control.readings.Measurements` holds them).
+
+    readings (heads,) NDVI; None: no reading yet. A change in the number of heads starts afresh. Source: our own rule.
+    """
     heads = state.heads if len(state.heads) == len(readings) else (HeadState(),) * len(readings)
     heads = tuple(_heard(head, reading, limits) for head, reading in zip(heads, readings, strict=True))
     silent = tuple(k for k, head in enumerate(heads) if _is_silent(head, time_s, limits))

@@ -134,9 +134,3 @@ def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallSta
 def lag_paper_s(shaft_rpm: float) -> float:
     """Whole lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
     return -8.3e-3 * shaft_rpm + 2.2118
-
-
-def point_lag_s(turn_deg: float, shaft_rpm: float, fall_m: float, vision_s: float = 1.5, link_s: float = 0.8,
-                gravity: float = 9.80665) -> float:
-    """Whole lag of one dose, s (point paper eq 1-5, with the factor 6 that eq 3 lacks in print)."""
-    return float(vision_s + link_s + turn_deg / (6.0 * shaft_rpm) + (2.0 * fall_m / gravity) ** 0.5)

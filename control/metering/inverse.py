@@ -150,7 +150,3 @@ def gate_command(machine: Machine, wanted_mm: float, c: Conditions = Conditions(
 def lowest_flow_kg_s(machine: Machine, c: Conditions = Conditions()) -> float:
     """Smallest flow other than none that the drives' limits allow, kg/s."""
     return flow_kg_s(machine, machine.limits.shaft_low_rpm, machine.limits.opening_low_mm, c)
-
-
-def highest_flow_kg_s(machine: Machine, c: Conditions = Conditions()) -> float:
-    return flow_kg_s(machine, machine.limits.shaft_high_rpm, machine.limits.opening_high_mm, c)

@@ -65,8 +65,3 @@ class Counts:
     @property
     def rejected_total(self) -> int:
         return sum(self.rejected.values())
-
-    def as_dict(self) -> dict[str, int | dict[str, int]]:
-        """`read`, `accepted`, `rejected` and `ignored` by kind, ready for JSON."""
-        return {"read": self.read, "accepted": self.accepted, "rejected": dict(sorted(self.rejected.items())),
-                "ignored": dict(sorted(self.ignored.items()))}

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
-from control.readings import DriveCommand, GnssFix, Measurements, Reading, SpeedTold, told_of
+from control.readings import GnssFix, Measurements, Reading, SpeedTold, told_of
 from drivers.files.findings import Finding
 from drivers.files.read_log import RunLog
 
@@ -59,14 +59,6 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         told = (told_of(text, at_s) if text else None) or told
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
                            speed_told=told, canopy_index=index)
-
-
-def commands(log: RunLog) -> Iterator[DriveCommand | None]:
-    """What went to the drives at each row; None where the log does not say."""
-    for shaft_rpm, opening_mm in zip(log.numbers("shaft_rpm_cmd").tolist(), log.numbers("opening_mm_cmd").tolist(),
-                                     strict=True):
-        known = shaft_rpm == shaft_rpm and opening_mm == opening_mm
-        yield DriveCommand(shaft_rpm, opening_mm) if known else None
 
 
 def replay_findings(log: RunLog) -> tuple[Finding, ...]:

@@ -146,11 +146,6 @@ class RunLogWriter:
             return f"{self.path}: the disk has not answered for {waited_s:.0f} s"
         return ""
 
-    @property
-    def lost_rows(self) -> int:
-        """Rows that are in no log, because the trouble lasted longer than rows can wait."""
-        return self._lost
-
     def append(self, row: LogRow) -> None:
         """Takes a row. Never blocks, never raises, never touches the disk."""
         if self._closing.is_set() or self._rows.qsize() + self._formatted_rows >= self._max_waiting:

@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse, fuse_readings, start
+from control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse_readings, start
 from control.readings import Reading
+
+
+def fuse(state, values, time_s):
+    """One step with values that were all read now."""
+    return fuse_readings(state, tuple(None if v is None else Reading(v, time_s) for v in values), time_s)
 
 
 def run(rows, period_s=0.5, state=None, from_s=0.0):

@@ -11,7 +11,6 @@ from control.machine.machine import Machine, with_effect
 from control.metering.inverse import (
     Conditions,
     flow_kg_s,
-    highest_flow_kg_s,
     lowest_flow_kg_s,
     opening_for,
     shaft_command,
@@ -42,7 +41,7 @@ def test_the_inverse_inverts(machine: Machine, flow: float, shaft_rpm: float, ho
        st.floats(0.0, 60.0))
 def test_every_pair_lies_within_the_limits(machine: Machine, strategy: Strategy, wanted: float, now_mm: float) -> None:
     pair = pair_for(machine, strategy, wanted, now_mm)
-    low, high = lowest_flow_kg_s(machine), highest_flow_kg_s(machine)
+    low, high = lowest_flow_kg_s(machine), flow_kg_s(machine, LIMITS.shaft_high_rpm, LIMITS.opening_high_mm)
     given_flow = flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm)
     if pair.shaft_rpm == 0.0:
         assert wanted <= 0.5 * low

@@ -283,7 +283,8 @@ def test_a_udp_port_can_be_let_go_and_taken_again(clock):
     assert port.read_each() == [] and port.number == 0, "nor does using it bind it again"
     port.plug(True)
     port.read_each()
-    other.send_to(("127.0.0.1", port.number))
+    other.close()
+    other = UdpPort(f"udp://127.0.0.1:0?to=127.0.0.1:{port.number}", clock)
     other.write(b"heard")
     wait_for(lambda: port.read_each() == [b"heard"])
     port.close()

@@ -138,13 +138,12 @@ def test_a_pseudo_terminal_is_a_serial_port_that_can_be_pulled(machine_at, tmp_p
 
 def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
     from drivers.datagrams import UdpPort
-    console, pilot = (UdpPort("udp://127.0.0.1:0", time.monotonic) for _ in range(2))
-    module = UdpPort("udp://127.0.0.1:0", time.monotonic)
+    module, pilot = (UdpPort("udp://127.0.0.1:0", time.monotonic) for _ in range(2))
     number = module.number
     module.close()
+    console = UdpPort(f"udp://127.0.0.1:0?to=127.0.0.1:{number}", time.monotonic)
     served, urls = machine_at(rate_module=("127.0.0.1", number), console=("127.0.0.1", console.number),
                               agopengps=("127.0.0.1", pilot.number))
-    console.send_to(("127.0.0.1", number))
     heads = tuple(urls[f"head_{n}"][0] for n in range(1, 7))
     common = {"heads": {"ports": heads}, "board": {"port": urls["board"][0]},
               "rate_module": {"pulses_per_turn": 360.0, "address": "127.0.0.1"}}

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from control.log_row import HOLDS_S, LogRow
-from control.readings import DriveCommand, Measurements, Reading
+from control.readings import Measurements, Reading
 from drivers.files.read_log import RunLog, read_log
-from drivers.files.replay import commands, measurements, replay_findings
+from drivers.files.replay import measurements, replay_findings
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import RunMeta
 
@@ -143,14 +143,7 @@ def test_a_speed_without_places_is_replayed_as_the_wheel(written: Written) -> No
     assert {finding.id for finding in replay_findings(log)} == {"speed_as_wheel", "one_head"}
 
 
-def test_commands_come_back_exactly(tmp_path: Path) -> None:
-    sent = [DriveCommand(0.1 + 0.2, 1 / 3), DriveCommand(0.0, 25.1), DriveCommand(69.99999999999999, 59.9)]
-    rows = [LogRow(k * TICK_S, shaft_rpm_cmd=c.shaft_rpm, opening_mm_cmd=c.opening_mm) for k, c in enumerate(sent)]
-    log = read_log(write_log(tmp_path / "run.csv", RunMeta(), [*rows, LogRow(1.0)]))
-    assert list(commands(log)) == [*sent, None]
-
-
 def test_an_empty_log_replays_nothing(written: Written) -> None:
     log = read_log(written("time_s,speed_mps\n"))
-    assert list(measurements(log)) == [] and list(commands(log)) == [] and list(log.rows()) == []
+    assert list(measurements(log)) == [] and list(log.rows()) == []
     assert "no_rows" in {finding.id for finding in replay_findings(log)}

@@ -159,7 +159,7 @@ def test_rows_reach_the_disk_while_the_run_goes_on(tmp_path: Path, full_row: Mak
             log.append(full_row(tick * 0.05))
         assert until(lambda: log.path.read_text().count("\n") == 41)
         assert log.ok and log.trouble == ""
-    assert log.close() and log.lost_rows == 0
+    assert log.close() and log._lost == 0
 
 
 def test_the_default_rhythm_is_within_a_second(tmp_path: Path, full_row: MakeRow) -> None:
@@ -196,7 +196,7 @@ def test_a_full_disk_is_told_and_no_row_is_lost_when_it_ends(tmp_path: Path, ful
         assert "run.csv" in log.trouble and "No space left on device" in log.trouble
         disk.refuse = None
         assert until(lambda: log.ok)
-    assert log.lost_rows == 0
+    assert log._lost == 0
     rows = list(csv.DictReader(log.path.open()))
     assert [float(row["time_s"]) for row in rows] == [round(tick * 0.05, 3) for tick in range(50)]
 
@@ -208,7 +208,7 @@ def test_rows_that_cannot_wait_any_longer_are_counted(tmp_path: Path, full_row: 
     for tick in range(100):
         log.append(full_row(tick * 0.05))
     assert until(lambda: not log.ok)
-    assert log.lost_rows == 80
+    assert log._lost == 80
     assert not log.close()
 
 
@@ -301,7 +301,7 @@ def test_a_row_that_is_none_never_ends_the_log(tmp_path: Path, full_row: MakeRow
     log.append(full_row(0.0)._replace(speed_mps="fast"))  # type: ignore[arg-type]
     log.append(full_row(0.05))
     assert not log.close()
-    assert log.lost_rows == 1
+    assert log._lost == 1
     assert log.path.read_text().count("\n") == 2
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import pytest
 
-from control.machine.fall import Fall, lag_paper_s, point_lag_s, start_drop_s
+from control.machine.fall import Fall, lag_paper_s, start_drop_s
 from control.machine.flow import Flow, FlowInput, flow_start, flow_step
 from control.machine.gate import Gate, GateInput, gate_start, gate_step
 from control.machine.shaft import Shaft, ShaftInput, shaft_start, shaft_step
@@ -30,12 +30,6 @@ def test_two_rpm_after_0_383_s_at_any_set_point(set_point_rpm: float) -> None:
 @pytest.mark.parametrize("shaft_rpm", range(10, 71, 10))
 def test_response_and_drop_make_eq_6(shaft_rpm: float) -> None:
     assert 0.383 + start_drop_s(Fall(), shaft_rpm) == pytest.approx(lag_paper_s(shaft_rpm), abs=1e-9)
-
-
-def test_point_paper_total_lag() -> None:
-    """Point paper, section 2.3: 1.5 + 0.8 + 0.2 + 0.45 = 2.95 s."""
-    assert 120.0 / (6.0 * 99.8) == pytest.approx(0.2, abs=0.001)
-    assert point_lag_s(120.0, 99.8, 1.0) == pytest.approx(2.95, abs=0.005)
 
 
 def test_gate_waits_then_slews() -> None:

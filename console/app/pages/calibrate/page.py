@@ -18,7 +18,7 @@ from console.app.pages.calibrate.curve import Curve, CurveView
 from console.app.pages.calibrate.desk import Desk, Seen
 from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_desk import HeadsDesk
-from console.app.pages.calibrate.job import CalibrateJob, Fitted
+from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.calibrate.keys import ACTIONS
 from console.app.pages.calibrate.lag_desk import LagDesk
 from console.app.pages.calibrate.runner import Runner
@@ -236,11 +236,6 @@ class CalibrateScreen(Page):
             return
         self.hurry()
         self.app.tick()
-
-    def show_result(self, index: int, fitted: Fitted) -> None:
-        """For pictures: a calibration that is done."""
-        self.at = index
-        self.desk.take(fitted)
 
 
 def _wrong_name(name: str) -> str:
